@@ -1,0 +1,458 @@
+"""What a .bpmn file says, as frozen dataclasses: the neutral model.
+
+Readers of dialects make it, everything else reads it. Expressions stay text here; which language they are written in is
+decided by the reader, turning them into callables is the work of `fame.scripting`. Names are those of BPMN 2.0. Every
+element carries the line of its opening tag in the source, 1-based, 0 if it has none.
+
+A `Body` is what a scope runs: the content of a process or of a sub-process. Flow nodes refer to one another by id alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+EMPTY: Mapping[str, str] = MappingProxyType({})
+
+Language = Literal["python", "javascript", "juel", "feel", "template", "value", "payload"]
+"""How a text is evaluated.
+
+python       statements of a script, or one expression
+javascript   the interface of the original FaMe toolchain
+juel         a whole ``${...}`` or ``#{...}``, the Camunda 7 expression
+feel         ``=...``, the Camunda 8 expression (the text here is without the ``=``)
+template     text with ``${...}`` inside: substitution, gives a str
+value        property of a data object: ``${...}`` evaluated, else ``=`` FEEL, else a YAML scalar
+payload      flow-style YAML or JSON with ``${...}`` inside: values are inserted as values
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A text to evaluate, not yet compiled."""
+
+    text: str
+    language: Language = "python"
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Element:
+    """What everything drawn has in common."""
+
+    id: str
+    name: str = ""
+    line: int = 0
+    documentation: str = ""
+    properties: Mapping[str, str] = EMPTY
+    """Extension properties without a meaning of their own here (kept for user code and checks)."""
+
+    @property
+    def label(self) -> str:
+        """What a person calls it: its name, on one line, else its id."""
+        return " ".join(self.name.split()) or self.id
+
+
+# ---- data ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataObject(Element):
+    """A data object reference with the variables that it holds. `state` is its data state, empty if it has none."""
+
+    values: tuple[tuple[str, Expression], ...] = ()
+    state: str = ""
+    collection: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The variables that it holds."""
+        return tuple(name for name, _ in self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """``target = source``, of a mapping (camunda:in/out, inputParameter, zeebe:input/output, a standard assignment)."""
+
+    target: str
+    source: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class IoMapping:
+    """What goes into and out of an activity. One that has such a mapping has variables of its own.
+
+    `all_in`, `all_out`: every variable of the outer scope goes in, every one of the inner comes out.
+    """
+
+    inputs: tuple[Assignment, ...] = ()
+    outputs: tuple[Assignment, ...] = ()
+    all_in: bool = False
+    all_out: bool = False
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """What a signal or message event says of its topic.
+
+    name     as drawn: ``weed_found`` (everyone's), ``~/odom`` (the robot's own); see `qualified`
+    type     ``pkg/msg/Type``, or None where this event does not say
+    payload  of a throw: flow-style YAML/JSON with ``${...}``; None: none given
+    queue    of a catch: how many messages it keeps from the time its scope is entered; 0: none
+    qos      policy -> value, as written
+    takes    of a catch: explicit mapping of the caught message (``msg`` in its expressions); may be empty
+    """
+
+    name: str
+    type: str | None = None
+    payload: Expression | None = None
+    queue: int = 0
+    private: bool = False
+    qos: Mapping[str, str] = EMPTY
+    takes: tuple[Assignment, ...] = ()
+
+    @property
+    def qualified(self) -> str:
+        """The name with its scope: ``/weed_found``, or ``~/odom`` for one in the robot's namespace."""
+        name = self.name.removeprefix("~/")
+        if self.private or self.name.startswith("~/"):
+            return "~/" + name.lstrip("/")
+        return "/" + name.lstrip("/")
+
+
+# ---- event definitions -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventDefinition:
+    """The trigger or result of an event."""
+
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignalDefinition(EventDefinition):
+    """A signal: a topic for everyone who listens."""
+
+    topic: Topic
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageDefinition(EventDefinition):
+    """A message to one process, by name; ``keys`` correlate it: key name -> expression over ``msg`` (a catch)."""
+
+    topic: Topic
+    keys: tuple[tuple[str, Expression], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimerDefinition(EventDefinition):
+    """ISO 8601: a duration from now, a date, or a cycle. Literal texts have language ``template``."""
+
+    kind: Literal["duration", "date", "cycle"]
+    expression: Expression
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConditionalDefinition(EventDefinition):
+    """Fires when its condition becomes true."""
+
+    condition: Expression
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorDefinition(EventDefinition):
+    """An error. A catch without code catches all. Variables that take code and text of what was caught, if named."""
+
+    code: str | None = None
+    code_variable: str | None = None
+    message_variable: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EscalationDefinition(EventDefinition):
+    """An escalation. A catch without code catches all."""
+
+    code: str | None = None
+    code_variable: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkDefinition(EventDefinition):
+    """A jump to the catching link event of the same name in the same body."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TerminateDefinition(EventDefinition):
+    """Ends the innermost body that it stands in."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompensateDefinition(EventDefinition):
+    """Compensation, of one activity or (None) of all in its scope."""
+
+    activity: str | None = None
+    wait: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CancelDefinition(EventDefinition):
+    """Cancels the transaction that it stands in."""
+
+
+# ---- flow nodes ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SequenceFlow(Element):
+    """From one flow node to another, perhaps under a condition."""
+
+    source: str
+    target: str
+    condition: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowNode(Element):
+    """What a token can be at.
+
+    `incoming`, `outgoing`: ids of sequence flows, in document order. `data_inputs`, `data_outputs`: ids of the data
+    objects that it reads when it starts and writes when it ends.
+    """
+
+    incoming: tuple[str, ...] = ()
+    outgoing: tuple[str, ...] = ()
+    data_inputs: tuple[str, ...] = ()
+    data_outputs: tuple[str, ...] = ()
+
+
+Place = Literal["start", "catch", "throw", "end", "boundary"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event(FlowNode):
+    """An event. No definition: a none event; several: a multiple event (all of them if `parallel`).
+
+    `interrupting` is isInterrupting of an event sub-process' start, cancelActivity of a boundary event (standard
+    table 10.93 and following). `attached_to` is the activity of a boundary event.
+    """
+
+    place: Place
+    definitions: tuple[EventDefinition, ...] = ()
+    attached_to: str = ""
+    interrupting: bool = True
+    parallel: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gateway(FlowNode):
+    """A gateway. `default` is the id of its default flow. `instantiate`: an event-based one that starts a process."""
+
+    kind: Literal["exclusive", "inclusive", "parallel", "event", "complex"]
+    default: str = ""
+    activation: Expression | None = None
+    instantiate: bool = False
+    all_events: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MultiInstance:
+    """Multi-instance loop characteristics: `cardinality`, or one instance for each item of `collection`."""
+
+    sequential: bool = False
+    cardinality: Expression | None = None
+    collection: Expression | None = None
+    element_variable: str = ""
+    completion: Expression | None = None
+    output_collection: str = ""
+    output_element: Expression | None = None
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandardLoop:
+    """Repeats while `condition` holds, tested before or after each pass, at most `maximum` times (0: no bound)."""
+
+    condition: Expression | None = None
+    test_before: bool = False
+    maximum: int = 0
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Activity(FlowNode):
+    """What tasks, sub-processes and call activities have in common. `default` is the id of its default flow."""
+
+    default: str = ""
+    io: IoMapping | None = None
+    loop: MultiInstance | StandardLoop | None = None
+    for_compensation: bool = False
+
+
+TaskKind = Literal["plain", "user", "manual", "script", "service", "send", "receive", "business_rule"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task(Activity):
+    """A task. `script` is that of a script task; `topic` that of a send or receive task; `operation` what a service
+    task names (registry name, external task topic or type); `result_variable` takes a script's or service's result.
+    """
+
+    kind: TaskKind = "plain"
+    script: Expression | None = None
+    topic: Topic | None = None
+    operation: str = ""
+    result_variable: str = ""
+    payload: Expression | None = None
+    instantiate: bool = False
+    refused: str = ""
+    """Why it cannot be executed (a Java class, DMN ...), empty if it can."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallActivity(Activity):
+    """Calls a process by id or library file; `embedded` is a process that stands in the element itself, as XML text."""
+
+    called: str = ""
+    embedded: str = ""
+    called_expression: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """What a scope runs. Event sub-processes are among `nodes` (with `triggered_by_event`), boundary events too."""
+
+    nodes: tuple[FlowNode, ...] = ()
+    flows: tuple[SequenceFlow, ...] = ()
+    data_objects: tuple[DataObject, ...] = ()
+    associations: tuple[tuple[str, str], ...] = ()
+    """(source, target) ids of directed associations between flow nodes: compensation handlers."""
+
+    def walk(self) -> Iterator[FlowNode]:
+        """Every flow node in it, at any depth, in document order; a sub-process before its content."""
+        for node in self.nodes:
+            yield node
+            if isinstance(node, SubProcess):
+                yield from node.body.walk()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubProcess(Activity):
+    """A sub-process. `resume`: an interrupting event sub-process that suspends its scope instead of cancelling it."""
+
+    kind: Literal["embedded", "event", "transaction", "adhoc"] = "embedded"
+    body: Body
+    resume: bool = False
+    completion: Expression | None = None
+    sequential: bool = False
+    cancel_remaining: bool = True
+
+    @property
+    def triggered_by_event(self) -> bool:
+        """Whether it is an event sub-process."""
+        return self.kind == "event"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Process(Element):
+    """A process. `instances`: how many not yet ended may be at a time (None: no bound). `semantics`: ``original`` for
+    models of the original FaMe, whose interrupting event sub-processes suspend and resume."""
+
+    body: Body
+    executable: bool = True
+    instances: int | None = None
+    semantics: Literal["standard", "original"] = "standard"
+    lanes: tuple[Element, ...] = ()
+
+
+# ---- collaboration ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Participant(Element):
+    """A pool: a robot, or (`multi_instance`) as many robots as there are. No `process`: a black box."""
+
+    process: str = ""
+    multi_instance: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageFlow(Element):
+    """A message flow between pools or flow nodes of two pools."""
+
+    source: str
+    target: str
+
+
+# ---- diagram interchange ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Of a shape or label, in diagram units (pixels)."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """How an element is drawn."""
+
+    element: str
+    bounds: Bounds
+    label: Bounds | None = None
+    horizontal: bool = True
+    expanded: bool = False
+    marker_visible: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """How a flow or association is drawn: its way points (x, y)."""
+
+    element: str
+    waypoints: tuple[tuple[float, float], ...]
+    label: Bounds | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something the reader wants to say about the file, not an error. `level`: ``warning`` or ``note``."""
+
+    level: Literal["warning", "note"]
+    text: str
+    element: str = ""
+    line: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Definitions:
+    """A whole file.
+
+    `source` is its text as read: what a writer starts from, so that nothing unknown is lost. `artifacts` (text
+    annotations, groups: id -> text) matter for drawing alone.
+    """
+
+    file: str
+    source: bytes = field(repr=False)
+    processes: tuple[Process, ...] = ()
+    participants: tuple[Participant, ...] = ()
+    message_flows: tuple[MessageFlow, ...] = ()
+    shapes: tuple[Shape, ...] = field(default=(), repr=False)
+    edges: tuple[Edge, ...] = field(default=(), repr=False)
+    artifacts: tuple[Element, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+    def process(self, id: str) -> Process | None:
+        """The process with this id, if the file has it."""
+        return next((process for process in self.processes if process.id == id), None)

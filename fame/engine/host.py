@@ -1,0 +1,69 @@
+"""What an engine asks of the world, and what a script may throw.
+
+The engine calls its host; the host never calls back from inside such a call. Whatever it has to say (a timer fired, a
+script ended) it says later, as a stimulus of its own. Rests are named by their integer keys, so that no handle of the
+host is part of the engine's state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from fame.bpmn.model import Expression
+
+Variables = dict[str, Any]
+Compiled = Callable[[Variables], Any]
+"""A compiled text. A script gives None, or a suspended script (a coroutine) if it has to wait; an expression its value."""
+
+
+class BpmnError(Exception):
+    """A business error thrown by a script: ``raise BpmnError("unreachable")``. Caught by the events of that code."""
+
+    def __init__(self, code: str, message: str = "") -> None:
+        super().__init__(message or code)
+        self.code, self.message = code, message
+
+
+class Cancelled(BaseException):
+    """Raised at the ``await`` of a script that is cancelled. Not an Exception: `except Exception` must not swallow it."""
+
+
+class Host(Protocol):
+    """The world as an engine sees it."""
+
+    def compile(self, expression: Expression, element: str, *, script: bool = False) -> Compiled:
+        """A callable of the variables for a text. Raises ModelError if the text is wrong."""
+
+    def service(self, operation: str, element: str) -> Compiled:
+        """The callable that a service task names. Raises ModelError if there is none."""
+
+    def publish(self, topic: str, value: Any) -> Any:
+        """Send `value` (the payload, or None) on the qualified topic to other nodes.
+
+        Returns the typed message, as own catchers get it. Raises MessageError if the value does not fit the type.
+        """
+
+    def set_timer(self, key: int, kind: str, text: str) -> None:
+        """Say `timer_fired(key)` when the ISO 8601 duration, date or cycle is due. Raises ValueError on a bad text."""
+
+    def cancel_timer(self, key: int) -> None:
+        """Forget that timer, if it is still set."""
+
+    def run(self, key: int, script: Any) -> None:
+        """Drive a suspended script on; when it is over, say `script_ended(key, error or None)`."""
+
+    def cancel(self, key: int) -> bool:
+        """Cancel it. True: it is out. False: it is leaving, and `script_ended` will tell."""
+
+    def make_safe(self, reason: str) -> None:
+        """Bring the robot to its safe state. `reason`: ``suspended``, ``failed`` or ``terminated``."""
+
+    def observe(self, instance: int, scope: int, element: str, what: str, detail: Any = None) -> None:
+        """One thing that happened (see `fame.engine`); called by observed programs only."""
+
+    def report(self, element: str, text: str) -> None:
+        """Something a person should know that stops nothing: a dropped trigger, an escalation nobody caught."""
+
+    def ended(self, instance: Any) -> None:
+        """An instance completed, failed or was cancelled. The engine has forgotten it."""

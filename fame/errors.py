@@ -1,0 +1,78 @@
+"""Everything that can go wrong, drawn once.
+
+::
+
+    FameError
+    ├── ModelError        the file is wrong: file, line, element id, what was found, what would be right
+    ├── MissionError      the run went wrong: robot, element, cause (uncaught error, livelock, script)
+    ├── MessageError      a type, field or value that does not fit a topic
+    ├── DeploymentError   a robot refused or did not answer
+    ├── ConfigError       a scenario, pipeline or learning file is wrong
+    └── UnavailableError  a backend or language that is not installed, and the command that installs it
+
+``str(error)`` is always one line, fit for a terminal: where it is, what was found, what would be right.
+"""
+
+from __future__ import annotations
+
+
+class FameError(Exception):
+    """What all errors of FAME have in common: a text for people and the exit code of the command that met it."""
+
+    exit_code = 2
+
+    def __init__(self, text: str) -> None:
+        super().__init__(" ".join(text.split()))
+
+
+class _Located(FameError):
+    """An error that points into a file."""
+
+    def __init__(self, text: str, *, file: str = "", line: int = 0, element: str = "") -> None:
+        self.text, self.file, self.line, self.element = " ".join(text.split()), file, line, element
+        place = file or ""
+        if line:
+            place += f":{line}" if place else f"line {line}"
+        parts = [place, element, self.text]
+        super().__init__(": ".join(part for part in parts if part))
+
+
+class ModelError(_Located):
+    """The model is wrong. ``file``, ``line`` (1-based, 0 unknown) and ``element`` (id) say where."""
+
+
+class ConfigError(_Located):
+    """A scenario, world, pipeline or learning file is wrong. ``element`` is the path of the key in it."""
+
+
+class MissionError(FameError):
+    """The run went wrong.
+
+    ``code`` is that of the BPMN error (``script`` for any other exception of a script, ``livelock`` for a loop
+    without rest); ``robot``, ``element`` and ``line`` (of the .bpmn file, 0 unknown) say where.
+    """
+
+    exit_code = 1
+
+    def __init__(self, text: str, *, robot: str = "", element: str = "", line: int = 0, code: str = "") -> None:
+        self.text, self.robot, self.element, self.line, self.code = " ".join(text.split()), robot, element, line, code
+        where = f"{element} (line {line})" if element and line else element
+        super().__init__(": ".join(part for part in (robot, where, self.text) if part))
+
+
+class MessageError(FameError):
+    """A type, field or value that does not fit a topic. ``type`` is the message type, ``field`` the path in it."""
+
+    def __init__(self, text: str, *, type: str = "", field: str = "") -> None:
+        self.type, self.field = type, field
+        super().__init__(": ".join(part for part in (type, field, text) if part))
+
+
+class DeploymentError(FameError):
+    """A robot refused its process, or did not answer."""
+
+    exit_code = 1
+
+
+class UnavailableError(FameError):
+    """A backend or language that is not installed. The text names the command that installs it."""

@@ -1,0 +1,111 @@
+"""What FAME asks of a middleware: nodes that publish on topics and subscribe to them. Three backends give it.
+
+Names follow ROS 2: a topic is absolute (``/weed_found``), relative to the namespace of the node (``odom``), or private
+to the robot (``~/odom``: here the same as relative, since a robot is a namespace). A node never receives what it published itself.
+Callbacks run as entries of the scheduler (`fame.clock.Kind.MESSAGE`), never inside `publish`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+Message = Any
+"""An object with one attribute per field: a dataclass made by `fame.middleware.messages`."""
+
+
+@dataclass(frozen=True, slots=True)
+class QoS:
+    """Quality of service. `depth` counts messages, durations are in s (None: infinite). The defaults are those of a signal."""
+
+    reliability: Literal["reliable", "best_effort"] = "reliable"
+    durability: Literal["volatile", "transient_local"] = "volatile"
+    history: Literal["keep_last", "keep_all"] = "keep_last"
+    depth: int = 100
+    deadline: float | None = None
+    lifespan: float | None = None
+    liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
+    lease_duration: float | None = None
+
+
+SIGNAL = QoS()
+"""Reliable, keep last 100 (DESIGN section 7)."""
+SENSOR_DATA = QoS(reliability="best_effort", depth=5)
+LATCHED = QoS(durability="transient_local", depth=1)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """A topic as the graph shows it: its types, and the full names of the nodes at its ends (one per endpoint)."""
+
+    name: str
+    types: tuple[str, ...]
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...]
+
+
+class Publisher(Protocol):
+    """One end of a topic. `topic` is the full name."""
+
+    topic: str
+    type: str
+
+    def publish(self, message: Message) -> None:
+        """Send it to all subscribers but those of the own node. The message must not be changed afterwards."""
+
+    def close(self) -> None: ...
+
+
+class Subscription(Protocol):
+    """The other end."""
+
+    topic: str
+    type: str
+
+    def close(self) -> None: ...
+
+
+class Node(Protocol):
+    """A participant. `namespace` has no slashes (``REX``; empty for none), `full_name` is ``/REX/name``."""
+
+    name: str
+    namespace: str
+    full_name: str
+
+    def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> Publisher:
+        """Raises MessageError if the type is unknown or the topic is in use with another one."""
+
+    def subscription(
+        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
+    ) -> Subscription:
+        """Calls back for every message. Errors as `publisher`."""
+
+    def close(self) -> None:
+        """Leave: all its ends are closed."""
+
+
+class Middleware(Protocol):
+    """A backend."""
+
+    def node(self, name: str, namespace: str = "") -> Node: ...
+
+    def graph(self) -> Sequence[TopicInfo]:
+        """Every topic that has an end, in the order of names."""
+
+    def namespaces(self) -> Sequence[str]:
+        """Namespaces in use, without slashes, in order."""
+
+    def close(self) -> None: ...
+
+
+def resolve(topic: str, namespace: str) -> str:
+    """The full name of a topic seen from a namespace.
+
+    >>> resolve("odom", "REX"), resolve("/done", "REX"), resolve("~/led", "REX"), resolve("odom", "")
+    ('/REX/odom', '/done', '/REX/led', '/odom')
+    """
+    if topic.startswith("/"):
+        return topic
+    name = topic.removeprefix("~/")
+    return f"/{namespace}/{name}" if namespace else f"/{name}"
