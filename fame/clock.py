@@ -1,21 +1,35 @@
 """Time: one queue of things to do, ordered by (time, kind, sequence), and two ways to wait for the next.
 
-Time is integer nanoseconds. `Scheduler` is simulated time: it jumps to the next due entry and never reads the wall clock.
-`WallScheduler` is the same queue waiting on the wall clock, and takes calls from other threads. Every entry runs to completion
-before the next. At one instant messages come first, then resumptions of scripts, then timers, then the step of the world;
-among equals, whoever was entered first. The order is total, so a simulated run is repeatable.
+Time is integer nanoseconds. `Scheduler` is simulated time: it jumps to the next due entry and never reads the wall
+clock. `WallScheduler` is the same queue waiting on the wall clock, and takes calls from other threads.
+
+Invariants. Every entry runs to completion before the next. At one instant messages come first, then resumptions of
+scripts, then timers, then the step of the world; among equals, whoever was entered first. The order is total, so a
+simulated run is repeatable. Nothing is ever entered in the past: what is late is due now, behind what was due before,
+so that no entry can starve another by entering itself again. Who works periodically counts from the time that was due
+(`entry.time`), not from `now`, and does not drift. Cancelled entries are swept out before they outnumber the others.
 """
 
 from __future__ import annotations
 
-import heapq
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
+from heapq import heapify, heappop, heappush
+from itertools import count
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
+
+_SWEEP = 64
+"""A queue with fewer cancelled entries than this is not worth sweeping."""
+
+_NAP = 3600.0
+"""Longest single wait (s). Below the limit of `threading`, which a timer for the year 9999 would exceed."""
+
+Action = Callable[[], object]
 
 
 class Kind(IntEnum):
@@ -28,16 +42,20 @@ class Kind(IntEnum):
 
 
 class Entry:
-    """One thing to do. `cancel` is cheap and safe at any time; a cancelled entry is skipped when it comes up."""
+    """One thing to do, due at `time` (ns). `action` is None once it ran or was cancelled."""
 
-    __slots__ = ("action", "time")
+    __slots__ = ("_queue", "action", "time")
 
-    def __init__(self, time: int, action: Callable[[], object] | None) -> None:
-        self.time, self.action = time, action
+    def __init__(self, time: int, action: Action, queue: Scheduler) -> None:
+        self.time = time
+        self.action: Action | None = action
+        self._queue = queue
 
     def cancel(self) -> None:
-        """Forget it. Does nothing if it ran already."""
-        self.action = None
+        """Forget it: cheap and safe at any time, from any thread. Does nothing if it ran already."""
+        if self.action is not None:
+            self.action = None
+            self._queue._cancelled += 1
 
 
 class Scheduler:
@@ -46,21 +64,30 @@ class Scheduler:
     def __init__(self) -> None:
         self.now = 0
         self._heap: list[tuple[int, int, int, Entry]] = []
-        self._sequence = 0
+        self._sequence = count(1)
+        self._cancelled = 0
+        self._running = False
         self._stopping = False
 
-    def at(self, time: int, action: Callable[[], object], kind: Kind = Kind.TIMER) -> Entry:
-        """Do `action` at `time` (ns), or at once if that is past. Returns the entry, for `cancel`."""
-        entry = Entry(max(time, self.now), action)
-        self._sequence += 1
-        heapq.heappush(self._heap, (entry.time, kind, self._sequence, entry))
+    def __len__(self) -> int:
+        """How many entries wait, cancelled ones that were not swept yet among them."""
+        return len(self._heap)
+
+    def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
+        """Do `action` at `time` (ns), or now if that is past. Returns the entry, for `cancel`."""
+        if time < self.now:
+            time = self.now
+        entry = Entry(time, action, self)
+        heappush(self._heap, (time, kind, next(self._sequence), entry))
+        if self._cancelled > _SWEEP and 2 * self._cancelled > len(self._heap):
+            self._sweep()
         return entry
 
-    def after(self, delay: int, action: Callable[[], object], kind: Kind = Kind.TIMER) -> Entry:
+    def after(self, delay: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         """Do `action` in `delay` ns."""
         return self.at(self.now + delay, action, kind)
 
-    def soon(self, action: Callable[[], object], kind: Kind = Kind.MESSAGE) -> Entry:
+    def soon(self, action: Action, kind: Kind = Kind.MESSAGE) -> Entry:
         """Do `action` now, after what was entered before it."""
         return self.at(self.now, action, kind)
 
@@ -68,44 +95,61 @@ class Scheduler:
         """When the next entry is due (ns), or None if there is nothing left to do."""
         heap = self._heap
         while heap and heap[0][3].action is None:
-            heapq.heappop(heap)
+            heappop(heap)
+            self._cancelled -= 1
         return heap[0][0] if heap else None
 
     def run(self, until: int | None = None) -> None:
-        """Work until `until` (ns, inclusive; then `now` is `until`), until nothing is left, or until `stop`."""
-        self._stopping = False
-        while not self._stopping:
-            due = self.next_time()
-            if due is None or (until is not None and due > until):
-                break
-            self._wait(due)
-            self._do_next()
-        if until is not None and not self._stopping:
-            self.now = max(self.now, until)
+        """Work until `until` (ns, inclusive; then `now` is `until`), until nothing is left, or until `stop`.
+
+        What an action raises ends the run and goes to the caller; the queue stays whole, and `run` may be called again.
+        """
+        with self._at_work():
+            heap = self._heap
+            while heap and not self._stopping:
+                due, _, _, entry = heap[0]
+                action = entry.action
+                if until is not None and due > until and action is not None:
+                    break
+                heappop(heap)
+                if action is None:
+                    self._cancelled -= 1
+                    continue
+                self.now, entry.action = due, None
+                action()
+            if until is not None and until > self.now and not self._stopping:
+                self.now = until
 
     def stop(self) -> None:
-        """Make `run` return after the entry that is at work now."""
+        """Make `run` return after the entry that is at work now. If none is running, the next `run` returns at once."""
         self._stopping = True
 
-    def _wait(self, due: int) -> None:
-        self.now = max(self.now, due)
+    @contextmanager
+    def _at_work(self) -> Iterator[None]:
+        if self._running:
+            raise RuntimeError("the scheduler runs already: an entry has to end before the next begins")
+        self._running = True
+        try:
+            yield
+        finally:
+            # Cleared here and not at the beginning: a `stop` that another thread says just before `run` must count.
+            self._running = self._stopping = False
 
-    def _do_next(self) -> None:
-        entry = heapq.heappop(self._heap)[3]
-        action, entry.action = entry.action, None
-        if action is not None:
-            action()
+    def _sweep(self) -> None:
+        self._heap[:] = [item for item in self._heap if item[3].action is not None]  # in place: `run` holds this list
+        heapify(self._heap)
+        self._cancelled = 0
 
 
 class WallScheduler(Scheduler):
     """The same queue on the wall clock (steady). `now` is nanoseconds since it was made.
 
-    `at`, `after`, `soon` and `stop` may be called from any thread; all actions run in the thread that called `run`.
-    `run()` without `until` waits for work from other threads until `stop`.
+    `at`, `after`, `soon`, `stop` and `Entry.cancel` may be called from any thread and from signal handlers; all actions
+    run in the thread that called `run`. `run()` without `until` waits for work from other threads until `stop`.
     """
 
     def __init__(self) -> None:
-        self._changed = threading.Condition()
+        self._changed = threading.Condition()  # on a reentrant lock: a signal handler may interrupt its own thread
         self._origin = time.monotonic_ns()
         super().__init__()
 
@@ -118,36 +162,41 @@ class WallScheduler(Scheduler):
     def now(self, value: int) -> None:
         pass  # the wall clock goes by itself
 
-    def at(self, time: int, action: Callable[[], object], kind: Kind = Kind.TIMER) -> Entry:
+    def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         with self._changed:
             entry = super().at(time, action, kind)
-            self._changed.notify_all()
+            self._changed.notify()
             return entry
+
+    def next_time(self) -> int | None:
+        with self._changed:
+            return super().next_time()
+
+    def run(self, until: int | None = None) -> None:
+        with self._at_work():
+            while (action := self._wait(until)) is not None:
+                action()
 
     def stop(self) -> None:
         with self._changed:
             super().stop()
-            self._changed.notify_all()
+            self._changed.notify()
 
-    def run(self, until: int | None = None) -> None:
-        self._stopping = False
-        while True:
-            with self._changed:
-                if self._stopping:
-                    return
-                due = self.next_time()
-                now = self.now
-                if until is not None and now >= until and (due is None or due > until):
-                    return
-                if due is None or due > now:
-                    ends = [moment for moment in (due, until) if moment is not None]
-                    self._changed.wait((min(ends) - now) / SECOND if ends else None)
-                    continue
-            self._do_next()
-
-    def _do_next(self) -> None:
+    def _wait(self, until: int | None) -> Action | None:
+        """Wait for the next entry, take it off the queue and return its action; None if it is time to end."""
         with self._changed:
-            entry = heapq.heappop(self._heap)[3]
-            action, entry.action = entry.action, None
-        if action is not None:
-            action()
+            while not self._stopping:
+                due, now = self.next_time(), self.now
+                end = min((moment for moment in (due, until) if moment is not None), default=None)
+                if end is None or end > now:
+                    self._changed.wait(_NAP if end is None else min((end - now) / SECOND, _NAP))
+                elif end != due:
+                    return None
+                elif action := self._take():
+                    return action
+        return None
+
+    def _take(self) -> Action | None:
+        entry = heappop(self._heap)[3]
+        action, entry.action = entry.action, None
+        return action  # None: another thread cancelled it since it was found due

@@ -1,0 +1,33 @@
+"""What a .bpmn file says: read it, write it, draw it. Knows nothing of how a model is run.
+
+`read`, `read_bytes`, `read_text` give the neutral model of `fame.bpmn.model`; `write` and `extract_process` give XML
+back. They are imported when first used, so that whoever needs the dataclasses alone does not load an XML parser.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fame.bpmn.extraction import extract_process
+    from fame.bpmn.reader import read, read_bytes, read_text
+    from fame.bpmn.topics import topic_table
+    from fame.bpmn.writer import write
+
+__all__ = ["extract_process", "read", "read_bytes", "read_text", "topic_table", "write"]
+
+_HOMES = {
+    "read": "reader",
+    "read_bytes": "reader",
+    "read_text": "reader",
+    "topic_table": "topics",
+    "extract_process": "extraction",
+    "write": "writer",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fame.bpmn' has no attribute {name!r}")
+    return getattr(import_module(f"fame.bpmn.{_HOMES[name]}"), name)

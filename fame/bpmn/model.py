@@ -4,7 +4,7 @@ Readers of dialects make it, everything else reads it. Expressions stay text her
 decided by the reader, turning them into callables is the work of `fame.scripting`. Names are those of BPMN 2.0. Every
 element carries the line of its opening tag in the source, 1-based, 0 if it has none.
 
-A `Body` is what a scope runs: the content of a process or of a sub-process. Flow nodes refer to one another by id alone.
+A `Body` is what a scope runs: the content of a process or of a sub-process. Flow nodes refer to each other by id alone.
 """
 
 from __future__ import annotations
@@ -15,6 +15,11 @@ from types import MappingProxyType
 from typing import Literal
 
 EMPTY: Mapping[str, str] = MappingProxyType({})
+
+
+def _empty() -> Mapping[str, str]:
+    return EMPTY
+
 
 Language = Literal["python", "javascript", "juel", "feel", "template", "value", "payload"]
 """How a text is evaluated.
@@ -46,7 +51,7 @@ class Element:
     name: str = ""
     line: int = 0
     documentation: str = ""
-    properties: Mapping[str, str] = EMPTY
+    properties: Mapping[str, str] = field(default_factory=_empty)
     """Extension properties without a meaning of their own here (kept for user code and checks)."""
 
     @property
@@ -60,8 +65,13 @@ class Element:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataObject(Element):
-    """A data object reference with the variables that it holds. `state` is its data state, empty if it has none."""
+    """A data object reference with the variables that it holds. `state` is its data state, empty if it has none.
 
+    `kind` tells how it is drawn: ``object``, ``input`` and ``output`` (of the process), ``store``, ``property`` (not
+    drawn: it holds the one variable that it is named after).
+    """
+
+    kind: Literal["object", "input", "output", "store", "property"] = "object"
     values: tuple[tuple[str, Expression], ...] = ()
     state: str = ""
     collection: bool = False
@@ -113,7 +123,7 @@ class Topic:
     payload: Expression | None = None
     queue: int = 0
     private: bool = False
-    qos: Mapping[str, str] = EMPTY
+    qos: Mapping[str, str] = field(default_factory=_empty)
     takes: tuple[Assignment, ...] = ()
 
     @property
@@ -294,6 +304,8 @@ class Activity(FlowNode):
     io: IoMapping | None = None
     loop: MultiInstance | StandardLoop | None = None
     for_compensation: bool = False
+    refused: str = ""
+    """Why it cannot be executed (a Java class, a connector, DMN ...), empty if it can."""
 
 
 TaskKind = Literal["plain", "user", "manual", "script", "service", "send", "receive", "business_rule"]
@@ -301,8 +313,10 @@ TaskKind = Literal["plain", "user", "manual", "script", "service", "send", "rece
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task(Activity):
-    """A task. `script` is that of a script task; `topic` that of a send or receive task; `operation` what a service
-    task names (registry name, external task topic or type); `result_variable` takes a script's or service's result.
+    """A task. `script` is that of a script task, or the expression that a service task evaluates; `topic` that of a
+    send or receive task, or the ROS service (name, ``pkg/srv/Type``) of a service task; `operation` what a service task
+    names (registry name, external task topic or type); `result_variable` takes a script's or service's result;
+    `payload` is the same as that of `topic`.
     """
 
     kind: TaskKind = "plain"
@@ -312,16 +326,13 @@ class Task(Activity):
     result_variable: str = ""
     payload: Expression | None = None
     instantiate: bool = False
-    refused: str = ""
-    """Why it cannot be executed (a Java class, DMN ...), empty if it can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CallActivity(Activity):
-    """Calls a process by id or library file; `embedded` is a process that stands in the element itself, as XML text."""
+    """Calls a process by id or library file. A process embedded in the element itself is among the file's processes."""
 
     called: str = ""
-    embedded: str = ""
     called_expression: Expression | None = None
 
 
@@ -391,6 +402,13 @@ class MessageFlow(Element):
     target: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Artifact(Element):
+    """A text annotation or a group; its text is its name."""
+
+    kind: Literal["annotation", "group"] = "annotation"
+
+
 # ---- diagram interchange ---------------------------------------------------------------------------------------------
 
 
@@ -406,7 +424,7 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """How an element is drawn."""
+    """How an element is drawn. `kind` is its BPMN tag, `plane` the number of its diagram, colours are those of CSS."""
 
     element: str
     bounds: Bounds
@@ -414,15 +432,24 @@ class Shape:
     horizontal: bool = True
     expanded: bool = False
     marker_visible: bool = False
+    kind: str = ""
+    plane: int = 0
+    stroke: str = ""
+    fill: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """How a flow or association is drawn: its way points (x, y)."""
+    """How a flow or association is drawn: its way points (x, y). `kind`, `plane`, `stroke` as of a shape; `directed`:
+    an association with an arrow head."""
 
     element: str
     waypoints: tuple[tuple[float, float], ...]
     label: Bounds | None = None
+    kind: str = ""
+    plane: int = 0
+    stroke: str = ""
+    directed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -440,7 +467,8 @@ class Definitions:
     """A whole file.
 
     `source` is its text as read: what a writer starts from, so that nothing unknown is lost. `artifacts` (text
-    annotations, groups: id -> text) matter for drawing alone.
+    annotations, groups; their text is their name) matter for drawing alone. `planes` are the ids of what its diagrams
+    show.
     """
 
     file: str
@@ -450,7 +478,8 @@ class Definitions:
     message_flows: tuple[MessageFlow, ...] = ()
     shapes: tuple[Shape, ...] = field(default=(), repr=False)
     edges: tuple[Edge, ...] = field(default=(), repr=False)
-    artifacts: tuple[Element, ...] = ()
+    planes: tuple[str, ...] = field(default=(), repr=False)
+    artifacts: tuple[Artifact, ...] = ()
     notes: tuple[Note, ...] = ()
 
     def process(self, id: str) -> Process | None:

@@ -1,0 +1,30 @@
+"""How tokens move: the interpreter of one robot's process. No I/O, no threads, no clock, no XML, no ROS.
+
+`compile_program` makes a `Program` of a process and all that it calls; an `Engine` holds the instances of it. The world
+is a `Host`: the engine calls it, and gets stimuli in return (`Engine.start`, `deliver`, `timer_fired`, `script_ended`,
+`complete_task`). Each stimulus runs to completion: every token moves until it rests. Semantics are those of BPMN 2.0
+chapter 13, with what DESIGN section 3 adds.
+
+What an observer is told, as (instance, scope, element, what, detail):
+
+======  ==========================================================================
+start   an instance of the process started
+enter   a token came to an element
+leave   the element has completed
+take    a sequence flow was taken
+cancel  what went on at the element was cancelled
+fail    the element failed; the detail is the code of the error
+end     the instance ended; the detail is its status
+======  ==========================================================================
+"""
+
+from fame.engine.compiler import Library, compile_program
+from fame.engine.host import BpmnError, Cancelled, Host
+from fame.engine.interpreter import DEPTH, MOVES, Engine
+from fame.engine.state import Instance, Program
+from fame.engine.variables import UNDEFINED, Variables, plain
+
+__all__ = [
+    "DEPTH", "MOVES", "UNDEFINED", "BpmnError", "Cancelled", "Engine", "Host", "Instance", "Library", "Program",
+    "Variables", "compile_program", "plain",
+]  # fmt: skip

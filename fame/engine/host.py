@@ -14,7 +14,7 @@ from fame.bpmn.model import Expression
 
 Variables = dict[str, Any]
 Compiled = Callable[[Variables], Any]
-"""A compiled text. A script gives None, or a suspended script (a coroutine) if it has to wait; an expression its value."""
+"""A compiled text: a script gives None, or a suspended script (a coroutine) if it waits; an expression its value."""
 
 
 class BpmnError(Exception):
@@ -26,16 +26,16 @@ class BpmnError(Exception):
 
 
 class Cancelled(BaseException):
-    """Raised at the ``await`` of a script that is cancelled. Not an Exception: `except Exception` must not swallow it."""
+    """Raised at the ``await`` of a cancelled script. No Exception, so that `except Exception` does not swallow it."""
 
 
 class Host(Protocol):
     """The world as an engine sees it."""
 
-    def compile(self, expression: Expression, element: str, *, script: bool = False) -> Compiled:
+    def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
         """A callable of the variables for a text. Raises ModelError if the text is wrong."""
 
-    def service(self, operation: str, element: str) -> Compiled:
+    def service(self, operation: str, *, element: str, file: str) -> Compiled:
         """The callable that a service task names. Raises ModelError if there is none."""
 
     def publish(self, topic: str, value: Any) -> Any:

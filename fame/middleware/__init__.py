@@ -1,0 +1,15 @@
+"""Topics and services: what a middleware is asked for, the messages on it, and its backends.
+
+::
+
+    interface         what every backend gives: nodes, publishers, subscriptions, services; QoS profiles
+    local             the backend within one process: deterministic, on the engine's clock
+    local_services    its services
+    messages          making messages from mappings and values, and plain data from messages
+    codec             messages on the wire of ROS 2, and type hashes
+    qos               policies as models write them; which ends understand each other
+    classes           the class of each message type
+    typesystem        which types there are
+    definitions       what a type is, and reading `.msg` and `.srv` texts
+    primitives        the values of primitive fields
+"""

@@ -1,8 +1,9 @@
 """What FAME asks of a middleware: nodes that publish on topics and subscribe to them. Three backends give it.
 
 Names follow ROS 2: a topic is absolute (``/weed_found``), relative to the namespace of the node (``odom``), or private
-to the robot (``~/odom``: here the same as relative, since a robot is a namespace). A node never receives what it published itself.
-Callbacks run as entries of the scheduler (`fame.clock.Kind.MESSAGE`), never inside `publish`.
+to the robot (``~/odom``: here the same as relative, since a robot is a namespace). A node never receives what it
+published itself. Callbacks run as entries of the scheduler (`fame.clock.Kind.MESSAGE`), never inside `publish` or
+`call`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Message = Any
 
 @dataclass(frozen=True, slots=True)
 class QoS:
-    """Quality of service. `depth` counts messages, durations are in s (None: infinite). The defaults are those of a signal."""
+    """Quality of service: `depth` counts messages, times are in s (None: infinite). The defaults are a signal's."""
 
     reliability: Literal["reliable", "best_effort"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
@@ -66,6 +67,35 @@ class Subscription(Protocol):
     def close(self) -> None: ...
 
 
+class Service(Protocol):
+    """What answers requests. `name` is the full name, `type` is ``pkg/srv/Name``."""
+
+    name: str
+    type: str
+
+    def close(self) -> None: ...
+
+
+class Client(Protocol):
+    """What asks a service."""
+
+    name: str
+    type: str
+
+    @property
+    def available(self) -> bool:
+        """Whether somebody offers the service now."""
+
+    def call(self, request: Any, callback: Callable[[Message], object]) -> None:
+        """Send a request (a message, a mapping, or None for one of defaults); the response comes to `callback`.
+
+        Raises MessageError if the request does not fit its type, or nobody offers the service.
+        """
+
+    def close(self) -> None:
+        """Leave: responses that are still to come are dropped."""
+
+
 class Node(Protocol):
     """A participant. `namespace` has no slashes (``REX``; empty for none), `full_name` is ``/REX/name``."""
 
@@ -80,6 +110,16 @@ class Node(Protocol):
         self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
     ) -> Subscription:
         """Calls back for every message. Errors as `publisher`."""
+
+    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Service:
+        """Answer requests: `handler` gives the response (a message, a mapping, or None for one of defaults).
+
+        Names of services are resolved like those of topics. Raises MessageError if the type is unknown, or somebody
+        offers a service of that name already.
+        """
+
+    def client(self, name: str, type: str) -> Client:
+        """Raises MessageError if the type is unknown."""
 
     def close(self) -> None:
         """Leave: all its ends are closed."""

@@ -1,0 +1,29 @@
+"""Languages of scripts, conditions and values: from the text of a model to a callable of the variables.
+
+================  =======================================================================
+compile_script    statements; gives None, or a suspended script if it has to wait
+compile_expression  conditions and values
+interface         what scripts find in scope: the ``__builtins__`` of their variables
+Runner            drives suspended scripts
+script_topics     the topics that a script names, for endpoints made at load
+script_names      the variables that a text reads and writes, for checks
+================  =======================================================================
+"""
+
+from fame.engine.host import BpmnError, Cancelled
+from fame.engine.variables import UNDEFINED, Variables, plain
+from fame.scripting.budget import BudgetExceeded, heartbeat
+from fame.scripting.inbox import Inbox
+from fame.scripting.interface import Log, Robot, interface
+from fame.scripting.languages import compile_expression, compile_script
+from fame.scripting.names import script_names
+from fame.scripting.python import error_line, error_text
+from fame.scripting.requests import Call, MessageQueue, Receive, Request, Sleep, Until
+from fame.scripting.runner import GRACE, Runner
+from fame.scripting.topics import ScriptTopic, script_topics
+
+__all__ = [
+    "GRACE", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log", "MessageQueue", "Receive",
+    "Request", "Robot", "Runner", "ScriptTopic", "Sleep", "Until", "Variables", "compile_expression", "compile_script",
+    "error_line", "error_text", "heartbeat", "interface", "plain", "script_names", "script_topics",
+]  # fmt: skip

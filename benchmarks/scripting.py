@@ -1,0 +1,104 @@
+"""How many scripts and expressions run in a second: one JSON line per case.
+
+The time of the loop around the call is included; the best of several rounds counts, since noise only ever adds. Run as
+``python benchmarks/scripting.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import repeat
+from typing import Any
+
+from fame.bpmn.model import Expression, Language
+from fame.clock import Scheduler
+from fame.engine.variables import Variables
+from fame.middleware.local import LocalMiddleware
+from fame.scripting import Runner, compile_expression, compile_script, interface
+
+ROUNDS = 7
+SECONDS = 0.15
+
+SCRIPTS = {
+    "x = x + 1": "x = x + 1",
+    "five statements": "a = x + 1\nb = a * 2\nc = [a, b]\nd = c[0]\nx = d - 1",
+    "call of a function": "x = more(x)",
+    "loop of 100 passes": "for i in range(100): x = i",
+}
+CONDITIONS: dict[str, tuple[Language, str]] = {
+    "python": ("python", "x > 3 and y['z'] == 2"),
+    "juel": ("juel", "${x > 3 and y.z == 2}"),
+    "feel": ("feel", "x > 3 and y.z = 2"),
+    "juel name": ("juel", "${x}"),
+    "payload": ("payload", "{x: ${x}, y: ${y.z}, z: 0}"),
+    "template": ("template", "PT${x}S"),
+}
+
+
+def scope() -> dict[str, Any]:
+    """New variables of a process."""
+    names = interface(robot=None, signal=print, log=lambda level, text: None)
+    variables: dict[str, Any] = {"x": 5, "y": {"z": 2}, "__builtins__": names}
+    compile_script(Expression("def more(n): return n + 1"))(variables)
+    return variables
+
+
+def per_second(run: Callable[[dict[str, Any]], Any], variables: dict[str, Any]) -> float:
+    """Calls per second."""
+    count = 100
+    best = 0.0
+    for _ in range(ROUNDS):
+        while True:
+            began = time.perf_counter()
+            for _ in repeat(None, count):
+                run(variables)
+            took = time.perf_counter() - began
+            if took > SECONDS:
+                break
+            count *= 2
+        best = max(best, count / took)
+    return best
+
+
+def awaits_per_second(count: int = 50_000) -> float:
+    """Awaits per second of a script that sleeps again and again, with the scheduler's work."""
+    scheduler = Scheduler()
+    node = LocalMiddleware(scheduler).node("engine", "REX")
+    runner = Runner(scheduler, node, lambda key, error: None)
+    runner.start(1, compile_script(Expression(f"for i in range({count}): await sleep(0.001)"))(scope()))
+    began = time.perf_counter()
+    scheduler.run()
+    return count / (time.perf_counter() - began)
+
+
+def overhead_of_counting() -> float:
+    """What the budget costs, in ns per pass of a loop."""
+    variables, passes = scope(), 1000
+    counted = compile_script(Expression(f"for i in range({passes}): x = i"))
+    bare = partial(eval, compile(f"for i in range({passes}): x = i", "bare", "exec"))
+    return (1 / per_second(counted, variables) - 1 / per_second(bare, variables)) / passes * 1e9
+
+
+def lines() -> Iterator[dict[str, Any]]:
+    """The results, one at a time."""
+    for name, text in SCRIPTS.items():
+        yield {"case": f"script, {name}", "per_second": per_second(compile_script(Expression(text)), scope())}
+    inner = Variables(scope(), {"i": 1})
+    yield {"case": "script, inner scope", "per_second": per_second(compile_script(Expression("x = x + 1")), inner)}
+    for name, (language, text) in CONDITIONS.items():
+        run = compile_expression(Expression(text, language))
+        yield {"case": f"expression, {name}", "per_second": per_second(run, scope())}
+    yield {"case": "awaits", "per_second": max(awaits_per_second() for _ in range(3))}
+    yield {"case": "budget", "ns_per_pass": overhead_of_counting()}
+
+
+def main() -> None:
+    for line in lines():
+        print(json.dumps({key: round(value) if isinstance(value, float) else value for key, value in line.items()}))
+
+
+if __name__ == "__main__":
+    main()

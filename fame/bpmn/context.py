@@ -1,0 +1,123 @@
+"""What the readers of one file share: where errors are, which ids are taken, what the file declares at its root."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+from fame.bpmn.model import Note
+from fame.bpmn.xml import Node, line_of, local
+from fame.errors import ModelError
+
+T = TypeVar("T")
+
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_TYPE = re.compile(r"([A-Za-z]\w*)/(?:(msg|srv|action)/)?([A-Za-z]\w*)")
+
+
+@dataclass(slots=True)
+class Context:
+    """Of one file.
+
+    `roots`: signals, messages, errors ... by id; `language`: its expressionLanguage; `elements`: what has been read.
+    """
+
+    file: str
+    roots: dict[str, Node] = field(default_factory=dict)
+    language: str = ""
+    notes: list[Note] = field(default_factory=list)
+    elements: dict[str, Node] = field(default_factory=dict)
+
+    def error(self, element: Node, text: str) -> ModelError:
+        """The error to raise at an element."""
+        return ModelError(text, file=self.file, line=line_of(element), element=name_of(element))
+
+    def note(self, element: Node, text: str, level: Literal["warning", "note"] = "note") -> None:
+        """Something to tell that stops nothing."""
+        self.notes.append(Note(level, text, name_of(element), line_of(element)))
+
+    def claim(self, element: Node) -> str:
+        """Its id, now taken; made from tag and line where the standard lets it have none."""
+        id = element.get("id") or self._made_up(element)
+        other = self.elements.setdefault(id, element)
+        if other is not element:
+            text = f"two elements have this id, the other one in line {line_of(other)}: ids are unique"
+            raise self.error(element, text)
+        return id
+
+    def _made_up(self, element: Node) -> str:
+        stem, number = f"{local(element)}_{line_of(element)}", 1
+        id = stem
+        while id in self.elements:
+            number += 1
+            id = f"{stem}_{number}"
+        element.set("id", id)
+        return id
+
+    def root(self, reference: str | None) -> Node | None:
+        """The root element that a reference names, if there is one."""
+        return find(self.roots, reference)
+
+
+def find(table: Mapping[str, T], reference: str | None) -> T | None:
+    """What a reference names; references are qualified names, so a prefix may stand before the id."""
+    if not reference:
+        return None
+    reference = reference.strip()
+    found = table.get(reference)
+    return found if found is not None else table.get(reference.rpartition(":")[2])
+
+
+def name_of(element: Node) -> str:
+    """How errors call it: by its id, else by the nearest id around it, else by its tag."""
+    around: Node | None = element
+    while around is not None:
+        id = around.get("id")
+        if id and local(around) != "definitions":
+            return id
+        around = around.getparent()
+    return f"<{local(element)}>"
+
+
+def boolean(context: Context, element: Node, name: str, default: bool = False) -> bool:
+    """An attribute of type xsd:boolean."""
+    text = element.get(name)
+    if text is None:
+        return default
+    if text.strip() not in _BOOLEANS:
+        raise context.error(element, f"{name}={text!r}: expected true or false")
+    return _BOOLEANS[text.strip()]
+
+
+def truth(context: Context, element: Node, name: str, text: str) -> bool:
+    """A property that is true or false."""
+    if text.strip().lower() not in _BOOLEANS:
+        raise context.error(element, f"property {name}={text!r}: expected true or false")
+    return _BOOLEANS[text.strip().lower()]
+
+
+def whole(context: Context, element: Node, name: str, text: str, least: int) -> int:
+    """A property or attribute that is a whole number of at least `least`."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if number < least:
+        raise context.error(element, f"{name}={text!r}: expected a whole number, {least} or more")
+    return number
+
+
+def type_name(context: Context, element: Node, text: str, kind: str = "msg") -> str:
+    """A message or service type as ``pkg/msg/Type``; ``pkg/Type`` is taken as that."""
+    match = _TYPE.fullmatch(text.strip())
+    if match is None:
+        raise context.error(element, f"type={text!r}: expected pkg/{kind}/Type, such as std_msgs/msg/String")
+    return f"{match[1]}/{match[2] or kind}/{match[3]}"
+
+
+def is_type(text: str) -> bool:
+    """Whether a text looks like a full message type, ``pkg/msg/Type``."""
+    match = _TYPE.fullmatch(text.strip())
+    return match is not None and match[2] is not None

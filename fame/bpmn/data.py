@@ -1,0 +1,140 @@
+"""Data: objects and the variables that they hold, and the associations that move values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from fame.bpmn.context import Context, boolean, find
+from fame.bpmn.dialects import extensions_of
+from fame.bpmn.dialects.extensions import data_values
+from fame.bpmn.expressions import body
+from fame.bpmn.model import Assignment, DataObject, Expression
+from fame.bpmn.xml import BPMN, Node, Parts, child, children, line_of, local, text_of
+
+_PLACEHOLDER = "__targetRef_placeholder"
+"""A property that modelers write because an association must have a target."""
+_KINDS: Mapping[str, Literal["object", "input", "output", "store", "property"]] = {
+    "dataObjectReference": "object",
+    "dataObject": "object",
+    "dataStoreReference": "store",
+    "property": "property",
+    "dataInput": "input",
+    "dataOutput": "output",
+}
+_SCOPES = ("process", "subProcess", "transaction", "adHocSubProcess")
+
+
+def data_ids(process: Node) -> dict[str, str]:
+    """Id of everything in a process that an association may name -> id of the data object that it means.
+
+    A data object means its first reference; inputs, outputs and properties of one activity or event mean none ("").
+    """
+    found: dict[str, str] = {}
+    behind: dict[str, str] = {}
+    for one in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)):
+        id = one.get("id", "")
+        found[id] = id if _has_variables(one) else ""
+        if local(one) == "dataObjectReference":
+            behind.setdefault(one.get("dataObjectRef", ""), id)
+    return {id: behind.get(id, means) for id, means in found.items()}
+
+
+def _has_variables(one: Node) -> bool:
+    holder = one.getparent()
+    if holder is not None and local(holder) == "ioSpecification":
+        holder = holder.getparent()
+    return one.get("name") != _PLACEHOLDER and holder is not None and local(holder) in _SCOPES
+
+
+def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
+    """Those of one body."""
+    objects = {one.get("id"): one for one in parts.get("dataObject", ())}
+    referred = {one.get("dataObjectRef") for one in parts.get("dataObjectReference", ())}
+    found = [_data_object(context, one, objects) for one in parts.get("dataObjectReference", ())]
+    found += [_data_object(context, one, {}) for id, one in objects.items() if id not in referred]
+    for one in objects.values():
+        if one.get("id") in referred:
+            context.claim(one)
+    found += [_data_object(context, one, {}) for one in parts.get("dataStoreReference", ())]
+    rest = list(parts.get("property", ()))
+    for specification in parts.get("ioSpecification", ()):
+        rest += [*children(specification, "dataInput"), *children(specification, "dataOutput")]
+    found += [_data_object(context, one, {}) for one in rest if one.get("name") != _PLACEHOLDER]
+    return tuple(found)
+
+
+def _data_object(context: Context, element: Node, objects: Mapping[str | None, Node]) -> DataObject:
+    behind = objects.get(element.get("dataObjectRef"))
+    extensions = extensions_of(context, element)
+    if behind is not None and not extensions.properties and not extensions.values:
+        extensions = extensions_of(context, behind)
+    kind = _KINDS[local(element)]
+    name = element.get("name", "")
+    values = data_values(extensions)
+    if kind in ("property", "input", "output") and not values and name:
+        values = ((name, Expression(f"${{{name}}}", "value", line_of(element))),)
+    state = child(element, "dataState")
+    documentation = child(element, "documentation")
+    return DataObject(
+        kind=kind,
+        values=values,
+        state=state.get("name", "") if state is not None else "",
+        collection=any(boolean(context, one, "isCollection") for one in (element, behind) if one is not None),
+        id=context.claim(element),
+        name=name,
+        line=line_of(element),
+        documentation=text_of(documentation).strip() if documentation is not None else "",
+    )
+
+
+@dataclass(slots=True)
+class Moves:
+    """What the data associations of a flow node say: ids of data objects, and assignments of their own."""
+
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    assigned_in: tuple[Assignment, ...] = ()
+    assigned_out: tuple[Assignment, ...] = ()
+
+
+_NONE = Moves()
+
+
+def read_moves(context: Context, data: Mapping[str, str], parts: Parts) -> Moves:
+    """Raises ModelError for an association to nothing."""
+    into, out = parts.get("dataInputAssociation", ()), parts.get("dataOutputAssociation", ())
+    if not into and not out:
+        return _NONE
+    return Moves(
+        tuple(_ends(context, data, into, "sourceRef")),
+        tuple(_ends(context, data, out, "targetRef")),
+        tuple(_assignments(context, into)),
+        tuple(_assignments(context, out)),
+    )
+
+
+def _ends(context: Context, data: Mapping[str, str], associations: Iterable[Node], end: str) -> Iterable[str]:
+    for association in associations:
+        context.claim(association)
+        for reference in children(association, end):
+            text = text_of(reference).strip()
+            means = find(data, text)
+            if means is None:
+                raise context.error(
+                    association, f"a data association with {text!r}: the process has no such data object"
+                )
+            if means:
+                yield means
+
+
+def _assignments(context: Context, associations: Iterable[Node]) -> Iterable[Assignment]:
+    for association in associations:
+        for assignment in children(association, "assignment"):
+            source, target = child(assignment, "from"), child(assignment, "to")
+            expression = body(context, source) if source is not None else None
+            if expression is None or target is None or not text_of(target).strip():
+                raise context.error(assignment, "an assignment needs from and to")
+            name = text_of(target).strip()
+            yield Assignment(name[2:-1].strip() if name[:2] in ("${", "#{") else name, expression)

@@ -1,0 +1,48 @@
+"""Dialects: what vendors' extension elements mean, told in one neutral vocabulary (`extensions.Extensions`).
+
+One adapter each: a function of (context, extension element, extensions so far) that writes what the element says into
+the extensions, and one of (context, element, attribute, value, extensions) where the dialect has attributes. An adapter
+is found by the namespace of what it reads, so a file may mix dialects. What no adapter knows stays in the file and
+means nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from fame.bpmn.context import Context
+from fame.bpmn.dialects import camunda7, camunda8, fame_g2
+from fame.bpmn.dialects.extensions import Extensions
+from fame.bpmn.xml import BPMN, CAMUNDA, ZEEBE, Node, attributes
+
+ElementAdapter = Callable[[Context, Node, Extensions], None]
+AttributeAdapter = Callable[[Context, Node, str, str, Extensions], None]
+
+ELEMENTS: Mapping[str, ElementAdapter] = {
+    CAMUNDA: camunda7.element,
+    ZEEBE: camunda8.element,
+    fame_g2.ROS: fame_g2.element,
+    fame_g2.DATA: fame_g2.element,
+    fame_g2.QOS: fame_g2.element,
+    fame_g2.CALL: fame_g2.element,
+}
+ATTRIBUTES: Mapping[str, AttributeAdapter] = {CAMUNDA: camunda7.attribute, ZEEBE: camunda8.attribute}
+
+_EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
+
+
+def extensions_of(context: Context, element: Node) -> Extensions:
+    """All that the extension elements and attributes of a BPMN element say."""
+    found = Extensions()
+    for key in attributes(element):
+        if key[0] == "{":
+            namespace, _, name = key[1:].partition("}")
+            read_attribute = ATTRIBUTES.get(namespace)
+            if read_attribute is not None:
+                read_attribute(context, element, name, element.get(key, ""), found)
+    for holder in element.iterchildren(_EXTENSION_ELEMENTS):
+        for extension in holder:
+            read_element = ELEMENTS.get(extension.tag[1:].partition("}")[0])
+            if read_element is not None:
+                read_element(context, extension, found)
+    return found

@@ -1,0 +1,142 @@
+"""Camunda 7 (``http://camunda.org/schema/1.0/bpmn``): properties, mappings, services. The FAME paper's form too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from fame.bpmn.context import Context
+from fame.bpmn.dialects.extensions import Extensions, Property
+from fame.bpmn.dialects.flow_style import listed, mapped_entries
+from fame.bpmn.expressions import code, mapped, variable
+from fame.bpmn.model import Assignment, Expression
+from fame.bpmn.xml import Node, line_of, local, text_of
+
+IGNORED = {
+    "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",
+    "candidateUsers", "candidateGroups", "candidateStarterUsers", "candidateStarterGroups", "potentialStarter",
+    "dueDate", "followUpDate", "priority", "historyTimeToLive", "asyncBefore", "asyncAfter", "async", "jobPriority",
+    "taskPriority", "failedJobRetryTimeCycle", "initiator", "field", "variableEvents", "variableName",
+}  # fmt: skip
+"""Kept in the file, no effect here: the reader notes each."""
+_NO_JAVA = "FAME has no Java: make it a script task, or name an operation that is registered"
+REFUSED: Mapping[str, str] = {
+    "class": f"it runs the Java class {{}}; {_NO_JAVA}",
+    "delegateExpression": f"it runs the delegate expression {{}}; {_NO_JAVA}",
+    "connector": "it runs a connector; make it a script task, or name an operation that is registered",
+    "decisionRef": "it asks the DMN decision {}; decide with a gateway or a script task",
+    "caseRef": "it calls the CMMN case {}; call a process",
+    "resource": "its script is the resource {}; put the script into the task",
+}
+
+
+def element(context: Context, node: Node, found: Extensions) -> None:
+    """One extension element."""
+    name = local(node)
+    read = _ELEMENTS.get(name)
+    if read is not None:
+        read(context, node, found)
+    elif name in REFUSED:
+        found.refused = REFUSED[name].format("")
+    elif name in ("executionListener", "taskListener"):
+        context.note(node, f"camunda:{name} is not run: FAME has no listeners", "warning")
+    elif name in IGNORED:
+        context.note(node, f"camunda:{name} has no effect")
+
+
+def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
+    """One attribute of a BPMN element."""
+    if name in REFUSED:
+        found.refused = REFUSED[name].format(value)
+    elif name in _ATTRIBUTES:
+        setattr(found, _ATTRIBUTES[name], value.strip())
+    elif name == "expression":
+        found.script = code(context, node, value.strip(), None, line_of(node))
+    elif name in IGNORED:
+        context.note(node, f"camunda:{name} has no effect")
+
+
+_ATTRIBUTES = {
+    "topic": "operation",
+    "collection": "collection",
+    "elementVariable": "element_variable",
+    "resultVariable": "result",
+    "errorCodeVariable": "code_variable",
+    "escalationCodeVariable": "code_variable",
+    "errorMessageVariable": "message_variable",
+}
+
+
+def _properties(context: Context, node: Node, found: Extensions) -> None:
+    for one in node:
+        name = one.get("name", "").strip()
+        if name:
+            found.properties[name] = Property(one.get("value", ""), line_of(one))
+
+
+def _input_output(context: Context, node: Node, found: Extensions) -> None:
+    for one in node:
+        if local(one) == "connector":
+            found.refused = REFUSED["connector"]
+            continue
+        name = one.get("name", "").strip()
+        if not name:
+            raise context.error(one, f"a camunda:{local(one)} has no name: say which variable it sets")
+        if local(one) == "outputParameter":
+            found.outputs.append(Assignment(name, _parameter(context, one)))
+            continue
+        found.inputs.append(Assignment(name, _parameter(context, one)))
+        if len(one) and local(one[0]) == "list":
+            found.lists[name] = [Property(text_of(value), line_of(value)) for value in one[0]]
+
+
+def _parameter(context: Context, node: Node) -> Expression:
+    """Text, script, list or map. The last two are flow-style YAML with ``${...}`` inside."""
+    if not len(node):
+        return mapped(text_of(node), line_of(node))
+    content = node[0]
+    kind, line = local(content), line_of(content)
+    if kind == "script":
+        return code(context, content, text_of(content).strip(), content.get("scriptFormat"), line)
+    if kind == "list":
+        return Expression(listed(text_of(value) for value in content), "payload", line)
+    if kind == "map":
+        return Expression(mapped_entries((value.get("key", ""), text_of(value)) for value in content), "payload", line)
+    raise context.error(content, f"<{kind}> in a parameter: expected text, script, list or map")
+
+
+def _in(context: Context, node: Node, found: Extensions) -> None:
+    if node.get("businessKey") is not None:
+        context.note(node, "a business key has no effect")
+        return
+    found.own = True
+    if node.get("variables") == "all":
+        found.all_in = True
+    else:
+        found.inputs.append(_copy(context, node))
+
+
+def _out(context: Context, node: Node, found: Extensions) -> None:
+    found.own = True
+    if node.get("variables") == "all":
+        found.all_out = True
+    else:
+        found.outputs.append(_copy(context, node))
+
+
+def _copy(context: Context, node: Node) -> Assignment:
+    source, expression, target = node.get("source"), node.get("sourceExpression"), node.get("target", "").strip()
+    if not target or not (source or expression):
+        raise context.error(
+            node, f"camunda:{local(node)} needs target and source (or sourceExpression), or variables='all'"
+        )
+    if expression:
+        return Assignment(target, mapped(expression, line_of(node)))
+    return Assignment(target, variable(context, node, source or ""))
+
+
+_ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
+    "properties": _properties,
+    "inputOutput": _input_output,
+    "in": _in,
+    "out": _out,
+}

@@ -1,0 +1,96 @@
+"""Camunda 8 (``http://camunda.org/schema/zeebe/1.0``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from fame.bpmn.context import Context
+from fame.bpmn.dialects.extensions import Extensions, Property
+from fame.bpmn.expressions import mapped
+from fame.bpmn.model import Assignment, Expression
+from fame.bpmn.xml import Node, line_of, local
+
+IGNORED = {
+    "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",
+    "executionListeners", "taskListeners", "adHoc", "linkedResources",
+}  # fmt: skip
+"""Kept in the file, no effect here: the reader notes each."""
+
+
+def element(context: Context, node: Node, found: Extensions) -> None:
+    """One extension element."""
+    name = local(node)
+    read = _ELEMENTS.get(name)
+    if read is not None:
+        read(context, node, found)
+    elif name in IGNORED:
+        context.note(node, f"zeebe:{name} has no effect")
+
+
+def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
+    """Attributes (``modelerTemplate`` and its like) mean nothing to a run."""
+
+
+def _properties(context: Context, node: Node, found: Extensions) -> None:
+    for one in node:
+        if one.get("name", "").strip():
+            found.properties[one.get("name", "").strip()] = Property(one.get("value", ""), line_of(one))
+
+
+def _headers(context: Context, node: Node, found: Extensions) -> None:
+    for one in node:
+        if one.get("key", "").strip():
+            found.properties.setdefault(one.get("key", "").strip(), Property(one.get("value", ""), line_of(one)))
+
+
+def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
+    for one in node:
+        source, target = one.get("source", ""), one.get("target", "").strip()
+        if not target:
+            raise context.error(one, f"a zeebe:{local(one)} has no target: say which variable it sets")
+        into = found.inputs if local(one) == "input" else found.outputs
+        into.append(Assignment(target, mapped(source, line_of(one))))
+
+
+def _task(context: Context, node: Node, found: Extensions) -> None:
+    found.operation = node.get("type", "").strip()
+    if found.operation.startswith("io.camunda"):
+        found.refused = f"it runs the connector {found.operation}; name an operation that is registered"
+
+
+def _called(context: Context, node: Node, found: Extensions) -> None:
+    found.called, found.own = node.get("processId", "").strip(), True
+    found.all_in = node.get("propagateAllParentVariables", "true") != "false"
+    found.all_out = node.get("propagateAllChildVariables", "true") != "false"
+
+
+def _decision(context: Context, node: Node, found: Extensions) -> None:
+    found.refused = f"it asks the DMN decision {node.get('decisionId', '')}; decide with a gateway or a script task"
+
+
+def _loop(context: Context, node: Node, found: Extensions) -> None:
+    found.collection, found.element_variable = node.get("inputCollection", ""), node.get("inputElement", "")
+    found.output_collection, found.output_element = node.get("outputCollection", ""), node.get("outputElement", "")
+
+
+def _script(context: Context, node: Node, found: Extensions) -> None:
+    found.script = Expression(node.get("expression", "").strip().removeprefix("=").strip(), "feel", line_of(node))
+    found.result = node.get("resultVariable", "").strip()
+
+
+def _subscription(context: Context, node: Node, found: Extensions) -> None:
+    key = node.get("correlationKey", "").strip()
+    found.key = mapped(key, line_of(node)) if key else None
+
+
+_ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
+    "properties": _properties,
+    "taskHeaders": _headers,
+    "ioMapping": _io_mapping,
+    "taskDefinition": _task,
+    "calledElement": _called,
+    "calledDecision": _decision,
+    "loopCharacteristics": _loop,
+    "script": _script,
+    "subscription": _subscription,
+}

@@ -1,0 +1,126 @@
+"""The neutral vocabulary that every dialect is told in, and what FAME's own names mean among the properties."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from fame.bpmn.context import Context, type_name, whole
+from fame.bpmn.dialects.qos import policy
+from fame.bpmn.model import EMPTY, Assignment, Expression, IoMapping
+from fame.bpmn.xml import Node
+
+
+@dataclass(frozen=True, slots=True)
+class Property:
+    """A name with a text, where the extensions of an element have one. `line` is where it stands."""
+
+    value: str
+    line: int
+
+
+@dataclass(slots=True)
+class Extensions:
+    """What the extensions of one element say, whatever the dialect. Filled by the adapters, used up by the readers.
+
+    properties      free name -> text: what is left of it when the element is read has no meaning here
+    lists           name -> texts of an input parameter that is a list (the oldest FaMe's topics)
+    topic ... qos   of a message on a topic; `payload` is flow-style text
+    values          of a data object
+    inputs, outputs mappings; `own`: variables of its own even without one; `all_in`, `all_out`: everything goes in, out
+    called          process of a call activity
+    operation       what a service task names; `service` if it is a ROS service, of type `type`
+    collection ...  of a multi-instance activity
+    code_variable, message_variable   take what was caught
+    result, script  variable for the result; text whose value is it
+    key             correlation key of a message
+    refused         why the element cannot be executed
+    """
+
+    properties: dict[str, Property] = field(default_factory=dict)
+    lists: dict[str, list[Property]] = field(default_factory=dict)
+    topic: str = ""
+    type: str = ""
+    payload: Property | None = None
+    qos: dict[str, str] = field(default_factory=dict)
+    values: list[tuple[str, Property]] = field(default_factory=list)
+    inputs: list[Assignment] = field(default_factory=list)
+    outputs: list[Assignment] = field(default_factory=list)
+    own: bool = False
+    all_in: bool = False
+    all_out: bool = False
+    called: str = ""
+    operation: str = ""
+    service: bool = False
+    collection: str = ""
+    element_variable: str = ""
+    output_collection: str = ""
+    output_element: str = ""
+    code_variable: str | None = None
+    message_variable: str | None = None
+    result: str = ""
+    script: Expression | None = None
+    key: Expression | None = None
+    refused: str = ""
+    original: bool = False
+
+    def take(self, name: str) -> Property | None:
+        """The property of that name, used up; None if there is none or it is empty."""
+        found = self.properties.pop(name, None)
+        return found if found is not None and found.value.strip() else None
+
+    def rest(self) -> Mapping[str, str]:
+        """The properties that nobody took."""
+        if not self.properties:
+            return EMPTY
+        return MappingProxyType({name: found.value for name, found in self.properties.items()})
+
+    def mapping(self) -> IoMapping | None:
+        """What goes into and out of an activity, None if it has no variables of its own."""
+        if not (self.inputs or self.outputs or self.own):
+            return None
+        return IoMapping(tuple(self.inputs), tuple(self.outputs), self.all_in, self.all_out)
+
+
+@dataclass(slots=True)
+class TopicProperties:
+    """What an event or task says of its topic: `fame.bpmn.model.Topic` without its name."""
+
+    type: str | None
+    payload: Expression | None
+    queue: int
+    private: bool
+    qos: Mapping[str, str]
+
+
+def topic_properties(context: Context, element: Node, found: Extensions, kind: str = "msg") -> TopicProperties:
+    """Uses up ``type``, ``payload``, ``queue``, ``scope`` and ``qos.<policy>``: the form of the FAME paper, and ours.
+
+    Raises ModelError for a value that none of them can have.
+    """
+    given, payload, queue, scope = (found.take(name) for name in ("type", "payload", "queue", "scope"))
+    if scope is not None and scope.value.strip().lower() != "robot":
+        raise context.error(element, f"scope={scope.value!r}: expected robot (a topic of the robot's own), or nothing")
+    qos = dict(found.qos)
+    for name in [name for name in found.properties if name.startswith("qos.")]:
+        policy_name, value = policy(context, element, name.removeprefix("qos."), found.properties.pop(name).value)
+        qos[policy_name] = value
+    payload = payload or found.payload
+    text = given.value if given is not None else found.type
+    return TopicProperties(
+        type=type_name(context, element, text, kind) if text else None,
+        payload=Expression(payload.value.strip(), "payload", payload.line)
+        if payload and payload.value.strip()
+        else None,
+        queue=whole(context, element, "queue", queue.value, 0) if queue else 0,
+        private=scope is not None,
+        qos=MappingProxyType(qos) if qos else EMPTY,
+    )
+
+
+def data_values(found: Extensions) -> tuple[tuple[str, Expression], ...]:
+    """Uses up all properties: on a data object every name is one of a variable that it holds."""
+    named = [*found.values, *found.properties.items()]
+    found.properties = {}
+    return tuple((name, Expression(value.value.strip(), "value", value.line)) for name, value in named)

@@ -1,0 +1,92 @@
+"""The original FaMe's web modeler: ``http://ros``, ``http://data``, ``http://qos``, ``http://callActivity``."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+from lxml import etree
+
+from fame.bpmn.context import Context
+from fame.bpmn.dialects.extensions import Extensions, Property
+from fame.bpmn.dialects.flow_style import mapped_entries
+from fame.bpmn.dialects.qos import CHOICES, DURATIONS, policy
+from fame.bpmn.xml import BPMN, BPMNDI, CAMUNDA, DC, DI, ZEEBE, Node, line_of, local, parse_any
+
+ROS, DATA, QOS, CALL = "http://ros", "http://data", "http://qos", "http://callActivity"
+
+_POLICIES = {name.replace("_", "") for name in (*CHOICES, "depth", *DURATIONS)}
+_PREFIXES = {
+    "bpmn": BPMN, "bpmn2": BPMN, "bpmndi": BPMNDI, "dc": DC, "di": DI, "camunda": CAMUNDA, "zeebe": ZEEBE,
+    "ros": ROS, "data": DATA, "qos": QOS, "callActivity": CALL, "xsi": "http://www.w3.org/2001/XMLSchema-instance",
+}  # fmt: skip
+
+
+def element(context: Context, node: Node, found: Extensions) -> None:
+    """One extension element. Attributes that mean nothing (``selection``, ``is_output``) are passed over."""
+    found.original = True
+    name = local(node)
+    if name == "message":
+        found.type = node.get("type", "")
+    elif name == "payload":
+        found.payload = _payload(node)
+    elif name == "service":
+        found.operation, found.type, found.service = node.get("name", "").strip(), node.get("type", ""), True
+    elif name == "policy":
+        for key, value in node.attrib.items():
+            if str(key).replace("_", "").lower() in _POLICIES:
+                policy_name, meaning = policy(context, node, str(key), str(value))
+                found.qos[policy_name] = meaning
+    elif name == "parameters":
+        found.values += [(_name(one), Property(one.get("value", ""), line_of(one))) for one in node if _name(one)]
+    elif name == "process":
+        found.called = node.get("process", "").strip()
+
+
+def _name(node: Node) -> str:
+    return node.get("name", "").strip().removesuffix(":").strip()
+
+
+def _payload(node: Node) -> Property | None:
+    if node.get("data") is not None:
+        return Property(node.get("data", ""), line_of(node))
+    given = [(_name(one), one.get("value", "")) for one in node if one.get("value", "").strip()]
+    return Property(mapped_entries(given), line_of(node)) if given else None
+
+
+def unfold(context: Context, root: Node) -> None:
+    """Makes processes that stand as escaped text in a call activity processes of the file, called by their id.
+
+    The extension element then holds the id. One whose id is taken by another process gets a number behind its own.
+    """
+    holders = [one for one in root.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
+    processes = list(root.iterchildren(f"{{{BPMN}}}process")) if holders else []
+    ids = {one.get("id"): etree.tostring(one) for one in processes}
+    for holder in holders:
+        text = holder.get("process", "").strip()
+        process = _embedded(context, holder, text)
+        id, number = process.get("id") or f"process_{line_of(holder)}", 1
+        plain, stem = etree.tostring(process), id
+        while id in ids and ids[id] != plain:
+            number += 1
+            id = f"{stem}_{number}"
+        holder.set("process", id)
+        if id not in ids:
+            ids[id] = plain
+            process.set("id", id)
+            for one in process.iter():
+                one.sourceline = line_of(holder)  # type: ignore[assignment]
+            root.append(process)
+
+
+def _embedded(context: Context, holder: Node, text: str) -> Node:
+    around = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
+    text = text[text.index("?>") + 2 :] if text.startswith("<?") and "?>" in text else text
+    source = f'<definitions xmlns="{BPMN}" {around}>{text}</definitions>'.encode()
+    try:
+        inner = parse_any(source, context.file)
+    except Exception as error:
+        raise context.error(holder, f"the process embedded in it: {error}") from None
+    process = next(inner.iter(f"{{{BPMN}}}process"), None)
+    if process is None:
+        raise context.error(holder, "the text embedded in it holds no BPMN process")
+    return deepcopy(process)

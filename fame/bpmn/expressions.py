@@ -1,0 +1,129 @@
+"""Which language a text is written in. The text itself is compiled elsewhere.
+
+An explicit JavaScript wins; then the look of the text decides (``=...`` FEEL, ``${...}`` Camunda 7); then what is said
+explicitly or by the file's expressionLanguage; Python is what is meant when nobody says anything.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+
+from fame.bpmn.context import Context
+from fame.bpmn.model import Expression, Language
+from fame.bpmn.xml import Node, line_of, local, text_of
+
+_LANGUAGES: dict[str, Language | None] = {
+    **dict.fromkeys(("", "http://www.w3.org/1999/xpath", "http://www.w3.org/2001/xmlschema"), None),
+    **dict.fromkeys(("python", "python3", "text/python", "text/x-python", "application/python"), "python"),
+    **dict.fromkeys(("javascript", "js", "javascript()", "ecmascript"), "javascript"),
+    **dict.fromkeys(("text/javascript", "application/javascript"), "javascript"),
+    **dict.fromkeys(("feel", "http://www.omg.org/spec/feel/20140401"), "feel"),
+    "juel": "juel",
+}
+"""Names as files write them; XPath is what the standard says where a file says nothing, so it says nothing."""
+_ACCEPTED = "accepted are python (meant if nothing is said), javascript, ${...} and =..."
+_NAME = re.compile(r"[^\W\d]\w*")
+
+
+def named(context: Context, element: Node, language: str) -> Language | None:
+    """The language of that name, None if it says nothing. Raises ModelError for one that is not known."""
+    name = language.strip().lower()
+    if name not in _LANGUAGES:
+        raise context.error(element, f"language {language!r}: {_ACCEPTED}")
+    return _LANGUAGES[name]
+
+
+def is_whole(text: str) -> bool:
+    """Whether all of it is one ``${...}`` or ``#{...}``.
+
+    >>> is_whole("${a + 1}"), is_whole("${a}-${b}"), is_whole("${ {'}': 1} }")
+    (True, False, True)
+    """
+    if text[:2] not in ("${", "#{") or text[-1] != "}":
+        return False
+    depth, quote = 0, ""
+    for place, letter in enumerate(text):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "'\"":
+            quote = letter
+        elif letter == "{":
+            depth += 1
+        elif letter == "}":
+            depth -= 1
+            if not depth:
+                return place == len(text) - 1
+    return False
+
+
+def is_mixed(text: str) -> bool:
+    """Whether ``${...}`` stands inside it."""
+    return "${" in text or "#{" in text
+
+
+def by_look(text: str, line: int) -> Expression | None:
+    """The expression, if its look tells the language."""
+    if text.startswith("="):
+        return Expression(text[1:].strip(), "feel", line)
+    if is_whole(text):
+        return Expression(text, "juel", line)
+    return None
+
+
+def code(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression:
+    """A condition, a script or the like: something that is computed."""
+    said = named(context, element, language or context.language)
+    if said == "javascript":
+        return Expression(text, said, line)
+    seen = by_look(text, line)
+    if seen is not None:
+        return seen
+    if said is None and is_mixed(text) and local(element) != "script":
+        raise context.error(element, f"{text!r} mixes text and ${{...}}: put the whole of it into one ${{...}}")
+    if said == "juel":
+        return Expression(f"${{{text}}}", said, line)
+    return Expression(text, said or "python", line)
+
+
+def body(context: Context, element: Node, language: str | None = None) -> Expression | None:
+    """The text of an element as code, with the line where its first line stands; None if there is no text."""
+    text, line = _block(element)
+    return code(context, element, text, language or element.get("language"), line) if text else None
+
+
+def template(context: Context, element: Node) -> Expression | None:
+    """The text of an element where a literal is usual (a timer): code if it looks so, else a text to fill in."""
+    text, line = _block(element)
+    if not text:
+        return None
+    said = element.get("language")
+    if said and named(context, element, said) is not None:
+        return code(context, element, text, said, line)
+    return by_look(text, line) or Expression(text, "template", line)
+
+
+def mapped(text: str, line: int) -> Expression:
+    """The source of a mapping: code if it looks so, text to fill in if it has ``${...}`` inside, else a YAML scalar."""
+    text = text.strip()
+    return by_look(text, line) or Expression(text, "template" if is_mixed(text) else "value", line)
+
+
+def variable(context: Context, element: Node, text: str) -> Expression:
+    """An attribute that names a variable or is an expression."""
+    text, line = text.strip(), line_of(element)
+    seen = by_look(text, line)
+    if seen is not None:
+        return seen
+    if not _NAME.fullmatch(text):
+        raise context.error(element, f"{text!r}: expected the name of a variable, ${{...}} or =...")
+    return Expression(text, "python", line)
+
+
+def _block(element: Node) -> tuple[str, int]:
+    text, line = text_of(element), line_of(element)
+    if "\n" not in text:
+        return text.strip(), line
+    lines = text.split("\n")
+    first = next((number for number, content in enumerate(lines) if content.strip()), 0)
+    return textwrap.dedent("\n".join(lines[first:])).rstrip(), line + first

@@ -1,0 +1,182 @@
+"""Reads a .bpmn file into the neutral model.
+
+::
+
+    xml        bytes -> a tree, trusting nothing
+    reader     the file: collaboration, processes, what stands at the root
+    bodies     the content of a scope, checked to hang together
+    activities, events, data, diagram      what stands in it
+    expressions                            which language a text is in
+    dialects                               what extension elements mean
+
+Everything is found by namespace, whatever the prefix. References are resolved while reading, so a file that gives a
+model is whole: what it refers to is there. What is wrong is a ModelError with file, line and element; what is doubtful,
+or has no effect, is a note of the model.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+from fame.bpmn.bodies import documentation, read_body
+from fame.bpmn.context import Context, boolean, find, whole
+from fame.bpmn.data import data_ids
+from fame.bpmn.diagram import read_diagrams
+from fame.bpmn.dialects import extensions_of, fame_g2
+from fame.bpmn.events import Surroundings
+from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
+from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
+from fame.errors import ModelError
+
+_IGNORED_ROOTS = ("choreography", "globalChoreographyTask", "conversation")
+_MARKER = re.compile("multiplicity|multiinstance|multi_instance", re.IGNORECASE)
+
+
+def read(source: str | Path | bytes, *, file: str = "") -> Definitions:
+    """The model of a file (its path), or of its content (bytes); `file` is what errors then call it.
+
+    Raises ModelError if it cannot be read, is not BPMN 2.0, or does not hang together.
+    """
+    if isinstance(source, bytes):
+        return read_bytes(source, file=file)
+    path = Path(source)
+    try:
+        check_size(path.stat().st_size, str(path))
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"cannot be read: {error.strerror}", file=str(path)) from None
+    return read_bytes(content, file=file or str(path))
+
+
+def read_text(text: str, *, file: str = "") -> Definitions:
+    """As `read`, of a text: whatever encoding it declares, it is UTF-8 from here on."""
+    declared = re.compile(r"""(<\?xml[^>]*?)\s+encoding\s*=\s*(["'])[^"']*\2""")
+    return read_bytes(declared.sub(r"\1", text, count=1).encode(), file=file)
+
+
+def read_bytes(source: bytes, *, file: str = "") -> Definitions:
+    """As `read`, of bytes."""
+    root = parse(source, file)
+    context = Context(file)
+    fame_g2.unfold(context, root)
+    context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
+    context.language = root.get("expressionLanguage", "")
+    for one in context.roots.values():
+        context.claim(one)
+    processes = tuple(_process(context, one) for one in children(root, "process"))
+    return _definitions(context, source, root, processes)
+
+
+def _is_shared(element: Node) -> bool:
+    return local(element) not in ("process", "collaboration")
+
+
+def _definitions(context: Context, source: bytes, root: Node, processes: tuple[Process, ...]) -> Definitions:
+    participants, flows, artifacts = [], [], list(_artifacts(context, root))
+    for collaboration in children(root, "collaboration"):
+        context.claim(collaboration)
+        participants += [_participant(context, one, processes) for one in children(collaboration, "participant")]
+        flows += [_message_flow(context, one) for one in children(collaboration, "messageFlow")]
+    for one in root.iter(f"{{{BPMN}}}association"):
+        context.claim(one)
+    for name in _IGNORED_ROOTS:
+        for one in children(root, name):
+            context.note(one, f"<{name}> is kept and has no effect", "warning")
+    diagrams = read_diagrams(context, root)
+    return Definitions(
+        file=context.file,
+        source=source,
+        processes=processes,
+        participants=tuple(participants),
+        message_flows=tuple(flows),
+        shapes=tuple(diagrams.shapes),
+        edges=tuple(diagrams.edges),
+        planes=tuple(diagrams.planes),
+        artifacts=tuple(artifacts),
+        notes=tuple(context.notes),
+    )
+
+
+def _process(context: Context, element: Node) -> Process:
+    found, parts = extensions_of(context, element), parts_of(element)
+    topics, instances, semantics = (found.take(name) for name in ("topics", "instances", "semantics"))
+    for name, given, choices in (
+        ("topics", topics, ("signals", "labels")),
+        ("semantics", semantics, ("standard", "original")),
+    ):
+        if given is not None and given.value.strip() not in choices:
+            raise context.error(element, f"{name}={given.value!r}: expected {' or '.join(choices)}")
+    meaning: Literal["standard", "original"] = "standard"
+    if semantics is not None and semantics.value.strip() == "original":
+        meaning = "original"
+    around = Surroundings(data_ids(element), topics is not None and topics.value.strip() == "labels")
+    return Process(
+        id=context.claim(element),
+        name=element.get("name", ""),
+        line=line_of(element),
+        documentation=documentation(element),
+        body=read_body(context, around, element, parts),
+        executable=boolean(context, element, "isExecutable", True),
+        instances=whole(context, element, "instances", instances.value, 1) if instances is not None else None,
+        semantics=meaning,
+        lanes=tuple(_lanes(context, element)),
+        properties=found.rest(),
+    )
+
+
+def _lanes(context: Context, process: Node) -> Iterator[Element]:
+    for lane in process.iter(f"{{{BPMN}}}lane"):
+        yield Element(
+            id=context.claim(lane), name=lane.get("name", ""), line=line_of(lane), documentation=documentation(lane)
+        )
+
+
+def _participant(context: Context, element: Node, processes: tuple[Process, ...]) -> Participant:
+    reference = element.get("processRef", "").strip()
+    process = find({one.id: one for one in processes}, reference)
+    if reference and process is None:
+        raise context.error(element, f"the pool's process is {reference!r}: the file has no such process")
+    found = extensions_of(context, element)
+    marked = any(_MARKER.search(one.tag.rpartition("}")[2]) for one in element.iter() if one is not element)
+    marked = marked or any(_MARKER.search(name) for name in found.properties)
+    return Participant(
+        id=context.claim(element),
+        name=element.get("name", ""),
+        line=line_of(element),
+        documentation=documentation(element),
+        process=process.id if process is not None else "",
+        multi_instance=marked,
+        properties=found.rest(),
+    )
+
+
+def _message_flow(context: Context, element: Node) -> MessageFlow:
+    ends = []
+    for name, preposition in (("sourceRef", "from"), ("targetRef", "to")):
+        reference = element.get(name, "")
+        end = find(context.elements, reference)
+        if end is None:
+            raise context.error(element, f"the message flow goes {preposition} {reference!r}: there is no such element")
+        ends.append(end.get("id", ""))
+    return MessageFlow(
+        id=context.claim(element),
+        name=element.get("name", ""),
+        line=line_of(element),
+        documentation=documentation(element),
+        source=ends[0],
+        target=ends[1],
+    )
+
+
+def _artifacts(context: Context, root: Node) -> Iterator[Artifact]:
+    for one in root.iter(f"{{{BPMN}}}textAnnotation"):
+        text = "\n".join(text_of(inner) for inner in children(one, "text"))
+        yield Artifact(id=context.claim(one), name=text, line=line_of(one), kind="annotation")
+    values = {one.get("id", ""): one for one in root.iter(f"{{{BPMN}}}categoryValue")}
+    for one in root.iter(f"{{{BPMN}}}group"):
+        value = find(values, one.get("categoryValueRef"))
+        name = value.get("value", "") if value is not None else one.get("name", "")
+        yield Artifact(id=context.claim(one), name=name, line=line_of(one), kind="group")

@@ -1,0 +1,161 @@
+"""SVG as text: tags, lines with round corners, arrow heads, and lettering that fits its box."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from xml.sax.saxutils import escape, quoteattr
+
+from fame.bpmn.model import Bounds
+
+Point = tuple[float, float]
+
+FONT = "Arial, Helvetica, 'Liberation Sans', sans-serif"
+LINE_HEIGHT = 1.2
+"""Of the font size."""
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_SEAMS = re.compile(r"(?<=[_\-/.])(?=[^_\-/.])|(?<=[a-z])(?=[A-Z])")
+_NARROW, _WIDE = frozenset("iIjl.,:;'|!()[]{}ftr /-\"`"), frozenset("mwMW@%")
+
+
+def tag(name: str, *content: str, **attributes: object) -> str:
+    """An element around some SVG. ``_`` in attributes is ``-`` in SVG; those that are None or empty are left out."""
+    written = "".join(
+        f" {key.rstrip('_').replace('_', '-')}={quoteattr(_text(value))}"
+        for key, value in attributes.items()
+        if value is not None and value != ""
+    )
+    return f"<{name}{written}>{''.join(content)}</{name}>" if content else f"<{name}{written}/>"
+
+
+def _text(value: object) -> str:
+    return number(value) if isinstance(value, float) else _NOT_XML.sub("", str(value))
+
+
+def number(value: float) -> str:
+    """As short as it can be at a hundredth of a pixel."""
+    return f"{value:.2f}".rstrip("0").rstrip(".")
+
+
+def text(content: str) -> str:
+    """Text as content."""
+    return escape(_NOT_XML.sub("", content))
+
+
+def moved(x: float, y: float, *content: str, scale: float = 1.0) -> str:
+    """Some drawing, elsewhere and perhaps at another scale."""
+    scaled = f" scale({number(scale)})" if scale != 1 else ""
+    return tag("g", *content, transform=f"translate({number(x)} {number(y)}){scaled}")
+
+
+# ---- lines -----------------------------------------------------------------------------------------------------------
+
+
+def polyline(points: Sequence[Point], radius: float = 5) -> str:
+    """Path data of a line through `points` with round corners."""
+    data = [f"M{number(points[0][0])} {number(points[0][1])}"]
+    for before, corner, after in zip(points, points[1:], points[2:], strict=False):
+        near = towards(corner, before, min(radius, math.dist(corner, before) / 2))
+        far = towards(corner, after, min(radius, math.dist(corner, after) / 2))
+        data.append(f"L{number(near[0])} {number(near[1])}")
+        data.append(f"Q{number(corner[0])} {number(corner[1])} {number(far[0])} {number(far[1])}")
+    data.append(f"L{number(points[-1][0])} {number(points[-1][1])}")
+    return "".join(data)
+
+
+def towards(start: Point, end: Point, distance: float) -> Point:
+    """The point at some distance from `start` on the way to `end`."""
+    length = math.dist(start, end) or 1
+    return start[0] + (end[0] - start[0]) * distance / length, start[1] + (end[1] - start[1]) * distance / length
+
+
+def arrow(points: Sequence[Point], length: float = 10, width: float = 8) -> list[Point]:
+    """The corners of an arrow head at the end of a line: side, tip, side."""
+    tip = points[-1]
+    tail = next((point for point in reversed(points[:-1]) if math.dist(point, tip) > 0.1), points[0])
+    base = towards(tip, tail, length)
+    x, y = (base[0] - tip[0]) / length * width / 2, (base[1] - tip[1]) / length * width / 2
+    return [(base[0] - y, base[1] + x), tip, (base[0] + y, base[1] - x)]
+
+
+def corners(points: Iterable[Point]) -> str:
+    """The `points` of a polygon."""
+    return " ".join(f"{number(x)},{number(y)}" for x, y in points)
+
+
+def middle(points: Sequence[Point]) -> Point:
+    """The point half way along a line."""
+    left = sum(math.dist(start, end) for start, end in pairwise(points)) / 2
+    for start, end in pairwise(points):
+        length = math.dist(start, end)
+        if length >= left:
+            return towards(start, end, left)
+        left -= length
+    return points[-1]
+
+
+# ---- lettering -------------------------------------------------------------------------------------------------------
+
+
+def text_width(content: str, size: float) -> float:
+    """About how wide a text is set in Arial (pixels)."""
+    return size * sum(
+        0.31 if letter in _NARROW else 0.85 if letter in _WIDE else 0.68 if letter.isupper() else 0.55
+        for letter in content
+    )
+
+
+def wrap(content: str, width: float, size: float) -> list[str]:
+    """Its lines, none wider than `width` if that can be; words are broken after ``_-/.``, or anywhere if they must."""
+    lines: list[str] = []
+    for paragraph in content.splitlines():
+        line = ""
+        for word in paragraph.split():
+            joined = f"{line} {word}" if line else word
+            if text_width(joined, size) <= width:
+                line = joined
+                continue
+            if line:
+                lines.append(line)
+            *full, line = _broken(word, width, size)
+            lines += full
+        lines.append(line)
+    return lines
+
+
+def _broken(word: str, width: float, size: float) -> list[str]:
+    parts, line = [], ""
+    pieces = [piece for piece in _SEAMS.split(word) if piece]
+    for piece in pieces:
+        for letters in [piece] if text_width(piece, size) <= width else piece:
+            if line and text_width(line + letters, size) > width:
+                parts.append(line)
+                line = ""
+            line += letters
+    return [*parts, line]
+
+
+def fitted(content: str, bounds: Bounds, size: float) -> list[str]:
+    """Lines for a label box that a modeler has made: as many as it has room for, even if they are wider."""
+    room = max(1, round(bounds.height / (size * LINE_HEIGHT)))
+    lines = wrap(content, max(bounds.width, 20) * 1.05, size)
+    for factor in (1.2, 1.4, 1.7):
+        if len(lines) <= room:
+            break
+        lines = wrap(content, max(bounds.width, 20) * factor, size)
+    return lines
+
+
+def lettering(
+    lines: Sequence[str], x: float, top: float, *, size: float, fill: str, anchor: str = "middle", halo: bool = False
+) -> str:
+    """Lines of text; `x` is their middle (or start), `top` the top of the first. `halo`: white around the letters."""
+    spans = [
+        tag("tspan", text(line), x=x, y=top + size * (LINE_HEIGHT * number_of + 0.95))
+        for number_of, line in enumerate(lines)
+    ]
+    white = {"stroke": "white", "stroke_width": 3, "paint_order": "stroke"} if halo else {}
+    return tag("text", *spans, font_size=size, text_anchor=anchor, fill=fill, **white) if spans else ""

@@ -1,0 +1,130 @@
+"""XML that came from somewhere: parsed without trusting it.
+
+No document type, hence no entities; no network; bounded size and depth (256, by the parser). What gets through is a
+plain tree of elements and text.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from lxml import etree
+
+from fame.errors import ModelError
+
+Node = etree._Element
+
+BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
+BPMNDI = "http://www.omg.org/spec/BPMN/20100524/DI"
+DC = "http://www.omg.org/spec/DD/20100524/DC"
+DI = "http://www.omg.org/spec/DD/20100524/DI"
+CAMUNDA = "http://camunda.org/schema/1.0/bpmn"
+ZEEBE = "http://camunda.org/schema/zeebe/1.0"
+
+LIMIT = 20_000_000
+"""Bytes of the largest document that is read."""
+
+_B = f"{{{BPMN}}}"
+_IN_BPMN = f"{{{BPMN}"
+_PROLOG = re.compile(rb"(?>\s*(?><\?.*?\?>|<!--.*?-->))*+\s*<!DOCTYPE", re.DOTALL)
+_MARKS = b"\xef\xbb\xbf\xff\xfe"
+
+
+def parse(source: bytes, file: str, *, keep_all: bool = False) -> Node:
+    """The root element of a BPMN document.
+
+    `keep_all` keeps comments, processing instructions and CDATA sections, for those who write it again. Raises
+    ModelError if it is too large, has a document type, is not well-formed, or its root is not ``definitions`` of BPMN
+    2.0.
+    """
+    root = parse_any(source, file, keep_all=keep_all)
+    if root.tag != f"{_B}definitions":
+        name = etree.QName(root)
+        where = f"of namespace {name.namespace}" if name.namespace else "without a namespace"
+        text = f"the root is <{name.localname}> {where}: expected <definitions> of {BPMN}"
+        raise ModelError(text, file=file, line=line_of(root))
+    return root
+
+
+def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
+    """As `parse`, whatever the root is."""
+    check_size(len(source), file)
+    if _PROLOG.match(source.replace(b"\0", b"").lstrip(_MARKS)):
+        raise _has_document_type(file)
+    parser = etree.XMLParser(
+        resolve_entities=False,
+        load_dtd=False,
+        no_network=True,
+        huge_tree=False,
+        remove_comments=not keep_all,
+        remove_pis=not keep_all,
+        strip_cdata=not keep_all,
+        collect_ids=False,
+    )
+    try:
+        root = etree.fromstring(source, parser)
+    except etree.XMLSyntaxError as error:
+        reason = re.sub(r", line \d+, column \d+.*", "", error.msg or "it is empty")
+        raise ModelError(f"not well-formed XML: {reason}", file=file, line=error.lineno or 0) from None
+    if root.getroottree().docinfo.internalDTD is not None:
+        raise _has_document_type(file)
+    return root
+
+
+def check_size(size: int, file: str) -> None:
+    """Raises ModelError if a document of `size` bytes would be too large."""
+    if size > LIMIT:
+        text = f"{size / 1e6:.0f} MB are more than a model has: at most {LIMIT // 1_000_000} MB are read"
+        raise ModelError(text, file=file)
+
+
+def _has_document_type(file: str) -> ModelError:
+    return ModelError("the file has a document type (<!DOCTYPE ...>), which is refused: take it out", file=file)
+
+
+def line_of(element: Node) -> int:
+    """The line where its opening tag ends, 1-based; 0 if it has none."""
+    line: int | None = element.sourceline  # type: ignore[assignment]
+    return line or 0
+
+
+def local(element: Node) -> str:
+    """The name of its tag without namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def attributes(element: Node) -> list[str]:
+    """The names of its attributes, those with a namespace as ``{namespace}name``."""
+    return element.keys()  # type: ignore[return-value]
+
+
+def text_of(element: Node) -> str:
+    """All text in it."""
+    return element.text or "" if not len(element) else "".join(str(piece) for piece in element.itertext())
+
+
+Parts = dict[str, list[Node]]
+
+
+def parts_of(element: Node) -> Parts:
+    """Its BPMN children by local name, in document order."""
+    found: Parts = {}
+    for child in element:
+        namespace, _, name = child.tag.rpartition("}")
+        if namespace == _IN_BPMN:
+            if name in found:
+                found[name].append(child)
+            else:
+                found[name] = [child]
+    return found
+
+
+def children(element: Node, name: str) -> Iterator[Node]:
+    """Its BPMN children of that local name."""
+    return element.iterchildren(_B + name)
+
+
+def child(element: Node, name: str) -> Node | None:
+    """The first of them."""
+    return element.find(_B + name)

@@ -1,0 +1,310 @@
+"""From a process model to a program: every element a node or a few, linked directly.
+
+Each element has an *entry*, where tokens come in, and *exits*, whose `next` leads on. Around it stands what it needs: a
+node that assigns its data objects before it, and one after it; a port for each flow into a join; a fork where several
+flows leave. Sequence flows are nodes only in an observed program. What cannot be executed is refused here, by name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from typing import NoReturn
+
+from fame.bpmn import model
+from fame.engine import elements, steps
+from fame.engine.host import Compiled, Host
+from fame.engine.state import Body, Node, Program, Step
+from fame.errors import ModelError
+
+Library = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
+"""Finds a called process: (name, calling file, the call) -> the process and its file. Raises ModelError."""
+
+
+def compile_program(
+    process: model.Process, *, host: Host, library: Library, file: str = "", hash: str = "", observed: bool = False
+) -> Program:
+    """Compile a process and all that it calls.
+
+    Raises ModelError (file, line, element) for what cannot be executed.
+    """
+    name = hash or hashlib.sha256(repr(process).encode()).hexdigest()
+    compiler = Compiler(Program(process.id, name), host, library, observed)
+    compiler.original = process.semantics == "original"
+    program = compiler.program
+    program.instances = process.instances
+    program.body = compiler.body(process.id, process.body, file, top=True)
+    for number, node in enumerate(compiler.nodes):
+        node.number = number
+    program.nodes = compiler.nodes
+    return program
+
+
+class Compiler:
+    """What is shared while one program is compiled."""
+
+    def __init__(self, program: Program, host: Host, library: Library, observed: bool) -> None:
+        self.program, self.host, self.library, self.observed = program, host, library, observed
+        self.nodes: list[Node] = []
+        self.called: dict[tuple[str, str], Body] = {}
+        self.original = False  # whether the process at hand means suspension by interruption (DESIGN section 3)
+
+    # ---- nodes ---------------------------------------------------------------------------------------
+
+    def node(self, element: model.Element, step: Step, file: str, *, part: str = "", counted: bool = False) -> Node:
+        """A node of an element. `counted`: to pass it is to complete the element."""
+        node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=file)
+        self.nodes.append(node)
+        if counted:
+            node.index = node.slot = self.slot(element.id)
+        return node
+
+    def slot(self, element: str) -> int:
+        """A new number under which completions of an element are counted."""
+        self.program.elements.append(element)
+        return len(self.program.elements) - 1
+
+    def watch(self, node: Node, ends: bool = False) -> None:
+        """In an observed program, let the element tell when a token enters and leaves it."""
+        if self.observed:
+            node.act, node.step = node.step, steps.observed_end if ends else steps.observed
+
+    def expression(self, expression: model.Expression, element: model.Element, file: str) -> Compiled:
+        """A condition or value, compiled."""
+        return self.host.compile(expression, element=element.id, file=file)
+
+    def assignments(
+        self, pairs: Iterable[tuple[str, model.Expression]], element: model.Element, file: str
+    ) -> tuple[tuple[str, Compiled], ...]:
+        """Assignments, compiled."""
+        return tuple((name, self.expression(source, element, file)) for name, source in pairs)
+
+    # ---- bodies --------------------------------------------------------------------------------------
+
+    def call(self, activity: model.CallActivity, file: str) -> Body:
+        """The body of a called process; compiled once, so that a process may call itself."""
+        process, home = self.library(activity.called, file, activity)
+        key = (home, process.id)
+        if key not in self.called:
+            self.called[key] = Body(process.id)
+            outside, self.original = self.original, process.semantics == "original"
+            self.body(process.id, process.body, home, body=self.called[key])
+            self.original = outside
+        return self.called[key]
+
+    def body(
+        self,
+        id: str,
+        content: model.Body,
+        file: str,
+        *,
+        top: bool = False,
+        body: Body | None = None,
+        handler: Wiring | None = None,
+    ) -> Body:
+        """Compile what a scope runs. `top`: of the process itself; `handler`: the wiring of an event sub-process."""
+        body = body or Body(id)
+        wiring = handler or Wiring(self, content, file)
+        wiring.connect()
+        body.armed = tuple(node for node in wiring.handlers if node.kind not in ("error", "escalation"))
+        body.errors = tuple(node for node in wiring.handlers if node.kind == "error")
+        body.escalations = tuple(node for node in wiring.handlers if node.kind == "escalation")
+        body.queued = tuple(wiring.queued)
+        if top:
+            self.starts(content, wiring, body, file)
+        elif handler is None:
+            self.open(id, body, wiring.begin(id))
+        return body
+
+    def open(self, id: str, body: Body, begin: Node) -> None:
+        """Let a body begin with arming what listens as long as it lives."""
+        body.opening = begin
+        if body.armed or body.queued:
+            body.opening = Node(id, f"{id}/opening", steps.opening)
+            body.opening.next = begin
+            self.nodes.append(body.opening)
+
+    def starts(self, content: model.Body, wiring: Wiring, body: Body, file: str) -> None:
+        """The start events of the process itself."""
+        program = self.program
+        for event in content.nodes:
+            if isinstance(event, model.Event) and event.place == "start":
+                for node in wiring.triggers.get(event.id, ()):
+                    if node.topic:
+                        program.starts[node.topic] = (*program.starts.get(node.topic, ()), node)
+                    elif node.kind == "timer":
+                        program.timed = (*program.timed, node)
+                    else:
+                        refuse(f"a {node.kind} cannot start a process", event, file)
+        if (not program.starts and not program.timed) or wiring.none_starts():
+            program.begin = wiring.begin(program.process)
+
+
+class Wiring:
+    """One body, while its nodes are made and linked.
+
+    `entries`, `exits` by element; `triggers` the trigger nodes of a start event; `handlers` the starts of event
+    sub-processes; `queued` catching events with a queue.
+    """
+
+    def __init__(self, compiler: Compiler, content: model.Body, file: str) -> None:
+        self.compiler, self.content, self.file = compiler, content, file
+        self.model = {node.id: node for node in content.nodes}
+        self.flows = {flow.id: flow for flow in content.flows}
+        self.objects = {item.id: item for item in content.data_objects}
+        self.entries: dict[str, Node] = {}
+        self.exits: dict[str, list[Node]] = {}
+        self.main: dict[str, Node] = {}
+        self.ports: dict[str, Node] = {}
+        self.triggers: dict[str, list[Node]] = {}
+        self.handlers: list[Node] = []
+        self.queued: list[Node] = []
+        self.alternatives: list[tuple[Node, model.Gateway]] = []
+        self.boundaries: dict[str, list[Node]] = {}
+        self.links: list[tuple[Node, str]] = []
+
+    def connect(self) -> None:
+        """Make all nodes, then link them."""
+        for element in self.content.nodes:
+            elements.make(self, element)
+        for activity, nodes in self.boundaries.items():
+            elements.attach(self.main[activity], nodes)
+        for element in self.content.nodes:
+            if element.id in self.exits:
+                self.lead_on(element)
+        for gateway, element in self.alternatives:
+            elements.link_alternatives(self, gateway, element)
+        for node, target in self.links:
+            node.next = self.entries[target]
+        for element in self.content.nodes:
+            if isinstance(element, model.Gateway) and element.kind == "inclusive" and element.id in self.main:
+                self.main[element.id].masks = elements.masks(self.content, element)
+
+    def place(self, element: model.FlowNode, node: Node, exits: list[Node] | None = None) -> None:
+        """Say which node is an element, and add the nodes that assign its data objects."""
+        self.main[element.id] = self.entries[element.id] = node
+        self.exits[element.id] = [node] if exits is None else exits
+        takes = isinstance(element, model.Event) and element.place in ("start", "catch", "boundary")
+        before, after = self.values(element.data_inputs), self.values(() if takes else element.data_outputs)
+        if before:
+            first = self.compiler.node(element, steps.assign, self.file, part="/inputs")
+            first.inputs = self.compiler.assignments(before, element, self.file)
+            first.next, first.guard, self.entries[element.id] = node, node, first
+        if after and self.exits[element.id]:
+            last = self.compiler.node(element, steps.assign, self.file, part="/outputs")
+            last.inputs = self.compiler.assignments(after, element, self.file)
+            last.guard = node
+            for exit in self.exits[element.id]:
+                exit.next = last
+            self.exits[element.id] = [last]
+
+    def values(self, objects: Iterable[str]) -> list[tuple[str, model.Expression]]:
+        """The assignments of data objects, by their ids (those of an outer body hold their variables anyway)."""
+        return [pair for id in objects if id in self.objects for pair in self.objects[id].values]
+
+    def lead_on(self, element: model.FlowNode) -> None:
+        """Link the exits of an element to where its sequence flows lead."""
+        compiler, exits = self.compiler, self.exits[element.id]
+        flows = [self.flows[id] for id in element.outgoing]
+        default = getattr(element, "default", "")
+        if isinstance(element, model.Gateway):
+            self.lead_gateway(element, flows)
+        elif not flows:
+            self.link(exits, compiler.node(element, steps.end, self.file, part="/end"))
+        elif len(flows) == 1 and flows[0].condition is None:
+            self.link(exits, self.target(flows[0]))
+        else:
+            split = compiler.node(element, steps.fork, self.file, part="/fork")
+            if any(flow.condition is not None for flow in flows):
+                split.step, split.guard = steps.inclusive, self.main[element.id]
+                self.branch(split, element, flows, default)
+            else:
+                split.out = tuple(self.target(flow) for flow in flows)
+            self.link(exits, split)
+
+    def lead_gateway(self, gateway: model.Gateway, flows: list[model.SequenceFlow]) -> None:
+        """Link a gateway to what follows it."""
+        node = self.main[gateway.id]
+        if gateway.kind == "event":
+            self.alternatives.append((node, gateway))
+            return
+        act = steps.pass_on
+        if not flows:
+            node.next = self.compiler.node(gateway, steps.end, self.file, part="/end")
+        elif gateway.kind == "parallel":
+            node.out, node.next = tuple(self.target(flow) for flow in flows), self.target(flows[0])
+            act = steps.fork if len(flows) > 1 else steps.pass_on
+        elif len(flows) == 1 and flows[0].condition is None:
+            node.next = self.target(flows[0])
+        else:
+            act = steps.exclusive if gateway.kind == "exclusive" else steps.inclusive
+            self.branch(node, gateway, flows, gateway.default)
+        node.step = act
+        self.compiler.watch(node)
+
+    def branch(self, node: Node, element: model.Element, flows: list[model.SequenceFlow], default: str) -> None:
+        """Conditions and targets, and the default flow apart."""
+        node.out = tuple(
+            (flow.condition and self.compiler.expression(flow.condition, element, self.file), self.target(flow))
+            for flow in flows
+            if flow.id != default
+        )
+        node.default = next((self.target(flow) for flow in flows if flow.id == default), None)
+
+    def target(self, flow: model.SequenceFlow) -> Node:
+        """Where a sequence flow leads: the port of a join, or the entry of an element."""
+        entry = self.ports.get(flow.id) or self.entries.get(flow.target)
+        if entry is None:
+            refuse(f"a sequence flow cannot lead to {flow.target}", flow, self.file)
+        if self.compiler.observed:
+            passing = self.compiler.node(flow, steps.flow, self.file, counted=True)
+            passing.next = entry
+            return passing
+        return entry
+
+    @staticmethod
+    def link(exits: list[Node], following: Node) -> None:
+        for exit in exits:
+            exit.next = following
+
+    def none_starts(self) -> list[model.Event]:
+        """The none start events of the body."""
+        return [
+            node
+            for node in self.content.nodes
+            if isinstance(node, model.Event) and node.place == "start" and not node.definitions
+        ]
+
+    def begin(self, id: str) -> Node:
+        """Where the first token of the body goes: its none start event, else all that has no incoming flow."""
+        starts = self.none_starts()
+        if len(starts) > 1:
+            refuse(f"{id} has {len(starts)} none start events; one can begin it", starts[1], self.file)
+        if starts:
+            return self.entries[starts[0].id]
+        first = [node for node in self.content.nodes if begins(node)]
+        if any(isinstance(node, model.Event) and node.place == "start" for node in self.content.nodes):
+            raise ModelError("has no none start event, so it cannot be called or entered", file=self.file, element=id)
+        if not first:
+            raise ModelError("has nothing to begin with: add a start event", file=self.file, element=id)
+        if len(first) == 1:
+            return self.entries[first[0].id]
+        fork = self.compiler.node(first[0], steps.fork, self.file, part="/begin")
+        fork.out = tuple(self.entries[node.id] for node in first)
+        return fork
+
+
+def begins(node: model.FlowNode) -> bool:
+    """Whether an element starts by itself in a body without start event (standard 13.2)."""
+    if node.incoming or (isinstance(node, model.Event) and node.place == "boundary"):
+        return False
+    if isinstance(node, model.Event) and node.definitions and isinstance(node.definitions[0], model.LinkDefinition):
+        return node.place != "catch"
+    if isinstance(node, model.Activity) and node.for_compensation:
+        return False
+    return not (isinstance(node, model.SubProcess) and node.triggered_by_event)
+
+
+def refuse(text: str, element: model.Element, file: str) -> NoReturn:
+    """Refuse a model, by name."""
+    raise ModelError(text, file=file, line=element.line, element=element.id)

@@ -1,0 +1,116 @@
+"""What a caught message does to the variables (DESIGN section 3, "A caught message").
+
+An explicit mapping decides alone; else the data objects at the event's output association; else one variable named like
+the topic takes the message, or its bare value if it is a wrapper (one field ``data``).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from operator import attrgetter
+from typing import Any
+
+from fame.bpmn.model import DataObject, Topic
+from fame.engine.variables import UNDEFINED, Variables
+
+Take = Callable[[dict[str, Any], Any], None]
+
+
+def variable_name(topic: str) -> str:
+    """The variable that a topic's message sets: its name as a Python name.
+
+    >>> variable_name("~/odom"), variable_name("/arm/joint states")
+    ('odom', 'arm_joint_states')
+    """
+    return re.sub(r"\W", "_", topic.removeprefix("~/").strip("/"))
+
+
+def receiver(
+    topic: Topic, objects: Sequence[DataObject], assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]
+) -> Take:
+    """The function (variables, message) of one catching event. `assignments` is its mapping, compiled."""
+    if assignments:
+        return _mapped(assignments)
+    names = tuple(name for item in objects for name in item.names)
+    if names:
+        return _matched(names, variable_name(topic.name))
+    return _whole(variable_name(topic.name))
+
+
+def _mapped(assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]) -> Take:
+    def take(variables: dict[str, Any], message: Any) -> None:
+        inner = Variables(variables, {"msg": message})
+        for name, source in assignments:
+            value = source(inner)
+            if value is not UNDEFINED:
+                variables[name] = value
+
+    return take
+
+
+def _whole(name: str) -> Take:
+    def take(variables: dict[str, Any], message: Any) -> None:
+        variables[name] = message.data if is_wrapper(message) else message
+
+    return take
+
+
+def _matched(names: tuple[str, ...], topic: str) -> Take:
+    getters: dict[type, list[tuple[str, Callable[[Any], Any]]]] = {}
+
+    def take(variables: dict[str, Any], message: Any) -> None:
+        if isinstance(message, Mapping):  # of a topic without a type, from outside: no class to remember it by
+            found = match(names, topic, message)
+            variables.update((name, _descend(message, path)) for name, path in found.items())
+            return
+        kind = message.__class__
+        if kind not in getters:
+            found = match(names, topic, message)
+            getters[kind] = [(name, attrgetter(".".join(path))) for name, path in found.items()]
+        for name, get in getters[kind]:
+            variables[name] = get(message)
+
+    return take
+
+
+def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
+    """Which field (a path) of the message goes to which of a data object's variables.
+
+    A field goes to the variable of its own name, else to the first that is named ``<field>_...``; a nested field counts
+    by its last name. The value of a wrapper goes to the variable named like the topic, or to the only one.
+    """
+    if is_wrapper(message):
+        fitting = [name for name in names if name in (topic, "data") or name.startswith("data_")]
+        chosen = fitting or (names if len(names) == 1 else ())
+        return dict.fromkeys(chosen[:1], ("data",))
+    found: dict[str, tuple[str, ...]] = {}
+    for path in _leaves(message):
+        field = path[-1]
+        free = [name for name in names if name not in found]
+        named = next((name for name in free if name == field), None)
+        named = named or next((name for name in free if name.startswith(f"{field}_")), None)
+        if named is not None:
+            found[named] = path
+    return found
+
+
+def is_wrapper(message: Any) -> bool:
+    """Whether it is a message of one field ``data`` (std_msgs/msg/Bool and its like)."""
+    return tuple(getattr(message, "__dataclass_fields__", ())) == ("data",)
+
+
+def _leaves(message: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    fields = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", {})
+    for name in fields:
+        value = message[name] if isinstance(message, Mapping) else getattr(message, name)
+        if isinstance(value, Mapping) or hasattr(value, "__dataclass_fields__"):
+            yield from _leaves(value, (*path, name))
+        else:
+            yield (*path, name)
+
+
+def _descend(message: Any, path: tuple[str, ...]) -> Any:
+    for name in path:
+        message = message[name] if isinstance(message, Mapping) else getattr(message, name)
+    return message

@@ -1,0 +1,229 @@
+"""What an engine works on: a program that never changes, and a state that is data.
+
+A `Program` is compiled once from a process and all that it calls. Its `Node`s are linked directly: a step function and
+where the token goes next. Elements that rest have a step that arms them; elements that only pass a token on have one
+that gives the next node. The state of a run is `Instance`s, `Scope`s, `Rest`s and `Mailbox`es, named by integers of one
+counter; they refer to nodes, and to nothing of the host.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from fame.errors import MissionError
+
+if TYPE_CHECKING:
+    from fame.engine.interpreter import Engine
+
+Step = Callable[["Engine", "Scope", "Node"], "Node | None"]
+"""What happens when a token comes to a node: gives the node it moves to at once, or None (it rests, or is gone)."""
+
+RUNNING, DEAD = 0, -1
+"""States of a scope. A positive state counts the suspensions that hold it."""
+
+UNCOUNTED = 0
+"""The slot of nodes whose passing is not the completion of an element."""
+
+
+class Node:
+    """Where a token can be. One element may be several nodes: ports of a join, triggers of a multiple event."""
+
+    __slots__ = (
+        "act", "all_in", "all_out", "alternatives", "armed", "body", "code", "code_variable", "default", "errors",
+        "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting", "join", "key", "kind", "line",
+        "masks", "message_variable", "need", "next", "number", "out", "outputs", "own", "queue", "resume", "run",
+        "shares", "slot", "step", "take", "timer", "topic", "variable",
+    )  # fmt: skip
+
+    def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
+        self.id, self.key, self.step, self.act = id, key, step, step
+        self.line, self.file = line, file
+        self.index = self.slot = UNCOUNTED  # of `counts`: added to when a token comes here; when it has completed here
+        self.number = -1  # place in Program.nodes
+        self.next: Node | None = None
+        self.out: tuple[Any, ...] = ()  # fork: nodes; exclusive: (condition, node)
+        self.default: Node | None = None
+        self.guard: Node = self  # whose boundary events catch an error here
+        self.kind = ""  # what wakes a token that rests here: signal, message, timer, condition, user, script
+        self.fire: Callable[[Engine, Rest, Any], None] | None = None
+        self.run: Any = None  # script, payload, condition or timer text, compiled
+        self.take: Callable[[dict[str, Any], Any], None] | None = None
+        self.topic, self.timer, self.variable, self.queue = "", "", "", 0
+        self.body: Body | None = None
+        self.own = False  # whether its body has variables of its own
+        self.shares = True  # whether those are chained to the variables outside
+        self.inputs: tuple[tuple[str, Any], ...] = ()
+        self.outputs: tuple[tuple[str, Any], ...] = ()
+        self.all_in = self.all_out = False  # whether all variables go into, or out of, a called process
+        self.armed: tuple[Node, ...] = ()  # boundary events that wait for a stimulus
+        self.errors: tuple[Node, ...] = ()
+        self.escalations: tuple[Node, ...] = ()
+        self.alternatives: tuple[Node, ...] = ()
+        self.interrupting, self.resume = True, False
+        self.code: str | None = None
+        self.code_variable = self.message_variable = ""
+        self.join: Node | None = None  # of a port
+        self.need = 0  # of a join: how many flows come in; of a port: which it is
+        self.masks: dict[str, int] = {}  # of an inclusive join: node id -> flows of the join that it reaches
+
+    def __repr__(self) -> str:
+        return f"<Node {self.key}>"
+
+
+class Body:
+    """What a scope runs. `opening` is the node that arms its event sub-processes and enters its start."""
+
+    __slots__ = ("armed", "errors", "escalations", "id", "opening", "queued")
+
+    def __init__(self, id: str) -> None:
+        self.id = id
+        self.opening: Node
+        self.armed: tuple[Node, ...] = ()  # starts of event sub-processes that wait for a stimulus
+        self.errors: tuple[Node, ...] = ()  # starts of error event sub-processes
+        self.escalations: tuple[Node, ...] = ()
+        self.queued: tuple[Node, ...] = ()  # catching events that keep messages from the time the scope is entered
+
+
+class Program:
+    """A process, compiled, with everything it calls. Immutable; any number of engines may run it.
+
+    `starts` are its start events by topic, `timers` those with a timer, `begin` is the none start (None if there is
+    none). `elements[slot]` is the id whose completions are counted there. `hash` names the model.
+    """
+
+    def __init__(self, process: str, hash: str) -> None:
+        self.process, self.hash = process, hash
+        self.body: Body
+        self.nodes: list[Node] = []
+        self.elements: list[str] = [""]
+        self.starts: dict[str, tuple[Node, ...]] = {}
+        self.messages: frozenset[str] = frozenset()  # topics of BPMN messages: each goes to one catcher
+        self.timed: tuple[Node, ...] = ()
+        self.conditional: tuple[Node, ...] = ()
+        self.begin: Node | None = None
+        self.instances: int | None = None
+
+
+class Scope:
+    """An activation of a body: of a process, sub-process, called process or handler.
+
+    tokens    those in `ready`, at rest, in child scopes and at joins, together
+    children  rests and scopes in it, in the order of entry: what cancellation walks
+    arms      boundary events that guard it
+    handles   the event sub-process whose handler it is, if it took the place of the scope that it interrupted
+    leaving   keys of cancelled scripts that what goes on here waits for
+    held      nodes of tokens that wait for the end of a suspension
+    """
+
+    __slots__ = ("arms", "body", "children", "counts", "depth", "handles", "held", "instance", "items", "joins", "key",
+                 "leaving", "mail", "node", "parent", "state", "suspender", "tokens", "variables")  # fmt: skip
+
+    def __init__(
+        self, key: int, parent: Scope | None, node: Node | None, body: Body | None, variables: dict[str, Any]
+    ) -> None:
+        self.key, self.parent, self.node, self.body, self.variables = key, parent, node, body, variables
+        self.tokens, self.state = 1, RUNNING
+        self.children: dict[Scope | Rest, None] = {}
+        self.arms: list[Rest] = []
+        self.joins: dict[Node, list[int]] | None = None
+        self.mail: dict[Node, Mailbox] | None = None
+        self.handles: Node | None = None
+        self.suspender: Scope | None = None
+        self.leaving: dict[int, None] = {}
+        self.held: list[Node] = []
+        self.items: Any = None  # of a multi-instance activity or loop: its progress
+        self.instance: Instance
+        self.counts: list[int]
+        self.depth = 0
+        if parent is not None:
+            self.instance, self.counts, self.depth = parent.instance, parent.counts, parent.depth + 1
+
+
+class Rest:
+    """A resting token, or something armed that holds none (boundary event, start of an event sub-process, alternative).
+
+    owner   what it guards, or the gateway's rest that it is an alternative of
+    arms    what is armed because of it: boundary events, alternatives
+    paused  suspensions that hold it
+    due     sequence number at which it came due while it was paused, 0 if it did not
+    """
+
+    __slots__ = ("alive", "arms", "due", "key", "node", "owner", "paused", "scope", "started", "token", "true")
+
+    def __init__(self, key: int, node: Node, scope: Scope, token: bool, owner: Scope | Rest | None = None) -> None:
+        self.key, self.node, self.scope, self.token, self.owner = key, node, scope, token, owner
+        self.alive, self.true, self.started = True, False, False
+        self.paused = self.due = 0
+        self.arms: list[Rest] = []
+
+
+class Mailbox:
+    """Messages kept for one catching event in one activation of its scope, and the rests that wait at it."""
+
+    __slots__ = ("alive", "key", "messages", "node", "rests", "scope")
+
+    def __init__(self, key: int, node: Node, scope: Scope) -> None:
+        self.key, self.node, self.scope, self.alive = key, node, scope, True
+        self.messages: deque[tuple[int, Any]] = deque(maxlen=node.queue)
+        self.rests: dict[Rest, None] = {}
+
+
+Status = Literal["running", "completed", "failed", "cancelled"]
+Listener = Rest | Mailbox
+
+
+class Instance:
+    """One run of the process. After its end it keeps what it ended with."""
+
+    def __init__(self, key: int, program: Program, variables: dict[str, Any]) -> None:
+        self.key, self.program, self.root_variables = key, program, variables
+        self.status: Status = "running"
+        self.error: MissionError | None = None
+        self.counts = [0] * len(program.elements)
+        self.root: Scope
+
+    @property
+    def process(self) -> str:
+        """The id of its process."""
+        return self.program.process
+
+    @property
+    def variables(self) -> dict[str, Any]:
+        """Its variables that are data."""
+        from fame.engine.variables import plain
+
+        return plain(self.root_variables)
+
+    @property
+    def visits(self) -> Counter[str]:
+        """How often each element has completed."""
+        elements = self.program.elements
+        visits: Counter[str] = Counter()
+        for slot in range(1, len(elements)):
+            if self.counts[slot]:
+                visits[elements[slot]] += self.counts[slot]
+        return visits
+
+    def rests(self) -> Iterator[Rest]:
+        """Every resting token in it, in the order of entry, outermost first."""
+        if self.status == "running":
+            for scope in scopes_of(self.root):
+                for child in scope.children:
+                    if isinstance(child, Rest) and child.token:
+                        yield child
+
+    @property
+    def waiting(self) -> Sequence[str]:
+        """Ids of the elements that hold a token at rest."""
+        return [rest.node.id for rest in self.rests()]
+
+
+def scopes_of(root: Scope) -> Iterator[Scope]:
+    """A scope and all in it, outer before inner, in the order of entry; without recursion."""
+    stack = [root]
+    while stack:
+        scope = stack.pop()
+        yield scope
+        stack.extend(child for child in reversed(tuple(scope.children)) if isinstance(child, Scope))

@@ -1,0 +1,91 @@
+"""Where called processes come from: the file of the caller, then files of the library path.
+
+`calledElement` names a process of the same file by id, else the file ``<name>.bpmn`` in a folder of the library path:
+its process of that id or, if it has just one, that. A file is read once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fame.bpmn.model import CallActivity, Definitions, Process
+from fame.errors import ModelError
+
+BUILT_IN = Path(__file__).resolve().parent.parent / "models" / "library"
+"""The behaviours that come with FAME."""
+
+
+class Library:
+    """The library path: `folders`, the folder of the calling file and ``library`` in it, then what is built in."""
+
+    def __init__(self, folders: Sequence[str | Path] = ()) -> None:
+        self.folders = tuple(Path(folder) for folder in folders)
+        self._files: dict[Path, Definitions] = {}
+
+    def path(self, file: str) -> Iterator[Path]:
+        """The folders to look in for what `file` calls."""
+        yield from self.folders
+        if file and not file.startswith("<"):
+            here = Path(file).parent
+            yield from (here, here / "library")
+        yield BUILT_IN
+
+    def read(self, path: Path) -> Definitions:
+        """A file, read once. Raises ModelError."""
+        from fame.bpmn.reader import read
+
+        key = path.resolve()
+        if key not in self._files:
+            self._files[key] = read(path)
+        return self._files[key]
+
+    def find(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
+        """The process that a call activity names. Raises ModelError, which lists where it was looked for."""
+        where = {"file": caller.file, "line": call.line, "element": call.id}
+        if call.called_expression is not None:
+            raise ModelError("the called element is computed at run time; name a process", **where)  # type: ignore[arg-type]
+        if not call.called:
+            raise ModelError("names no called element: give it the id of a process or a library file", **where)  # type: ignore[arg-type]
+        process = caller.process(call.called)
+        if process is not None:
+            return caller, process
+        looked = []
+        for folder in self.path(caller.file):
+            path = folder / f"{call.called}.bpmn"
+            if path.is_file() and "/" not in call.called:
+                definitions = self.read(path)
+                found = definitions.process(call.called)
+                if found is None and len(definitions.processes) == 1:
+                    found = definitions.processes[0]
+                if found is not None:
+                    return definitions, found
+                has = ", ".join(item.id for item in definitions.processes)
+                raise ModelError(f"{path} has no process {call.called!r}: it has {has}", **where)  # type: ignore[arg-type]
+            looked.append(str(folder))
+        text = f"called element {call.called!r} is no process of this file, nor {call.called}.bpmn in"
+        raise ModelError(f"{text} {', '.join(looked)}", **where)  # type: ignore[arg-type]
+
+    def closure(self, definitions: Definitions, process: Process) -> list[tuple[Definitions, Process]]:
+        """A process and all that it calls, at any depth, each once, in the order of meeting. Raises ModelError."""
+        found = [(definitions, process)]
+        keys = {(definitions.file, process.id)}
+        for home, item in found:
+            for node in item.body.walk():
+                if isinstance(node, CallActivity):
+                    called = self.find(home, node)
+                    key = (called[0].file, called[1].id)
+                    if key not in keys:
+                        keys.add(key)
+                        found.append(called)
+        return found
+
+    def called(self, definitions: Definitions, process: Process) -> dict[str, tuple[Definitions, str]]:
+        """What each call in a closure names: for `fame.bpmn.extract_process`."""
+        names: dict[str, tuple[Definitions, str]] = {}
+        for home, item in self.closure(definitions, process):
+            for node in item.body.walk():
+                if isinstance(node, CallActivity):
+                    there, target = self.find(home, node)
+                    names[node.called] = (there, target.id)
+        return names

@@ -1,0 +1,144 @@
+"""What a message type is, read from the type store of rosbags or from the text of a `.msg` or `.srv` file.
+
+Two things are mended on the way: `char` is `uint8` in ROS 2, and the defaults that a `.msg` file gives its fields,
+which rosbags drops, are kept.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+from fame.errors import MessageError
+
+Shape = Literal["single", "array", "sequence"]
+EMPTY_FIELD = "structure_needs_at_least_one_member"
+"""The one field that ROS gives an empty message. It is on the wire, and nowhere else."""
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field. `base` is a primitive (``float64``, ``string``) or a message type (``std_msgs/msg/Header``).
+
+    `attribute` is its name in Python (``from_`` for ``from``). `size` is the length of an array, or the bound of a
+    sequence (0: none); `bound` is that of a string in bytes (0: none).
+    """
+
+    name: str
+    attribute: str
+    base: str
+    shape: Shape
+    size: int = 0
+    bound: int = 0
+
+    @property
+    def is_message(self) -> bool:
+        """Whether it holds messages, not primitives."""
+        return "/" in self.base
+
+    def __str__(self) -> str:
+        """Its type as a `.msg` file writes it: ``float64[36]``, ``string<=10``, ``geometry_msgs/msg/Point[]``."""
+        base = f"{self.base}<={self.bound}" if self.bound else self.base
+        if self.shape == "single":
+            return base
+        return (
+            f"{base}[{self.size}]" if self.shape == "array" else f"{base}[<={self.size}]" if self.size else f"{base}[]"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """A message type. An empty one has no `fields`. `defaults`: field -> its default as written, where it has one."""
+
+    name: str
+    fields: tuple[Field, ...]
+    constants: Mapping[str, Any]
+    defaults: Mapping[str, Any]
+
+    @property
+    def is_wrapper(self) -> bool:
+        """Whether its only field is `data`, as of ``std_msgs/msg/String``: such a message stands for a bare value."""
+        return len(self.fields) == 1 and self.fields[0].name == "data"
+
+
+def from_rosbags(name: str, constants: Any, fields: Any, defaults: Mapping[str, Any]) -> Definition:
+    """The definition of a type from rosbags' (name, type, value) of constants and (name, description) of fields."""
+    return Definition(
+        name,
+        tuple(_field(*entry) for entry in fields if entry[0] != EMPTY_FIELD),
+        MappingProxyType({constant: value for constant, _, value in constants}),
+        MappingProxyType(dict(defaults)),
+    )
+
+
+def from_text(text: str, name: str) -> list[Definition]:
+    """What the text of a `.msg` or `.srv` file describes: the message ``pkg/msg/Type``, or the two of ``pkg/srv/Name``.
+
+    Raises MessageError for a name of another form and for a text that cannot be read.
+    """
+    match = re.fullmatch(r"[a-z][a-z0-9_]*/(msg|srv)/[A-Z][A-Za-z0-9]*(?:_Request|_Response)?", name)
+    if match is None:
+        raise MessageError("a type is named like my_robot_msgs/msg/Wheel or my_robot_msgs/srv/Reset", type=name)
+    lines = text.splitlines()
+    if match[1] == "msg":
+        return [_message(lines, name)]
+    separator = next((number for number, line in enumerate(lines) if line.strip() == "---"), None)
+    if separator is None:
+        raise MessageError("a service is a request and a response, with a line of --- between them", type=name)
+    return [_message(lines[:separator], f"{name}_Request"), _message(lines[separator + 1 :], f"{name}_Response")]
+
+
+def _field(name: str, description: Any) -> Field:
+    """A field from its description, which is (kind, content), or (kind, ((kind, content), size)) for several values."""
+    from rosbags.interfaces import Nodetype
+
+    kind, content = description
+    size = 0
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        (_, content), size = content
+    base, bound = (content, 0) if isinstance(content, str) else content
+    shapes: dict[Any, Shape] = {Nodetype.ARRAY: "array", Nodetype.SEQUENCE: "sequence"}
+    attribute = f"{name}_" if keyword.iskeyword(name) else name
+    return Field(name, attribute, "uint8" if base == "char" else base, shapes.get(kind, "single"), size, bound)
+
+
+def _message(lines: list[str], name: str) -> Definition:
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    place = name.replace("/srv/", "/msg/")  # where the parser looks for a type that is named without its package
+    for line in lines:
+        try:
+            get_types_from_msg(line, place)
+        except TypesysError:
+            text = f"cannot read {line.strip()!r}: a line is like float64[3] position, or uint8 RED=1"
+            raise MessageError(text, type=name) from None
+    ((constants, fields),) = get_types_from_msg("\n".join(lines), place).values()
+    defaults = dict(filter(None, map(_default, lines)))
+    result = from_rosbags(name, constants, fields, defaults)
+    for number, entry in enumerate(result.fields):
+        base = entry.base.rpartition("/")[2]
+        if base == "wstring":
+            raise MessageError("wstring is not supported: use string, which is UTF-8", type=name, field=entry.name)
+        if entry.is_message and base[0].islower():  # what the parser makes of a primitive that it does not know
+            text = f"there is no primitive type {base!r}; a message type begins with a capital letter"
+            raise MessageError(text, type=name, field=entry.name)
+        if entry.name in (earlier.name for earlier in result.fields[:number]):
+            raise MessageError("there are two fields of this name", type=name, field=entry.name)
+    return result
+
+
+def _default(line: str) -> tuple[str, Any] | None:
+    """The name and default of a field in a line of a `.msg` file: ``float64 w 1.0``. None if the line has none."""
+    import yaml
+
+    match = re.match(r"\s*[^#\s]\S*\s+(\w+)\s+([^=#\s].*)", line)
+    if match is None:
+        return None
+    try:
+        return match[1], yaml.safe_load(match[2])
+    except yaml.YAMLError:
+        return match[1], match[2]

@@ -1,0 +1,222 @@
+"""Values of primitive fields: numbers, texts and lists of them, taken from what models, scripts and JSON have to offer.
+
+A converter takes any value and returns that of the field, or raises `Misfit`. It takes what says the same in another
+form (``"true"`` for a bool, ``"1.5"`` and ``1`` for a float, ``3.0`` for an int, a number for a string), and nothing
+that would lose information. There is one converter per field, made once; the usual case passes it with one test.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from fame.middleware.definitions import Field
+
+Converter = Callable[[Any], Any]
+
+DTYPES = {"byte": "uint8"}
+"""Primitive -> numpy dtype of a list of it, where the names differ. Lists of strings are not arrays."""
+
+_INTEGERS = {f"{sign}int{bits}": bits for sign in ("", "u") for bits in (8, 16, 32, 64)} | {"byte": 8}
+_LARGEST_FLOAT32 = (2 - 2**-23) * 2.0**127
+
+
+class Misfit(Exception):
+    """A value that does not fit. `path` leads to it, outermost step first; `text` says what was found and expected."""
+
+    def __init__(self, text: str, path: str = "") -> None:
+        super().__init__(text)
+        self.text, self.path = text, path
+
+    def below(self, step: str) -> Misfit:
+        """The same, seen from one level further out."""
+        self.path = step + self.path if not self.path or self.path.startswith("[") else f"{step}.{self.path}"
+        return self
+
+
+def expected(wanted: str, found: Any) -> Misfit:
+    """The usual one."""
+    return Misfit(f"found {describe(found)}, expected {wanted}")
+
+
+def describe(value: Any) -> str:
+    """What a value is, in few words."""
+    if value is None:
+        return "nothing (null)"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping):
+        return f"a mapping with {', '.join(map(str, value))}"[:80] if value else "an empty mapping"
+    if isinstance(value, (str, int, float)):
+        text = repr(value)
+        return text if len(text) <= 40 else f"{text[:37]}..."
+    return f"a {getattr(value, '__msgtype__', type(value).__name__)}"
+
+
+def zero(field: Field) -> Any:
+    """The default of a field of primitives, where its type gives none."""
+    value: Any = {"string": "", "bool": False}.get(field.base, 0)
+    return value if field.shape == "single" else [value] * (field.size if field.shape == "array" else 0)
+
+
+def converter(field: Field) -> Converter:
+    """The converter of a field of primitives, single or many."""
+    single = _single(field)
+    if field.shape == "single":
+        return single
+    return listed(single, field) if field.base == "string" else _array(field, single)
+
+
+def listed(convert: Converter, field: Field) -> Callable[[Any], list[Any]]:
+    """A converter of lists, from that of their items. The length is that of the field."""
+
+    def convert_all(value: Any) -> list[Any]:
+        if not isinstance(value, Sequence) or isinstance(value, (str, bytes)):
+            tolist = getattr(value, "tolist", None)
+            value = tolist() if tolist is not None else value
+            if not isinstance(value, list):
+                raise expected(f"a list ({field})", value)
+        items: list[Any] = []
+        try:
+            for item in value:
+                items.append(convert(item))  # noqa: PERF401 (the length tells which item it was)
+        except Misfit as misfit:
+            raise misfit.below(f"[{len(items)}]") from None
+        check_length(len(items), field)
+        return items
+
+    return convert_all
+
+
+def check_length(length: int, field: Field) -> None:
+    """Raise Misfit if `length` is not that of an array, or over the bound of a sequence."""
+    if field.shape == "array" and length != field.size:
+        raise Misfit(f"found {length} values, expected {field.size} ({field})")
+    if field.size and length > field.size:
+        raise Misfit(f"found {length} values, expected at most {field.size} ({field})")
+
+
+def _single(field: Field) -> Converter:
+    if field.base == "bool":
+        return _bool
+    if field.base == "string":
+        return _bounded_string(field.bound) if field.bound else _string
+    if field.base in _INTEGERS:
+        return _integer(field.base)
+    return _float32 if field.base == "float32" else _float
+
+
+def _bool(value: Any) -> bool:
+    if value is True or value is False:
+        return value
+    known = {"true": True, "false": False, "1": True, "0": False}
+    text = str(value).strip().lower()
+    if text in known and (isinstance(value, (str, int)) or hasattr(value, "dtype")):
+        return known[text]
+    raise expected("true or false", value)
+
+
+def _float(value: Any) -> float:
+    if value.__class__ is float:
+        return value
+    if value.__class__ is int or (isinstance(value, (numbers.Real, str)) and not isinstance(value, bool)):
+        try:
+            return float(value)
+        except (ValueError, OverflowError):
+            pass
+    raise expected("a number", value)
+
+
+def _float32(value: Any) -> float:
+    number = _float(value)
+    if abs(number) > _LARGEST_FLOAT32 and not math.isinf(number):
+        raise expected("a number of at most 3.4e38 (float32)", value)
+    return number
+
+
+def _integer(base: str) -> Converter:
+    bits = _INTEGERS[base]
+    low = -(2 ** (bits - 1)) if base.startswith("int") else 0
+    high = low + 2**bits - 1
+    wanted = f"an integer from {low} to {high} ({base})"
+
+    def convert(value: Any) -> int:
+        number = value if value.__class__ is int else _to_int(value)
+        if number is None or not low <= number <= high:
+            raise expected(wanted, value)
+        return number
+
+    return convert
+
+
+def _to_int(value: Any) -> int | None:
+    """The integer that a value is or says; None if it is none."""
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, numbers.Integral):
+        return operator.index(value)
+    if isinstance(value, bytes) and len(value) == 1:
+        return value[0]  # what `byte` is in rclpy
+    try:
+        if isinstance(value, str):
+            return int(value)
+        if isinstance(value, numbers.Real):
+            return int(number) if (number := float(value)).is_integer() else None
+    except (ValueError, OverflowError):
+        pass
+    return None
+
+
+def _string(value: Any) -> str:
+    text = value if value.__class__ is str else _to_string(value)
+    if "\0" in text:
+        raise expected("a text without NUL characters", value)
+    if not text.isascii():
+        _encoded(text)
+    return text
+
+
+def _bounded_string(bound: int) -> Converter:
+    def convert(value: Any) -> str:
+        text = _string(value)
+        if len(_encoded(text)) > bound:
+            raise expected(f"a text of at most {bound} bytes", value)
+        return text
+
+    return convert
+
+
+def _to_string(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (str, int, float)):
+        return str(value)
+    raise expected("a text", value)
+
+
+def _encoded(text: str) -> bytes:
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        raise expected("a text of valid characters (UTF-8)", text) from None
+
+
+def _array(field: Field, single: Converter) -> Converter:
+    """A converter to one-dimensional numpy arrays. It copies, so that who filled a message may go on using the list."""
+    import numpy
+
+    dtype = numpy.dtype(DTYPES.get(field.base, field.base))
+    as_list = listed(single, field)
+
+    def convert(value: Any) -> Any:
+        if isinstance(value, (bytes, bytearray, memoryview)) and dtype == numpy.uint8:
+            value = numpy.frombuffer(value, numpy.uint8)
+        if isinstance(value, numpy.ndarray) and value.dtype == dtype and value.ndim == 1:
+            check_length(len(value), field)
+            return value.copy()
+        return numpy.array(as_list(value), dtype)
+
+    return convert

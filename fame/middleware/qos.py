@@ -1,0 +1,99 @@
+"""Quality of service: reading policies from a model, and whether two ends of a topic understand each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from fame.errors import MessageError
+from fame.middleware.interface import SIGNAL, QoS
+
+_CHOICES: dict[str, tuple[str, str]] = {
+    "history": ("keep_last", "keep_all"),
+    "reliability": ("best_effort", "reliable"),
+    "durability": ("transient_local", "volatile"),
+    "liveliness": ("automatic", "manual_by_topic"),
+}
+"""What a policy can be. The place of a value is its code in models of the original FaMe's web modeler."""
+
+_TIMES = ("deadline", "lifespan", "lease_duration")
+_SPELLINGS = {"leaseduration": "lease_duration"}
+
+
+def parse(policies: Mapping[str, Any], base: QoS = SIGNAL) -> QoS:
+    """`base` with the policies that a model names, such as ``{"reliability": "best_effort", "depth": "5"}``.
+
+    Names may begin with ``qos.``; values are text or numbers. A choice is a name (in any case) or its code, a depth an
+    integer from 1 on, a time in s (0 or ``infinite``: no bound). Raises MessageError that says what is accepted.
+    """
+    return replace(base, **dict(_policy(name, value) for name, value in policies.items()))
+
+
+def compatible(offered: QoS, requested: QoS) -> str | None:
+    """Why a publisher that offers the one and a subscription that requests the other do not match; None if they do.
+
+    The rule is "requested versus offered" of DDS 1.4, section 2.2.3. History, depth and lifespan play no part in it.
+    """
+    if requested.reliability == "reliable" and offered.reliability == "best_effort":
+        return "reliability: offered best_effort, requested reliable"
+    if requested.durability == "transient_local" and offered.durability == "volatile":
+        return "durability: offered volatile, requested transient_local"
+    if requested.liveliness == "manual_by_topic" and offered.liveliness == "automatic":
+        return "liveliness: offered automatic, requested manual_by_topic"
+    for name in ("deadline", "lease_duration"):
+        promise, demand = getattr(offered, name), getattr(requested, name)
+        if demand is not None and (promise is None or promise > demand):
+            return f"{name}: offered {_seconds(promise)}, requested {_seconds(demand)}"
+    return None
+
+
+def _policy(name: str, value: Any) -> tuple[str, Any]:
+    policy = name.strip().lower().removeprefix("qos.").replace("-", "_")
+    policy = _SPELLINGS.get(policy, policy)
+    text = str(value).strip().lower()
+    if policy in _CHOICES:
+        return policy, _choice(policy, text)
+    if policy == "depth":
+        return policy, _depth(text)
+    if policy in _TIMES:
+        return policy, _time(policy, text)
+    known = ", ".join((*_CHOICES, "depth", *_TIMES))
+    raise MessageError(f"there is no such policy; the policies are {known}", field=f"qos.{policy}")
+
+
+def _choice(policy: str, text: str) -> str:
+    choices = _CHOICES[policy]
+    name = text.replace("-", "_").replace(" ", "_")
+    if name in choices:
+        return name
+    if text in ("0", "1"):
+        return choices[int(text)]
+    raise _refused(policy, text, f"{choices[0]} (0) or {choices[1]} (1)")
+
+
+def _depth(text: str) -> int:
+    if text.isascii() and text.isdigit() and 1 <= int(text[:10]) < 2**31:
+        return int(text)
+    raise _refused("depth", text, "a number of messages, from 1 on")
+
+
+def _time(policy: str, text: str) -> float | None:
+    if text == "infinite":
+        return None
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not seconds >= 0:
+        raise _refused(policy, text, "a time in seconds, or infinite")
+    return None if seconds in (0, math.inf) else seconds
+
+
+def _seconds(time: float | None) -> str:
+    return "infinite" if time is None else f"{time:g} s"
+
+
+def _refused(policy: str, text: str, accepted: str) -> MessageError:
+    return MessageError(f"found {text!r}, accepted is {accepted}", field=f"qos.{policy}")

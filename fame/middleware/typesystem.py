@@ -1,0 +1,134 @@
+"""Which message types there are: those of ROS 2 Jazzy's common interfaces, and those that were registered.
+
+Types belong to the process, as they do in ROS: one table, which only grows; a type never changes once it is there. The
+table is filled from the type store of rosbags, which is imported when the first type is asked for.
+"""
+
+from __future__ import annotations
+
+import difflib
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from fame.errors import MessageError
+from fame.middleware.definitions import Definition, from_rosbags, from_text
+
+_DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
+"""Type -> field -> default that is not zero: all there are in the common interfaces."""
+
+_STANDARD_SERVICES = {
+    "std_srvs/srv/Empty": "---",
+    "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message",
+    "std_srvs/srv/Trigger": "---\nbool success\nstring message",
+}
+_definitions: dict[str, Definition] = {}
+_lock = threading.RLock()
+
+
+def definition(name: str) -> Definition:
+    """The definition of ``pkg/msg/Type``; ``msg/`` may be left out. Raises MessageError that suggests similar names."""
+    known = _table()
+    full = name.strip()
+    if full.count("/") == 1:
+        full = full.replace("/", "/msg/")
+    if full in known:
+        return known[full]
+    if f"{full}_Request" in known:
+        raise MessageError(f"this is a service; its messages are {full}_Request and {full}_Response", type=name)
+    raise MessageError(f"there is no such message type{_suggestion(name, known)}", type=name)
+
+
+def names() -> list[str]:
+    """The full names of all types, sorted."""
+    return sorted(_table())
+
+
+def service(name: str) -> tuple[str, str]:
+    """The types of request and response of the service type ``pkg/srv/Name``; ``srv/`` may be left out."""
+    full = name.strip()
+    if full.count("/") == 1:
+        full = full.replace("/", "/srv/")
+    request, response = f"{full}_Request", f"{full}_Response"
+    if request not in _table():
+        services = [entry.removesuffix("_Request") for entry in names() if entry.endswith("_Request")]
+        raise MessageError(f"there is no such service type{_suggestion(name, services)}", type=name)
+    return request, response
+
+
+def register(text: str, name: str) -> list[str]:
+    """Add the type ``pkg/msg/Type`` that the text of a `.msg` file describes, or the two of a service ``pkg/srv/Name``.
+
+    Returns their full names. The same text again does nothing. Types that it refers to may follow later. Raises
+    MessageError for a text that cannot be read, and for a type that is there already but different.
+    """
+    described = {content.name: content for content in from_text(text, name)}
+    with _lock:
+        known = _table()
+        for full, content in described.items():
+            if known.get(full, content) != content:
+                text = "there is a type of this name already, with other content: give it another name"
+                raise MessageError(text, type=full)
+        known.update(described)
+    return list(described)
+
+
+def register_files(path: str | Path, package: str = "") -> list[str]:
+    """Add the types of a `.msg` or `.srv` file, or of all such files in a directory and below.
+
+    The package of a file is `package`, else the name of its directory, or of the one above if that is ``msg`` or
+    ``srv``. Returns full names. Raises MessageError as `register`, for a path without such files, and for a field whose
+    type is not known in the end.
+    """
+    root = Path(path).resolve()
+    files = sorted(file for file in root.rglob("*") if file.suffix in (".msg", ".srv")) if root.is_dir() else [root]
+    if not files or not all(file.is_file() and file.suffix in (".msg", ".srv") for file in files):
+        raise MessageError(f"there is no .msg or .srv file at {path}")
+    described: list[str] = []
+    for file in files:
+        home = file.parent.parent if file.parent.name in ("msg", "srv") else file.parent
+        described += register(file.read_text("utf-8"), f"{package or home.name}/{file.suffix[1:]}/{file.stem}")
+    for full in described:
+        check_references(definition(full))
+    return described
+
+
+def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
+    """Raise MessageError if a field is of a type that nobody registered, or if a type contains itself."""
+    for entry in content.fields:
+        if entry.is_message:
+            if entry.base not in _table():
+                text = f"its type {entry.base} is not known: register it"
+                raise MessageError(text, type=content.name, field=entry.name)
+            if entry.base in (content.name, *inside):
+                raise MessageError("a type cannot contain itself", type=content.name, field=entry.name)
+            check_references(_table()[entry.base], (content.name, *inside))
+
+
+def _suggestion(name: str, known: Iterable[str]) -> str:
+    """``; did you mean ...?`` with names that look or end like it, if there are any."""
+    ending = name.strip().rpartition("/")[2].lower()
+    known = sorted(known)
+    similar = [full for full in known if full.rpartition("/")[2].lower() == ending]
+    similar += [full for full in difflib.get_close_matches(name, known, cutoff=0.8) if full not in similar]
+    return f"; did you mean {' or '.join(similar[:3])}?" if similar else ""
+
+
+def _table() -> dict[str, Definition]:
+    """All definitions by full name, loaded now if this is the first time."""
+    if not _definitions:
+        with _lock:
+            if not _definitions:
+                _definitions.update(_of_jazzy())
+    return _definitions
+
+
+def _of_jazzy() -> dict[str, Definition]:
+    from rosbags.typesys import Stores, get_typestore
+
+    messages = get_typestore(Stores.ROS2_JAZZY).fielddefs.items()
+    definitions = [from_rosbags(name, *entry, _DEFAULTS.get(name, {})) for name, entry in messages]
+    for name, text in _STANDARD_SERVICES.items():
+        definitions += from_text(text, name)
+    return {content.name: content for content in definitions}

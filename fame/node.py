@@ -1,0 +1,414 @@
+"""One robot's engine node: the world of an engine, made of a middleware node, a scheduler and scripts.
+
+`RobotNode` is the host of one engine. Endpoints of every topic that the process and its scripts name are made at load,
+before the first token moves. A message that comes in is one stimulus; a script's step is one; a timer is one. What
+the robot publishes itself is heard by its own catchers inside the engine, since the middleware drops own samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import Any, NamedTuple
+
+from fame.bpmn.model import CallActivity, Definitions, Expression, Process, Task
+from fame.bpmn.topics import TopicUse, topic_table
+from fame.clock import Entry, Kind, Scheduler
+from fame.engine import Engine, Instance, compile_program
+from fame.engine.host import Compiled
+from fame.errors import MessageError, MissionError, ModelError
+from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
+from fame.library import Library
+from fame.middleware import messages, qos
+from fame.middleware.interface import SIGNAL, Middleware, Publisher, Subscription, resolve
+from fame.scripting import (
+    Log,
+    Robot,
+    Runner,
+    compile_expression,
+    compile_script,
+    error_line,
+    error_text,
+    interface,
+    script_topics,
+)
+
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+"""The date of simulated second 0, as in ROS."""
+
+Service = Callable[[dict[str, Any]], Any]
+"""What a service task calls: a function of the variables; gives a result, or a coroutine of awaitable requests."""
+
+
+class Event(NamedTuple):
+    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``."""
+
+    time: int
+    robot: str
+    instance: int
+    scope: int
+    element: str
+    what: str
+    detail: Any = None
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """An element that holds a resting token, and what it waits for, in words."""
+
+    robot: str
+    element: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mission:
+    """What a robot is to do: a process, its file, and where called processes and topic types are found."""
+
+    definitions: Definitions
+    process: Process
+    library: Library
+    types: Mapping[str, TopicUse]
+    services: Mapping[str, Service]
+
+
+def mission(
+    definitions: Definitions,
+    process: Process,
+    *,
+    library: Library | None = None,
+    shared: Mapping[str, TopicUse] | None = None,
+    services: Mapping[str, Service] | None = None,
+) -> Mission:
+    """The mission of one process. `shared` are the topics of the whole collaboration.
+
+    Raises ModelError for calls that lead nowhere and topics without one type.
+    """
+    library = library or Library()
+    own = topics_of_closure(library.closure(definitions, process))
+    public = {name: use for name, use in (shared or {}).items() if name in own and not name.startswith("~/")}
+    return Mission(
+        definitions=definitions,
+        process=process,
+        library=library,
+        types={**own, **public},
+        services=services or {},
+    )
+
+
+def topics_of_closure(closure: Sequence[tuple[Definitions, Process]]) -> Mapping[str, TopicUse]:
+    """The topics of some processes of some files."""
+    files = list({file.file: file for file, _ in closure}.values())
+    return topic_table(files, [process.id for _, process in closure])
+
+
+class RobotNode:
+    """A robot's engine. `load` makes it ready, `start` lets it begin; it lives until `close`.
+
+    observer   gets every `Event`, if given; the program is compiled for it
+    safe_state (topic, type, fields) to publish when the robot is to be safe
+    strict     an undefined name in a payload is an error, not a warning
+    """
+
+    def __init__(
+        self,
+        name: str,
+        mission: Mission,
+        *,
+        scheduler: Scheduler,
+        middleware: Middleware,
+        namespace: str | None = None,
+        observer: Callable[[Event], object] | None = None,
+        on_report: Callable[[Event], object] | None = None,
+        safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
+        strict: bool = False,
+        epoch: datetime = EPOCH,
+    ) -> None:
+        self.name, self.mission, self.scheduler, self.strict = name, mission, scheduler, strict
+        self.namespace = name if namespace is None else namespace
+        self.middleware = middleware
+        self.node = middleware.node("fame_engine", self.namespace)
+        self.safe_state, self.epoch = safe_state, epoch
+        self._observer, self._on_report = observer, on_report or (lambda event: None)
+        self.instances: list[Instance] = []
+        self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}
+        self._publishers: dict[str, tuple[Publisher, str]] = {}
+        self._subscriptions: list[Subscription] = []
+        self._own: dict[str, str] = {}  # full name -> qualified name, of topics that own events catch
+        self.runner = Runner(
+            scheduler,
+            self.node,
+            self._script_ended,
+            stepped=self._stepped,
+            report=self._script_report,
+            types=self._type,
+        )
+        self.engine = Engine(self._compile(), self, self._variables)
+
+    # ---- life ----------------------------------------------------------------------------------------------------
+
+    def _compile(self) -> Any:
+        mission = self.mission
+        homes = {mission.definitions.file: mission.definitions}
+
+        def library(name: str, file: str, call: CallActivity) -> tuple[Process, str]:
+            home, process = mission.library.find(homes[file], call)
+            homes[home.file] = home
+            return process, home.file
+
+        return compile_program(
+            mission.process,
+            host=self,
+            library=library,
+            file=mission.definitions.file,
+            observed=self._observer is not None,
+        )
+
+    def load(self) -> None:
+        """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
+        for name, use in self.mission.types.items():
+            full = resolve(name, self.namespace)
+            profile = qos.parse(use.qos) if use.qos else SIGNAL
+            if use.throws:
+                self._publisher(full, use.type, profile)
+            if use.catches:
+                self._own[full] = name
+                heard = partial(self._heard, name)
+                self._subscriptions.append(self.node.subscription(full, use.type, heard, profile))
+        for script in self._scripts():
+            for topic in script_topics(script):
+                self._open(topic.name, topic.direction, topic.type)
+
+    def _scripts(self) -> Iterator[Expression]:
+        mission = self.mission
+        for _, process in mission.library.closure(mission.definitions, mission.process):
+            for node in process.body.walk():
+                if isinstance(node, Task) and node.script is not None and node.script.language == "python":
+                    yield node.script
+
+    def _open(self, topic: str, direction: str, type: str | None) -> None:
+        """The endpoint of a topic that a script names, if its type is known now."""
+        full = resolve(topic, self.namespace)
+        known = type or self._type(full)
+        if known is None:
+            return
+        if direction == "publish":
+            self._publisher(full, known)
+        elif direction == "subscribe":
+            self.runner.inbox.listen(full, known)
+
+    def start(self, variables: Mapping[str, Any] | None = None) -> None:
+        """Let the process begin; `variables` are those of the instance that starts by itself."""
+        self.engine.begin(dict(variables or {}))
+        self.runner.poll()
+
+    def stop(self) -> None:
+        """Cancel all that goes on and bring the robot to its safe state."""
+        self.engine.stop()
+
+    def close(self) -> None:
+        """Leave: scripts are closed, timers forgotten, endpoints gone."""
+        self.runner.close()
+        for entry, _, _ in self._timers.values():
+            entry.cancel()
+        self._timers.clear()
+        self.node.close()
+
+    # ---- what people ask -----------------------------------------------------------------------------------------
+
+    def waits(self) -> list[Wait]:
+        """Every resting token, and what it waits for; starts that wait for their first trigger if nothing runs."""
+        found = [
+            Wait(self.name, rest.node.id, self._wait_text(rest))
+            for instance in self.engine.instances.values()
+            for rest in instance.rests()
+        ]
+        if not self.instances:
+            for topic, nodes in self.engine.program.starts.items():
+                found.extend(Wait(self.name, node.id, f"its start on {self._topic_text(topic)}") for node in nodes)
+        return found
+
+    def _wait_text(self, rest: Any) -> str:
+        node = rest.node
+        if node.topic:
+            return self._topic_text(node.topic)
+        if node.kind == "timer":
+            return f"{node.timer} timer"
+        if node.kind == "user":
+            return "somebody to complete it"
+        if node.alternatives:
+            texts = (self._topic_text(item.topic) if item.topic else item.kind for item in node.alternatives)
+            return " or ".join(texts)
+        return self.runner.waits(rest.key) or node.kind
+
+    def _topic_text(self, topic: str) -> str:
+        full = resolve(topic, self.namespace)
+        info = next((item for item in self.middleware.graph() if item.name == full), None)
+        others = [name for name in (info.publishers if info else ()) if name != self.node.full_name]
+        return f"topic {full}" + ("" if others else ", which nobody else publishes")
+
+    def complete(self, element: str, values: Mapping[str, Any] | None = None) -> None:
+        """Somebody did what a user, manual or receive task waits for. Raises MissionError if none waits there."""
+        self.engine.complete_task(element, dict(values or {}))
+        self.runner.poll()
+
+    def deliver(self, topic: str, value: Any) -> None:
+        """A message from outside on a qualified topic, as if it had come over the middleware. Raises MessageError."""
+        use = self.mission.types.get(topic)
+        self._heard(topic, messages.create(use.declared, value) if use is not None and use.declared else value)
+
+    # ---- stimuli -------------------------------------------------------------------------------------------------
+
+    def _heard(self, topic: str, message: Any) -> None:
+        self.engine.deliver(topic, message)
+        self.runner.poll()
+
+    def _fire(self, key: int) -> None:
+        entry, delays, base = self._timers.pop(key)
+        following = next(delays, None)
+        if following is not None:
+            entry = self.scheduler.at(base + following, partial(self._fire, key), Kind.TIMER)
+            self._timers[key] = (entry, delays, base)
+        self.engine.timer_fired(key, last=following is None)
+        self.runner.poll()
+
+    def _script_ended(self, key: int, error: BaseException | None) -> None:
+        self.engine.script_ended(key, error)
+
+    def _stepped(self, key: int) -> None:
+        if self.engine.conditions:
+            self.engine.check_conditions()
+        self.engine.run()
+
+    # ---- the host ------------------------------------------------------------------------------------------------
+
+    def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
+        """See `fame.engine.host.Host`, here and below."""
+        if script:
+            return compile_script(expression, file=file, element=element)
+        return compile_expression(
+            expression, file=file, element=element, warn=partial(self.report, element), strict=self.strict
+        )
+
+    def service(self, operation: str, *, element: str, file: str) -> Compiled:
+        services = self.mission.services
+        if operation not in services:
+            known = ", ".join(sorted(services)) or "none"
+            raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
+        return services[operation]
+
+    def publish(self, topic: str, value: Any) -> Any:
+        publisher, type = self._publishers[resolve(topic, self.namespace)]
+        message = messages.create(type, value)
+        publisher.publish(message)
+        return message
+
+    def set_timer(self, key: int, kind: str, text: str) -> None:
+        now = self.scheduler.now
+        date = self.epoch + timedelta(microseconds=now // 1000)
+        delays: Iterator[int]
+        if kind == "cycle":
+            delays = parse_cycle(text).delays(date)
+        elif kind == "date":
+            delays = iter((nanoseconds_between(date, parse_datetime(text)),))
+        else:
+            duration = parse_duration(text)
+            delays = iter(
+                (nanoseconds_between(date, add(date, duration)) if duration.months else duration.nanoseconds,)
+            )
+        first = next(delays, None)
+        if first is not None:
+            entry = self.scheduler.at(now + first, partial(self._fire, key), Kind.TIMER)
+            self._timers[key] = (entry, delays, now)
+
+    def cancel_timer(self, key: int) -> None:
+        timer = self._timers.pop(key, None)
+        if timer is not None:
+            timer[0].cancel()
+
+    def run(self, key: int, script: Any) -> None:
+        self.runner.start(key, script)
+
+    def cancel(self, key: int) -> bool:
+        return self.runner.cancel(key)
+
+    def make_safe(self, reason: str) -> None:
+        for topic, type, fields in self.safe_state:
+            full = resolve(topic, self.namespace)
+            self._publisher(full, type).publish(messages.create(type, fields))
+
+    def observe(self, instance: int, scope: int, element: str, what: str, detail: Any = None) -> None:
+        if what == "start":
+            self.instances.append(self.engine.instances[instance])
+        if self._observer is not None:
+            self._observer(Event(self.scheduler.now, self.name, instance, scope, element, what, detail))
+
+    def report(self, element: str, text: str) -> None:
+        self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
+
+    def ended(self, instance: Instance) -> None:
+        error = instance.error
+        if error is not None:
+            line = self._line(error) or error.line
+            located = MissionError(error.text, robot=self.name, element=error.element, line=line, code=error.code)
+            located.__cause__ = error.__cause__
+            instance.error = located
+
+    def _line(self, error: MissionError) -> int:
+        """The line of the script where an error began, in whatever file it stands."""
+        cause = error.__cause__
+        files = {node.file for node in self.engine.program.nodes}
+        lines = (error_line(cause, file) for file in files) if cause is not None else iter(())
+        return next((line for line in lines if line), 0)
+
+    # ---- scripts -------------------------------------------------------------------------------------------------
+
+    def _variables(self) -> dict[str, Any]:
+        robot = Robot(self.name, self.namespace, self._script_publish, self.runner.inbox)
+        return {"__builtins__": interface(robot=robot, signal=self._script_signal, log=self._log)}
+
+    def _log(self, level: str, text: str) -> None:
+        event = Event(self.scheduler.now, self.name, 0, 0, "", "log", f"{level}: {text}" if level != "info" else text)
+        self._on_report(event)
+        if self._observer is not None:
+            self._observer(event)
+
+    def _script_signal(self, name: str, payload: Any = None) -> None:
+        """``signal("done", True)`` in a script."""
+        full = resolve(name if name.startswith(("/", "~/")) else f"/{name}", self.namespace)
+        known = self._type(full)
+        if known is None and payload is not None:
+            raise MessageError(f"topic {full}: nobody says its type; use robot.publish, which names one")
+        self._emit(full, known or "std_msgs/msg/Empty", payload)
+
+    def _script_publish(self, topic: str, type: str, fields: Any) -> None:
+        self._emit(resolve(topic, self.namespace), type, fields)
+
+    def _emit(self, full: str, type: str, value: Any) -> None:
+        publisher = self._publisher(full, type)
+        message = messages.create(type, value)
+        publisher.publish(message)
+        if full in self._own:
+            self.engine.post(self._own[full], message)
+        self.runner.inbox.deliver(full, message)
+
+    def _publisher(self, full: str, type: str, profile: Any = SIGNAL) -> Publisher:
+        if full not in self._publishers:
+            self._publishers[full] = (self.node.publisher(full, type, profile), type)
+        return self._publishers[full][0]
+
+    def _type(self, full: str) -> str | None:
+        """The type of a topic, from the model, else from whoever is at its other end."""
+        for name, use in self.mission.types.items():
+            if use.declared and resolve(name, self.namespace) == full:
+                return use.declared
+        info = next((item for item in self.middleware.graph() if item.name == full), None)
+        return info.types[0] if info is not None and info.types else None
+
+    def _script_report(self, key: int, text: str) -> None:
+        self.report("", text)
+
+
+__all__ = ["EPOCH", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]

@@ -1,0 +1,154 @@
+"""An end for steps that have none: every loop pass and function entry counts.
+
+`count_steps` rewrites the syntax tree of a script: each loop body, function, lambda and comprehension begins with
+``__tick__() or __budget__.spend()``. The tick is an iterator of C that runs dry after a part of the budget; only then
+`Budget.spend` looks whether it is still the same step that is at work. So a script without loops and functions pays
+nothing at all, and no step pays for its beginning: a step is known by the outermost frame of its script, which is a new
+one for each call, and by `Budget.refill` for a script that was suspended.
+
+The count is deterministic: the same script is stopped at the same pass on every machine. Once a step has spent its
+budget, each further tick of it raises again, so a bare ``except:`` inside a loop cannot go on forever. What loops
+inside C (``sum(itertools.count())``) does not count; nor do the loops of imported Python modules, which `heartbeat`
+ends.
+"""
+
+from __future__ import annotations
+
+import ast
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from itertools import repeat
+from types import FrameType
+from typing import Any
+
+TICK = "__tick__"
+BUDGET = "__budget__"
+DEFAULT = 20_000_000
+"""Loop passes and function entries in one step: about 5 s of a loop body of a few statements on a present-day
+machine.
+"""
+
+_PARTS = 20
+
+
+class BudgetExceeded(BaseException):
+    """A step did not end. Not an Exception: `except Exception` must not swallow it."""
+
+
+class Budget:
+    """What the scripts of one interface may spend in one step. `names` is the interface; `limit` counts ticks."""
+
+    __slots__ = ("_frame", "_names", "_part", "_spent", "limit", "steps")
+
+    def __init__(self, names: dict[str, Any], limit: int = DEFAULT) -> None:
+        self._names, self.limit, self.steps = names, limit, 0
+        self._part = -(-limit // _PARTS)
+        names[BUDGET] = self
+        self.refill()
+
+    def refill(self) -> None:
+        """A step begins."""
+        self.steps += 1
+        self._frame: FrameType | None = None
+        self._spent = 0
+        self._grant()
+
+    def drain(self) -> None:
+        """Let every tick raise until `refill`."""
+        self._spent = sys.maxsize
+        self._names[TICK] = partial(next, iter(()), False)
+
+    def spend(self) -> bool:
+        """A part of the budget is used up. Grants the next, True; raises BudgetExceeded if it was this step's last."""
+        frame = script_frame(sys._getframe(1), self)
+        if frame is not self._frame and self._spent < sys.maxsize:
+            self._frame, self._spent = frame, 0
+        if self._spent < sys.maxsize:
+            self._spent += self._part
+        if self._spent >= self.limit:
+            raise BudgetExceeded(f"one step of the script took more than {self.limit} loop passes and function calls")
+        self._grant()
+        return True
+
+    def _grant(self) -> None:
+        self._names[TICK] = partial(next, repeat(True, self._part), False)
+
+
+def script_frame(frame: FrameType | None, budget: Budget | None = None) -> FrameType | None:
+    """The outermost frame of a script (of the interface with that budget) that called `frame`, or None."""
+    found = None
+    while frame is not None:
+        owner = frame.f_builtins.get(BUDGET)
+        if owner is not None and (budget is None or owner is budget):
+            found = frame
+        frame = frame.f_back
+    return found
+
+
+def count_steps(tree: ast.AST) -> ast.AST:
+    """The same tree with a tick in each loop, function and comprehension. Lines stay what they are."""
+    counted: ast.AST = _Ticks().visit(tree)
+    return ast.fix_missing_locations(counted)
+
+
+class _Ticks(ast.NodeTransformer):
+    def _in_body(self, node: Any) -> Any:
+        self.generic_visit(node)
+        documented = isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) and ast.get_docstring(node) is not None
+        tick = _tick(node)
+        node.body.insert(1 if documented else 0, ast.copy_location(ast.Expr(tick), tick))
+        return node
+
+    visit_For = visit_AsyncFor = visit_While = visit_FunctionDef = visit_AsyncFunctionDef = _in_body
+
+    def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
+        self.generic_visit(node)
+        node.body = ast.copy_location(ast.BoolOp(ast.And(), [_tick(node), node.body]), node)
+        return node
+
+    def visit_comprehension(self, node: ast.comprehension) -> ast.AST:
+        self.generic_visit(node)
+        node.ifs.insert(0, _tick(node.target))
+        return node
+
+
+def _tick(place: ast.AST) -> ast.expr:
+    tick = ast.parse(f"{TICK}() or {BUDGET}.spend()", mode="eval").body
+    for node in ast.walk(tick):
+        if isinstance(node, ast.expr):  # all on one line, else tracebacks name the last one of the loop
+            ast.copy_location(node, place)
+            node.end_lineno, node.end_col_offset = node.lineno, node.col_offset
+    return tick
+
+
+@contextmanager
+def heartbeat(seconds: float = 5.0) -> Iterator[None]:
+    """End by the wall clock what the budget does not see: a step that is at work at two beats in a row.
+
+    Acts in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
+    engine.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    seen: tuple[FrameType, int] | None = None
+
+    def beat(_number: int, frame: FrameType | None) -> None:
+        nonlocal seen
+        script = script_frame(frame)
+        now = (script, script.f_builtins[BUDGET].steps) if script is not None else None
+        last, seen = seen, now
+        if now is not None and last is not None and now[0] is last[0] and now[1] == last[1]:
+            raise BudgetExceeded(f"one step of the script took more than {seconds:g} s")
+
+    former = signal.signal(signal.SIGALRM, beat)
+    signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)

@@ -1,0 +1,71 @@
+"""What expressions may see of a value: data, and nothing of Python behind it.
+
+Data are numbers, texts, truth values, null, lists (also tuples and arrays), mappings, and objects with fields
+(messages, and what a script made with plain attributes). Functions, classes, modules and names with a leading
+underscore are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from numbers import Number
+from types import ModuleType
+from typing import Any
+
+PLAIN = frozenset({int, float, str, bool, type(None), list, tuple, dict})
+"""Types that are data without a further look."""
+
+NUMBERS = frozenset({int, float})
+
+
+class Undefined(NameError):
+    """A name that is not set, or a field that an object does not have."""
+
+
+def checked(value: Any, name: str) -> Any:
+    """The value, if it is data. Raises TypeError."""
+    if value.__class__ not in PLAIN and (callable(value) or isinstance(value, ModuleType)):
+        raise TypeError(f"`{name}` is not data: functions, classes and modules cannot be used here")
+    return value
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a number; true and false are none."""
+    return value.__class__ in NUMBERS or (isinstance(value, Number) and not isinstance(value, bool))
+
+
+def is_list(value: Any) -> bool:
+    """Whether it has elements by number: a list, a tuple, an array; not a text."""
+    if isinstance(value, (str, bytes)):
+        return False
+    return isinstance(value, Sequence) or (hasattr(value, "tolist") and hasattr(value, "__len__"))
+
+
+def is_empty(value: Any) -> bool:
+    """Null, an empty text, list or mapping (the operator ``empty`` of Jakarta EL, section 1.10)."""
+    return value is None or ((isinstance(value, (str, Mapping)) or is_list(value)) and len(value) == 0)
+
+
+def field(value: Any, name: str) -> Any:
+    """The field of a mapping or object.
+
+    Of null it is null, of a mapping without it too. Raises Undefined, TypeError.
+    """
+    if value.__class__ is dict or isinstance(value, Mapping):
+        return checked(value.get(name), name)
+    if value is None:
+        return None
+    if name in getattr(type(value), "__dataclass_fields__", ()) or name in getattr(value, "__dict__", ()):
+        return checked(getattr(value, name), name)
+    known = ", ".join(_fields(value))
+    raise Undefined(f"{type(value).__name__} has no field `{name}`" + (f"; it has {known}" if known else ""))
+
+
+def plain(value: Any) -> Any:
+    """The value with arrays as lists, so that it can be compared."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _fields(value: Any) -> list[str]:
+    names = [*getattr(type(value), "__dataclass_fields__", ()), *getattr(value, "__dict__", ())]
+    return [name for name in dict.fromkeys(names) if not name.startswith("_")]

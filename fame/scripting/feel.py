@@ -1,0 +1,224 @@
+"""The expressions of Camunda 8, ``=...``: the common subset of FEEL (DMN 1.5, chapter 10).
+
+Null goes through: what cannot be computed (a name that is not set, a text minus a number, a division by zero) is
+null, and a condition that is null is not true. Lists count from 1, and from -1 at their end.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from fame.scripting.data import NUMBERS, is_number
+from fame.scripting.feel_lists import COMPARE, bracket, index_or_filter, iteration, parenthesis, quantified, span
+from fame.scripting.feel_values import Bound, Range, equal, field_of, order, power, within
+from fame.scripting.functions import FUNCTIONS
+from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix, mapping
+from fame.scripting.lexer import ExpressionError
+
+OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
+"""Binding powers (DMN 1.5, section 10.3.1.2); comparisons have `COMPARE`, 3."""
+
+
+# ---- operators -------------------------------------------------------------------------------------------------------
+
+
+def _comparison(compare: Callable[[Any, Any], bool]) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> bool | None:
+            a, b = left(variables), right(variables)
+            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
+                return compare(a, b)
+            return order(compare, a, b)
+
+        return evaluate
+
+    return combine
+
+
+def _equality(same: bool) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> bool | None:
+            a, b = left(variables), right(variables)
+            if a.__class__ is b.__class__ and a.__class__ in NUMBERS:
+                return (a == b) is same
+            result = equal(a, b)
+            return None if result is None else result is same
+
+        return evaluate
+
+    return combine
+
+
+def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> Any:
+            a, b = left(variables), right(variables)
+            if is_number(a) and is_number(b):
+                try:
+                    return compute(a, b)
+                except (ArithmeticError, ValueError):
+                    return None
+            return a + b if compute is operator.add and isinstance(a, str) and isinstance(b, str) else None
+
+        return evaluate
+
+    return combine
+
+
+def _both(left: Evaluate, right: Evaluate) -> Evaluate:
+    """``and`` of three values: false wins over null (DMN 1.5, table 48)."""
+
+    def evaluate(variables: Mapping[str, Any]) -> bool | None:
+        first = left(variables)
+        if first is False:
+            return False
+        second = right(variables)
+        if second is False:
+            return False
+        return True if first is True and second is True else None
+
+    return evaluate
+
+
+def _either(left: Evaluate, right: Evaluate) -> Evaluate:
+    """``or`` of three values: true wins over null."""
+
+    def evaluate(variables: Mapping[str, Any]) -> bool | None:
+        first = left(variables)
+        if first is True:
+            return True
+        second = right(variables)
+        if second is True:
+            return True
+        return False if first is False and second is False else None
+
+    return evaluate
+
+
+def _between(parser: Parser, left: Evaluate) -> Evaluate:
+    low = parser.expression(COMPARE)
+    parser.expect("and")
+    high = parser.expression(COMPARE)
+    return lambda variables: Range(low(variables), high(variables)).has(left(variables))
+
+
+def _in(parser: Parser, left: Evaluate) -> Evaluate:
+    test = _tests(parser) if parser.take("(") else _test(parser)
+    return lambda variables: within(left(variables), test(variables))
+
+
+_BOUNDS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+
+
+def _tests(parser: Parser) -> Evaluate:
+    """After ``in (``: tests with commas between them, or a range without its lower end."""
+    tests = [_test(parser)]
+    if parser.at(".."):
+        return span(parser, tests[0], with_low=False)
+    while parser.take(","):
+        tests.append(_test(parser))
+    parser.expect(")")
+    return lambda variables: [test(variables) for test in tests]
+
+
+def _test(parser: Parser) -> Evaluate:
+    sign = next((sign for sign in _BOUNDS if parser.take(sign)), None)
+    value = parser.expression(COMPARE)
+    return value if sign is None else lambda variables: Bound(_BOUNDS[sign], value(variables))
+
+
+def _path(parser: Parser, left: Evaluate) -> Evaluate:
+    name = parser.name()
+    return lambda variables: field_of(left(variables), name)
+
+
+# ---- what an operand can begin with ----------------------------------------------------------------------------------
+
+
+def _not(parser: Parser) -> Evaluate:
+    operand = parser.expression(UNARY)
+
+    def evaluate(variables: Mapping[str, Any]) -> bool | None:
+        value = operand(variables)
+        return not value if isinstance(value, bool) else None
+
+    return evaluate
+
+
+def _minus(parser: Parser) -> Evaluate:
+    operand = parser.expression(UNARY)
+
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        value = operand(variables)
+        return -value if is_number(value) else None
+
+    return evaluate
+
+
+def _if(parser: Parser) -> Evaluate:
+    condition = parser.expression()
+    parser.expect("then")
+    then = parser.expression()
+    parser.expect("else")
+    otherwise = parser.expression()
+    return lambda variables: then(variables) if condition(variables) is True else otherwise(variables)
+
+
+def _is_defined(parser: Parser) -> Evaluate:
+    """After ``is``, of ``is defined(x)``."""
+    if not (parser.take("defined") and parser.take("(")):
+        raise ExpressionError("`is` was not expected here", parser.token.place)
+    operand = parser.expression()
+    parser.expect(")")
+    return lambda variables: operand(variables) is not None
+
+
+def _table() -> dict[str, tuple[int, Infix]]:
+    operators: dict[str, tuple[int, Callable[[Evaluate, Evaluate], Evaluate]]] = {
+        "or": (OR, _either),
+        "and": (AND, _both),
+        "=": (COMPARE, _equality(True)),
+        "!=": (COMPARE, _equality(False)),
+        "<": (COMPARE, _comparison(operator.lt)),
+        "<=": (COMPARE, _comparison(operator.le)),
+        ">": (COMPARE, _comparison(operator.gt)),
+        ">=": (COMPARE, _comparison(operator.ge)),
+        "+": (SUM, _arithmetic(operator.add)),
+        "-": (SUM, _arithmetic(operator.sub)),
+        "*": (PRODUCT, _arithmetic(operator.mul)),
+        "/": (PRODUCT, _arithmetic(operator.truediv)),
+        "**": (POWER, _arithmetic(power)),
+    }
+    table = {sign: infix(power, combine) for sign, (power, combine) in operators.items()}
+    return table | {
+        "between": (COMPARE, _between),
+        "in": (COMPARE, _in),
+        ".": (PATH, _path),
+        "[": (PATH, index_or_filter),
+    }
+
+
+FEEL = Dialect(
+    name="=...",
+    prefixes={
+        "true": lambda parser: constant(True),
+        "false": lambda parser: constant(False),
+        "null": lambda parser: constant(None),
+        "not": _not,
+        "-": _minus,
+        "if": _if,
+        "for": iteration,
+        "some": quantified(any),
+        "every": quantified(all),
+        "is": _is_defined,
+        "(": parenthesis,
+        "[": bracket,
+        "{": mapping,
+    },
+    infixes=_table(),
+    functions=FUNCTIONS,
+    undefined_is_null=True,
+)
+"""The language."""

@@ -1,0 +1,230 @@
+"""One parser for the two expression languages: precedence climbing over a table of operators, straight to closures.
+
+A `Dialect` is two tables: what an operand can begin with, and what can follow an operand, with its binding power. The
+result of parsing is a function of the variables. No Python text is made or evaluated anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fame.scripting.data import PLAIN, Undefined, checked
+from fame.scripting.lexer import ExpressionError, Token, tokenize
+
+Evaluate = Callable[[Mapping[str, Any]], Any]
+Prefix = Callable[["Parser"], Evaluate]
+Infix = Callable[["Parser", Evaluate], Evaluate]
+
+_DEPTH = 100
+"""Levels of nesting that are accepted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """A language. `prefixes` are tried before names and literals; `functions` may have names with spaces."""
+
+    name: str
+    prefixes: Mapping[str, Prefix]
+    infixes: Mapping[str, tuple[int, Infix]]
+    functions: Mapping[str, Callable[..., Any]]
+    undefined_is_null: bool
+
+
+class Parser:
+    """A walk over the tokens of one expression. `names` collects the variables that it reads."""
+
+    def __init__(self, text: str, dialect: Dialect) -> None:
+        self.dialect, self.names = dialect, dict[str, None]()
+        self._tokens, self._index, self._depth = tokenize(text), 0, 0
+        self._bound: list[str] = []
+
+    def whole(self) -> Evaluate:
+        """The expression that all of the text is. Raises ExpressionError."""
+        if self._at_end():
+            raise ExpressionError("the expression is empty")
+        evaluate = self.expression()
+        if not self._at_end():
+            raise self.unexpected("an operator or the end")
+        return evaluate
+
+    def expression(self, power: int = 0) -> Evaluate:
+        """An operand and all that follows it and binds tighter than `power`."""
+        self._depth += 1
+        if self._depth > _DEPTH:
+            raise ExpressionError(f"nested more than {_DEPTH} levels deep", self.token.place)
+        left = self._operand()
+        while self.token.kind in ("operator", "name"):
+            binding, build = self.dialect.infixes.get(str(self.token.value), (0, None))
+            if build is None or binding <= power:
+                break
+            self.advance()
+            left = build(self, left)
+        self._depth -= 1
+        return left
+
+    # ---- tokens ------------------------------------------------------------------------------------------------------
+
+    @property
+    def token(self) -> Token:
+        """The next token."""
+        return self._tokens[self._index]
+
+    def _at_end(self) -> bool:
+        return self.token.kind == "end"
+
+    def advance(self) -> Token:
+        """Take the next token."""
+        token = self._tokens[self._index]
+        self._index += token.kind != "end"
+        return token
+
+    def at(self, sign: str, ahead: int = 0) -> bool:
+        """Whether the next token (or one further ahead) is this operator or word."""
+        token = self._tokens[min(self._index + ahead, len(self._tokens) - 1)]
+        return token.kind in ("operator", "name") and token.value == sign
+
+    def take(self, sign: str) -> bool:
+        """Take the next token if it is this operator or word."""
+        found = self.at(sign)
+        self._index += found
+        return found
+
+    def expect(self, sign: str) -> None:
+        """Take this operator or word. Raises ExpressionError."""
+        if not self.take(sign):
+            raise self.unexpected(f"`{sign}`")
+
+    def name(self) -> str:
+        """Take a name. Raises ExpressionError; names with a leading underscore are refused."""
+        token = self.token
+        if token.kind != "name":
+            raise self.unexpected("a name")
+        if str(token.value).startswith("_"):
+            raise ExpressionError(f"{token}: names with a leading underscore cannot be used here", token.place)
+        return str(self.advance().value)
+
+    def unexpected(self, expected: str) -> ExpressionError:
+        """The error for the next token."""
+        return ExpressionError(f"expected {expected}, found {self.token}", self.token.place)
+
+    def listed(self, close: str) -> list[Evaluate]:
+        """Expressions with commas between them, up to and with the closing sign."""
+        items: list[Evaluate] = []
+        while not self.take(close):
+            items.append(self.expression())
+            if not self.at(close):
+                self.expect(",")
+        return items
+
+    def inside(self, names: list[str], power: int = 0) -> Evaluate:
+        """An expression in which these names are bound by the expression around it."""
+        self._bound += names
+        evaluate = self.expression(power)
+        del self._bound[len(self._bound) - len(names) :]
+        return evaluate
+
+    # ---- operands ----------------------------------------------------------------------------------------------------
+
+    def _operand(self) -> Evaluate:
+        token = self.token
+        if token.kind in ("number", "text"):
+            return constant(self.advance().value)
+        prefix = self.dialect.prefixes.get(str(token.value)) if token.kind != "end" else None
+        if prefix is not None:
+            self.advance()
+            return prefix(self)
+        if token.kind != "name":
+            raise self.unexpected("a value")
+        return self._call() or self._variable()
+
+    def _variable(self) -> Evaluate:
+        place, name = self.token.place, self.name()
+        if self.at("("):
+            known = ", ".join(sorted(self.dialect.functions))
+            raise ExpressionError(f"there is no function `{name}` here; there are {known}", place)
+        if name not in self._bound:
+            self.names[name] = None
+        return variable(name, self.dialect.undefined_is_null)
+
+    def _call(self) -> Evaluate | None:
+        """A call of a function of the dialect, if one begins here; its name may be several words."""
+        for words in (3, 2, 1):
+            tokens = self._tokens[self._index : self._index + words]
+            name = " ".join(str(token.value) for token in tokens)
+            if name in self.dialect.functions and self.at("(", words):
+                self._index += words + 1
+                return called(self.dialect.functions[name], name, self.listed(")"))
+        return None
+
+
+def constant(value: Any) -> Evaluate:
+    """Always that value."""
+    return lambda variables: value
+
+
+def variable(name: str, undefined_is_null: bool) -> Evaluate:
+    """A variable by name. Where it is not set: null, or raises Undefined."""
+
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        try:
+            value = variables[name]
+        except KeyError:
+            return _of_robot(variables, name, undefined_is_null)
+        return value if value.__class__ in PLAIN else checked(value, name)
+
+    return evaluate
+
+
+def _of_robot(variables: Mapping[str, Any], name: str, undefined_is_null: bool) -> Any:
+    if name == "robot":
+        builtins = variables.get("__builtins__")
+        if isinstance(builtins, dict) and "robot" in builtins:
+            return builtins["robot"]
+    if undefined_is_null:
+        return None
+    raise Undefined(f"`{name}` is not set")
+
+
+def called(function: Callable[..., Any], name: str, arguments: list[Evaluate]) -> Evaluate:
+    """A function of the dialect, applied."""
+
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        values = [argument(variables) for argument in arguments]
+        try:
+            return function(*values)
+        except TypeError as error:
+            raise TypeError(f"{name}({', '.join(map(repr, values))}): {error}") from None
+
+    return evaluate
+
+
+def infix(power: int, combine: Callable[[Evaluate, Evaluate], Evaluate]) -> tuple[int, Infix]:
+    """The table entry of a left-associative operator."""
+    return power, lambda parser, left: combine(left, parser.expression(power))
+
+
+def parenthesized(parser: Parser) -> Evaluate:
+    """After ``(``."""
+    inner = parser.expression()
+    parser.expect(")")
+    return inner
+
+
+def listing(parser: Parser) -> Evaluate:
+    """After ``[``: a list."""
+    items = parser.listed("]")
+    return lambda variables: [item(variables) for item in items]
+
+
+def mapping(parser: Parser) -> Evaluate:
+    """After ``{``: a mapping; its keys are names or texts."""
+    entries: list[tuple[str, Evaluate]] = []
+    while not parser.take("}"):
+        key = str(parser.advance().value) if parser.token.kind == "text" else parser.name()
+        parser.expect(":")
+        entries.append((key, parser.expression()))
+        if not parser.at("}"):
+            parser.expect(",")
+    return lambda variables: {key: value(variables) for key, value in entries}

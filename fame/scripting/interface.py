@@ -1,0 +1,115 @@
+"""What scripts find in scope besides the variables: the interface, which stands in their ``__builtins__``.
+
+A name is looked up in the variables first, so a variable named `robot` wins. Each process instance has a dict of its
+own, so that no script reaches the scripts of another.
+"""
+
+from __future__ import annotations
+
+import builtins
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from fame.engine.host import BpmnError
+from fame.middleware.interface import Message
+from fame.scripting.budget import DEFAULT, Budget
+from fame.scripting.inbox import Inbox
+from fame.scripting.requests import Call, MessageQueue, Receive, Sleep, Until, check_topic
+
+NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "receive", "until")
+"""The names of the interface."""
+
+_ABSENT = {"input", "breakpoint", "help", "exit", "quit", "copyright", "credits", "license"}
+"""Builtins of a terminal, which a robot does not have."""
+
+Publish = Callable[[str, str, Any], object]
+Emit = Callable[[str, str], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """The robot that runs the script. `namespace` has no slashes; topic names are relative to it.
+
+    `_publish` takes topic, type and a mapping of fields (or a whole message), and may raise MessageError.
+    """
+
+    name: str
+    namespace: str
+    _publish: Publish = field(repr=False)
+    _inbox: Inbox = field(repr=False)
+
+    def publish(
+        self, topic: str, type: str, message: Message | Mapping[str, Any] | None = None, /, **fields: Any
+    ) -> None:
+        """Send a message: ``robot.publish("cmd_vel", "geometry_msgs/msg/Twist", linear={"x": 0.5})``.
+
+        Raises MessageError if a field or value does not fit the type.
+        """
+        check_topic("robot.publish", topic)
+        if message is not None and fields:
+            raise TypeError("robot.publish: either a whole message or fields by name, not both")
+        self._publish(topic, type, fields if message is None else message)
+
+    def subscribe(self, topic: str, type: str | None = None, queue: int = 10) -> MessageQueue:
+        """``async for message in robot.subscribe("odom")``: all from now on; the last `queue` untaken ones are kept."""
+        check_topic("robot.subscribe", topic)
+        return self._inbox.queue(topic, type, queue)
+
+    def latest(self, topic: str, type: str | None = None) -> Message | None:
+        """The latest message on a topic, None if there was none yet."""
+        check_topic("robot.latest", topic)
+        return self._inbox.latest(topic, type)
+
+    def call(self, service: str, type: str, /, **fields: Any) -> Call:
+        """``response = await robot.call("tello_action", "tello_msgs/srv/TelloAction", cmd="takeoff")``."""
+        check_topic("robot.call", service)
+        return Call(service, type, fields)
+
+
+class Log:
+    """``log("text", x)`` and, by level, ``log.debug``, ``log.info``, ``log.warning``, ``log.error``."""
+
+    __slots__ = ("_emit",)
+
+    def __init__(self, emit: Emit) -> None:
+        self._emit = emit
+
+    def __call__(self, *values: Any) -> None:
+        self._emit("info", _joined(values))
+
+    info = __call__
+
+    def debug(self, *values: Any) -> None:
+        self._emit("debug", _joined(values))
+
+    def warning(self, *values: Any) -> None:
+        self._emit("warning", _joined(values))
+
+    def error(self, *values: Any) -> None:
+        self._emit("error", _joined(values))
+
+
+def interface(
+    *, robot: Robot | None, signal: Callable[..., object], log: Emit, budget: int = DEFAULT
+) -> dict[str, Any]:
+    """A new ``__builtins__`` for the variables of one process instance.
+
+    `signal(name, payload=None)` throws a signal; `log(level, text)` takes a line of log; ``print`` in a script logs,
+    too. `budget` counts the loop passes and function entries of one step.
+    """
+    names = {name: value for name, value in vars(builtins).items() if name not in _ABSENT}
+    logger = Log(log)
+
+    def print_to_log(*values: Any, sep: str | None = " ", end: str = "", file: Any = None, flush: bool = False) -> None:
+        log("info", _joined(values, " " if sep is None else sep))
+
+    names |= {"robot": robot, "signal": signal, "log": logger, "print": print_to_log}
+    names |= {"BpmnError": BpmnError, "math": math, "sleep": Sleep, "receive": Receive, "until": Until}
+    Budget(names, budget)
+    return names
+
+
+def _joined(values: tuple[Any, ...], separator: str = " ") -> str:
+    return separator.join(map(str, values))

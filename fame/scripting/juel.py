@@ -1,0 +1,241 @@
+"""The expressions of Camunda 7, ``${...}``: the data side of Jakarta Expression Language 3 (its chapter 1).
+
+A name that is not set is an error, except for ``empty``; a field of null is null. Texts that hold numbers count as
+numbers beside numbers. Unlike there: ``+`` joins texts that are no numbers, and dividing by zero is an error, not
+infinity.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from fame.scripting.data import NUMBERS, Undefined, field, is_empty, is_list, is_number, plain
+from fame.scripting.functions import FUNCTIONS, to_number, to_text
+from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix, listing, mapping, parenthesized
+from fame.scripting.lexer import ExpressionError
+
+Compare = Callable[[Any, Any], bool]
+
+OR, AND, EQUAL, ORDER, SUM, PRODUCT, UNARY, PATH = 2, 3, 4, 5, 6, 7, 8, 9
+"""Binding powers; the ternary ``? :`` has 1."""
+
+
+def truth(value: Any) -> bool:
+    """EL section 1.23: null and the empty text are false, a text is true if it says so."""
+    if isinstance(value, str):
+        return value.lower() == "true"
+    return bool(value)
+
+
+def equal(left: Any, right: Any) -> bool:
+    """``==``, after EL section 1.8.2."""
+    if left is None or right is None:
+        return left is right
+    if isinstance(left, bool) != isinstance(right, bool):
+        return isinstance(left, (bool, str)) and isinstance(right, (bool, str)) and truth(left) == truth(right)
+    if is_number(left) != is_number(right):
+        try:
+            left, right = to_number(left), to_number(right)
+        except TypeError:
+            return False
+    return bool(plain(left) == plain(right))
+
+
+def order(compare: Compare, left: Any, right: Any) -> bool:
+    """``<`` and the like, after EL section 1.8.1: with null it is false. Raises TypeError for what has no order."""
+    if left is None or right is None:
+        return False
+    if is_number(left) or is_number(right):
+        left, right = to_number(left), to_number(right)
+    elif not (isinstance(left, str) and isinstance(right, str)):
+        raise TypeError(f"{left!r} and {right!r} have no order")
+    return compare(left, right)
+
+
+def item_of(value: Any, key: Any) -> Any:
+    """``value[key]``: an element (0-based) of a list or text, a field of anything else; outside it is null."""
+    if value is None or key is None:
+        return None
+    if isinstance(value, str) or is_list(value):
+        index = to_number(key)
+        return plain(value[index]) if isinstance(index, int) and 0 <= index < len(value) else None
+    if not isinstance(key, str):
+        return value.get(key) if isinstance(value, Mapping) else None
+    if key.startswith("_"):
+        raise TypeError(f"`{key}`: names with a leading underscore cannot be used here")
+    return field(value, key)
+
+
+_METHODS: dict[str, Callable[..., Any]] = {
+    "size": len,
+    "length": len,
+    "isEmpty": is_empty,
+    "contains": lambda value, item: item in plain(value),
+    "containsKey": lambda value, key: key in value,
+    "get": item_of,
+    "indexOf": lambda value, item: value.find(item) if isinstance(value, str) else list(value).index(item),
+    "equals": equal,
+    "startsWith": lambda value, part: to_text(value).startswith(part),
+    "endsWith": lambda value, part: to_text(value).endswith(part),
+    "toLowerCase": lambda value: to_text(value).lower(),
+    "toUpperCase": lambda value: to_text(value).upper(),
+    "toString": to_text,
+    "trim": lambda value: to_text(value).strip(),
+}
+"""The methods of Java's texts, lists and maps that models call."""
+
+
+def _comparison(compare: Compare) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> bool:
+            a, b = left(variables), right(variables)
+            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
+                return compare(a, b)
+            return order(compare, a, b)
+
+        return evaluate
+
+    return combine
+
+
+def _equality(same: bool) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> bool:
+            a, b = left(variables), right(variables)
+            if a.__class__ is b.__class__ and (a.__class__ in NUMBERS or a.__class__ is str):
+                return (a == b) is same
+            return equal(a, b) is same
+
+        return evaluate
+
+    return combine
+
+
+def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evaluate], Evaluate]:
+    def combine(left: Evaluate, right: Evaluate) -> Evaluate:
+        def evaluate(variables: Mapping[str, Any]) -> Any:
+            a, b = left(variables), right(variables)
+            if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
+                return compute(a, b)
+            return compute(to_number(a) or 0, to_number(b) or 0)
+
+        return evaluate
+
+    return combine
+
+
+def _plus(left: Evaluate, right: Evaluate) -> Evaluate:
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        a, b = left(variables), right(variables)
+        if isinstance(a, str) or isinstance(b, str):
+            try:
+                a, b = to_number(a), to_number(b)
+            except TypeError:
+                return to_text(a) + to_text(b)
+        return (0 if a is None else a) + (0 if b is None else b)
+
+    return evaluate
+
+
+def _remainder(dividend: Any, divisor: Any) -> Any:
+    """With the sign of the dividend, as in Java."""
+    if isinstance(dividend, int) and isinstance(divisor, int):
+        return int(math.copysign(abs(dividend) % abs(divisor), dividend))
+    return math.fmod(dividend, divisor)
+
+
+def _both(left: Evaluate, right: Evaluate) -> Evaluate:
+    return lambda variables: truth(left(variables)) and truth(right(variables))
+
+
+def _either(left: Evaluate, right: Evaluate) -> Evaluate:
+    return lambda variables: truth(left(variables)) or truth(right(variables))
+
+
+def _not(parser: Parser) -> Evaluate:
+    operand = parser.expression(UNARY)
+    return lambda variables: not truth(operand(variables))
+
+
+def _minus(parser: Parser) -> Evaluate:
+    operand = parser.expression(UNARY)
+    return lambda variables: -(to_number(operand(variables)) or 0)
+
+
+def _empty(parser: Parser) -> Evaluate:
+    operand = parser.expression(UNARY)
+
+    def evaluate(variables: Mapping[str, Any]) -> bool:
+        try:
+            return is_empty(operand(variables))
+        except Undefined:
+            return True
+
+    return evaluate
+
+
+def _ternary(parser: Parser, condition: Evaluate) -> Evaluate:
+    then = parser.expression()
+    parser.expect(":")
+    otherwise = parser.expression()
+    return lambda variables: then(variables) if truth(condition(variables)) else otherwise(variables)
+
+
+def _path(parser: Parser, left: Evaluate) -> Evaluate:
+    place, name = parser.token.place, parser.name()
+    if parser.take("("):
+        if name not in _METHODS:
+            raise ExpressionError(f"the method `{name}` cannot be called here; {', '.join(_METHODS)} can", place)
+        method, arguments = _METHODS[name], parser.listed(")")
+        return lambda variables: method(left(variables), *[argument(variables) for argument in arguments])
+    return lambda variables: field(left(variables), name)
+
+
+def _index(parser: Parser, left: Evaluate) -> Evaluate:
+    key = parser.expression()
+    parser.expect("]")
+    return lambda variables: item_of(left(variables), key(variables))
+
+
+def _table() -> dict[str, tuple[int, Infix]]:
+    operators: list[tuple[str, int, Callable[[Evaluate, Evaluate], Evaluate]]] = [
+        ("|| or", OR, _either),
+        ("&& and", AND, _both),
+        ("== eq", EQUAL, _equality(True)),
+        ("!= ne", EQUAL, _equality(False)),
+        ("< lt", ORDER, _comparison(operator.lt)),
+        ("<= le", ORDER, _comparison(operator.le)),
+        ("> gt", ORDER, _comparison(operator.gt)),
+        (">= ge", ORDER, _comparison(operator.ge)),
+        ("+", SUM, _plus),
+        ("-", SUM, _arithmetic(operator.sub)),
+        ("*", PRODUCT, _arithmetic(operator.mul)),
+        ("/ div", PRODUCT, _arithmetic(operator.truediv)),
+        ("% mod", PRODUCT, _arithmetic(_remainder)),
+    ]
+    table = {sign: infix(power, combine) for signs, power, combine in operators for sign in signs.split()}
+    return table | {"?": (1, _ternary), ".": (PATH, _path), "[": (PATH, _index)}
+
+
+JUEL = Dialect(
+    name="${...}",
+    prefixes={
+        "true": lambda parser: constant(True),
+        "false": lambda parser: constant(False),
+        "null": lambda parser: constant(None),
+        "not": _not,
+        "!": _not,
+        "-": _minus,
+        "empty": _empty,
+        "(": parenthesized,
+        "[": listing,
+        "{": mapping,
+    },
+    infixes=_table(),
+    functions={name: function for name, function in FUNCTIONS.items() if " " not in name},
+    undefined_is_null=False,
+)
+"""The language."""

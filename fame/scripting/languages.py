@@ -1,0 +1,93 @@
+"""Which compiler a text goes to, by its language."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from fame.bpmn.model import Expression
+from fame.errors import ModelError, UnavailableError
+from fame.scripting.data import Undefined
+from fame.scripting.feel import FEEL
+from fame.scripting.grammar import Evaluate, Parser
+from fame.scripting.juel import JUEL
+from fame.scripting.lexer import ExpressionError
+from fame.scripting.python import Code, compile_python
+from fame.scripting.substitution import inside, payload, template, value
+
+Warn = Callable[[str], object]
+
+
+def compile_script(expression: Expression, *, file: str = "", element: str = "") -> Code:
+    """Statements. The callable takes the variables, whose ``__builtins__`` is an `interface`, and runs the script.
+
+    It gives None when the script is over, or a suspended script for a `Runner` if it has top-level ``await``. It raises
+    what the script raises, BaseExceptions included. Raises ModelError (file, line, element) if the text is wrong,
+    UnavailableError for a language that is not installed.
+    """
+    if expression.language == "python":
+        return compile_python(expression, "exec", file, element)
+    if expression.language == "javascript":
+        raise _no_javascript(element)
+    raise ModelError(f"a script cannot be written in {expression.language}; accepted are python and javascript",
+                     file=file, line=expression.line, element=element)  # fmt: skip
+
+
+def compile_expression(
+    expression: Expression, *, file: str = "", element: str = "", warn: Warn | None = None, strict: bool = False
+) -> Code:
+    """A condition or value. The callable takes the variables and gives the value.
+
+    Of languages ``value`` and ``payload`` it gives UNDEFINED where a name is not set, and leaves fields out; a
+    payload says so through `warn`, once for each field, or raises NameError if `strict`. Raises ModelError and
+    UnavailableError as `compile_script`.
+    """
+    if expression.language == "python":
+        return compile_python(expression, "eval", file, element)
+    if expression.language == "javascript":
+        raise _no_javascript(element)
+    return parse_expression(expression, file=file, element=element, warn=warn, strict=strict)[0]
+
+
+def parse_expression(
+    expression: Expression, *, file: str = "", element: str = "", warn: Warn | None = None, strict: bool = False
+) -> tuple[Evaluate, Mapping[str, None]]:
+    """As `compile_expression`, of any language that is ours; with the names that it reads, in order."""
+    text = expression.text
+    try:
+        match expression.language:
+            case "template":
+                return template(text)
+            case "payload":
+                return payload(text, _missing(warn, strict))
+            case "value" if not text.lstrip().startswith("="):
+                return value(text, lambda path, error: None)
+            case "value" | "feel":
+                text = text.lstrip().removeprefix("=")
+                parser = Parser(text, FEEL)
+            case _:
+                text = text.strip() if inside(text.strip()) is None else str(inside(text.strip()))
+                parser = Parser(text, JUEL)
+        return parser.whole(), parser.names
+    except ExpressionError as error:
+        skipped = expression.text.find(text)
+        line = expression.line + expression.text[: max(0, skipped) + error.place].count("\n")
+        shown = "" if expression.language == "payload" else f": `{expression.text.strip()}`"
+        raise ModelError(f"{error}{shown}", file=file, line=line, element=element) from None
+
+
+def _missing(warn: Warn | None, strict: bool) -> Callable[[str, Undefined], object]:
+    warned: set[str] = set()
+
+    def missing(path: str, error: Undefined) -> None:
+        field = f"payload field {path}" if path else "payload"
+        if strict:
+            raise NameError(f"{field}: {error}") from None
+        if warn is not None and path not in warned:
+            warned.add(path)
+            warn(f"{field}: {error}; left at its default")
+
+    return missing
+
+
+def _no_javascript(element: str) -> UnavailableError:
+    return UnavailableError(f"{element or 'script'}: JavaScript is not available in this version; write it in Python")

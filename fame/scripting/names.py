@@ -1,0 +1,48 @@
+"""The variables that a text reads and writes, as far as the text tells."""
+
+from __future__ import annotations
+
+import ast
+import symtable
+from collections.abc import Iterator
+
+from fame.bpmn.model import Expression
+from fame.scripting.interface import interface
+from fame.scripting.languages import parse_expression
+from fame.scripting.python import parse_python
+
+
+def script_names(expression: Expression, *, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
+    """(reads, writes): the names that it takes from the variables, and those that it sets there.
+
+    `script`: it is statements, not an expression. Functions, classes and imports of a script are not variables, nor are
+    names of the interface and builtins that it does not set. Raises ModelError if the text is wrong.
+    """
+    if expression.language == "javascript":
+        return frozenset(), frozenset()
+    if expression.language != "python":
+        return frozenset(parse_expression(expression)[1]), frozenset()
+    tree = parse_python(expression, "exec" if script else "eval")
+    top = symtable.symtable(ast.unparse(tree), "<script>", "exec")
+    code = {symbol.get_name() for symbol in top.get_symbols() if symbol.is_imported() or symbol.is_namespace()}
+    reads, writes = set[str](), set[str]()
+    for table in _tables(top):
+        for symbol in table.get_symbols():
+            if table is top or symbol.is_global():
+                reads |= {symbol.get_name()} if symbol.is_referenced() else set()
+                writes |= {symbol.get_name()} if symbol.is_assigned() else set()
+    reads |= {name for name in writes if name in _augmented(tree)}
+    provided = interface(robot=None, signal=print, log=lambda level, text: None).keys() - writes
+    return frozenset(reads - code - provided), frozenset(writes - code)
+
+
+def _augmented(tree: ast.AST) -> set[str]:
+    """What ``x += 1`` is done to; symbol tables do not count it as read."""
+    targets = (node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign))
+    return {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def _tables(table: symtable.SymbolTable) -> Iterator[symtable.SymbolTable]:
+    yield table
+    for child in table.get_children():
+        yield from _tables(child)

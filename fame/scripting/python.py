@@ -1,0 +1,188 @@
+"""Scripts and expressions in Python: compiled once, run by C without a Python frame in between.
+
+The code of a text is a `functools.partial(eval, code)`: called with the variables, it runs with them as its globals. A
+script that has to wait (top-level ``await``) gives a coroutine, else None. The code carries the name of the .bpmn file
+and its lines, so that tracebacks point into the file.
+"""
+
+from __future__ import annotations
+
+import ast
+import dis
+import re
+import textwrap
+import warnings
+from collections.abc import Callable
+from functools import partial
+from types import CodeType, CoroutineType, FrameType
+from typing import Any, Literal
+
+from fame.bpmn.model import Expression
+from fame.engine.variables import Variables
+from fame.errors import ModelError
+from fame.scripting.budget import count_steps
+
+Code = Callable[[dict[str, Any]], Any]
+
+_AWAITED = {"sleep", "receive", "until"}
+_PAST_METHODS = bytes((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]))
+
+
+def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: str = "", element: str = "") -> Code:
+    """A callable of the variables. Raises ModelError, with the line of the file, if the text is not Python."""
+    tree = parse_python(expression, mode, file, element)
+    dropped = _dropped_request(tree)
+    if dropped is not None:
+        what, line = dropped
+        text = f"{what}(...) does nothing unless it is awaited: await {what}(...)"
+        raise ModelError(text, file=file, line=line, element=element)
+    flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT if mode == "exec" else 0
+    with _located(expression, mode, file, element), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        counted: Any = count_steps(tree)
+        code: CodeType = compile(counted, source_name(file), mode, flags, dont_inherit=True)
+    run: Code = partial(eval, code)
+    return partial(_run_and_settle, run) if _writes_past_methods(code) else run
+
+
+def parse_python(
+    expression: Expression, mode: Literal["exec", "eval"] = "exec", file: str = "", element: str = ""
+) -> ast.AST:
+    """The syntax tree of a text, with the lines of the file. Raises ModelError."""
+    with _located(expression, mode, file, element), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return ast.parse(_source(expression, mode), source_name(file), mode)
+        except IndentationError:
+            hanging = _hanging(expression)
+            if mode == "eval" or hanging is None:
+                raise
+            return ast.parse(_source(hanging, mode), source_name(file), mode)
+
+
+def source_name(file: str) -> str:
+    """The file name that compiled code carries."""
+    return file or "<script>"
+
+
+def error_line(error: BaseException, file: str = "") -> int:
+    """The line of the .bpmn file where the innermost part of a script raised `error`; 0 if no script had part in it."""
+    line, trace = 0, error.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == source_name(file):
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return line
+
+
+def error_text(error: BaseException) -> str:
+    """What a script raised, for people: ``ZeroDivisionError: division by zero``."""
+    text = " ".join(str(error).split())
+    name = type(error).__name__
+    return f"{name}: {text}" if text else name
+
+
+def _source(expression: Expression, mode: str) -> str:
+    """The text with as many empty lines before it as the file has, so that lines need no arithmetic."""
+    text = expression.text.expandtabs() if mode == "exec" else expression.text
+    text = textwrap.dedent(text)
+    if mode == "eval":
+        before = text[: len(text) - len(text.lstrip())].count("\n")
+        text = text.strip()
+        text = "\n" * before + (f"({text}\n)" if "\n" in text else text)
+    return "\n" * max(0, expression.line - 1) + text
+
+
+def _hanging(expression: Expression) -> Expression | None:
+    """A script whose first line stands right behind its tag, and all others are indented as their tag is."""
+    first, _, rest = expression.text.partition("\n")
+    if not first.strip() or not rest.strip():
+        return None
+    return Expression(f"{first.strip()}\n{textwrap.dedent(rest)}", expression.language, expression.line)
+
+
+class _located:
+    """Turns what Python says against a text into a ModelError with the line of the file."""
+
+    def __init__(self, expression: Expression, mode: str, file: str, element: str) -> None:
+        self.expression, self.condition, self.file, self.element = expression, mode == "eval", file, element
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, SyntaxError):
+            first = max(1, self.expression.line)
+            line = max(error.lineno or first, first)
+            lines = self.expression.text.split("\n")
+            found = lines[min(line - first, len(lines) - 1)].strip()
+            text = f"{error.msg}: `{found}`{_hint(found) if self.condition else ''}" if found else error.msg
+            raise ModelError(f"not Python: {text}", file=self.file, line=line, element=self.element) from None
+        if isinstance(error, (ValueError, RecursionError, MemoryError, OverflowError)):
+            raise ModelError(f"not Python: {error_text(error)}", file=self.file, line=self.expression.line,
+                             element=self.element) from None  # fmt: skip
+
+
+def _hint(line: str) -> str:
+    """What the author of a condition in another language may have meant."""
+    if "&&" in line or "||" in line:
+        return "; Python says `and`, `or`, `not`"
+    return "; `==` compares" if re.search(r"[^=!<>:]=[^=]", line) else ""
+
+
+def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
+    """The first statement that makes a request and drops it: (what it calls, line)."""
+    bound = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    bound |= {alias.asname or alias.name for node in ast.walk(tree)
+              if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}  # fmt: skip
+    bound |= {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            called = ast.unparse(node.value.func)
+            if (called in _AWAITED and called not in bound) or (called == "robot.call" and "robot" not in bound):
+                return called, node.lineno
+    return None
+
+
+def _writes_past_methods(code: CodeType) -> bool:
+    """Whether it, or a function in it, stores by STORE_GLOBAL (see `fame.engine.variables`)."""
+    return any(operation in _PAST_METHODS for operation in code.co_code[::2]) or any(
+        _writes_past_methods(inner) for inner in code.co_consts if isinstance(inner, CodeType)
+    )
+
+
+def _run_and_settle(run: Code, variables: dict[str, Any]) -> Any:
+    if not isinstance(variables, Variables):
+        return run(variables)
+    try:
+        result = run(variables)
+    finally:
+        variables.settle()
+    return _Settling(result, variables) if isinstance(result, CoroutineType) else result
+
+
+class _Settling:
+    """A suspended script whose variables are settled after each of its steps."""
+
+    __slots__ = ("_script", "_variables")
+
+    def __init__(self, script: CoroutineType[Any, Any, Any], variables: Variables) -> None:
+        self._script, self._variables = script, variables
+
+    @property
+    def cr_frame(self) -> FrameType | None:
+        return self._script.cr_frame
+
+    def send(self, value: Any) -> Any:
+        return self._then_settle(self._script.send, value)
+
+    def throw(self, error: BaseException) -> Any:
+        return self._then_settle(self._script.throw, error)
+
+    def close(self) -> None:
+        self._then_settle(self._script.close)
+
+    def _then_settle(self, step: Callable[..., Any], *values: Any) -> Any:
+        try:
+            return step(*values)
+        finally:
+            self._variables.settle()

@@ -1,0 +1,139 @@
+"""What a script can wait for: inert requests, which ``await`` hands to whoever drives the script.
+
+`sleep(2)` does nothing by itself. ``await`` yields the request to the driver (`fame.scripting.runner`), which sends
+back the result or throws what went wrong. There is no event loop, and nothing else can be awaited.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+class Request:
+    """Something awaited."""
+
+    __slots__ = ()
+
+    def __await__(self) -> Generator[Request, Any, Any]:
+        return (yield self)
+
+
+@dataclass(frozen=True, slots=True)
+class Sleep(Request):
+    """``await sleep(2)``: go on after so many seconds of the engine's clock."""
+
+    seconds: float
+
+    def __post_init__(self) -> None:
+        check_seconds("sleep", self.seconds)
+
+    def __str__(self) -> str:
+        return f"sleep({self.seconds:g})"
+
+
+@dataclass(frozen=True, slots=True)
+class Receive(Request):
+    """``await receive("odom", timeout=1)``: the next message that arrives on a topic; TimeoutError after `timeout` s.
+
+    `type` is ``pkg/msg/Type``; it may be left out where the topic is known by its publisher or by the model.
+    """
+
+    topic: str
+    type: str | None = None
+    timeout: float | None = None
+
+    def __post_init__(self) -> None:
+        check_topic("receive", self.topic)
+        check_seconds("receive: timeout", self.timeout)
+
+    def __str__(self) -> str:
+        return f"receive({self.topic!r})"
+
+
+@dataclass(frozen=True, slots=True)
+class Until(Request):
+    """``await until(lambda: battery < 20)``: go on when the condition is true; TimeoutError after `timeout` s.
+
+    It is tried at once, then after every step of a script, every move of the engine and every message of this robot:
+    whatever can change a variable. A condition that depends on time alone is for `sleep`.
+    """
+
+    condition: Callable[[], Any]
+    timeout: float | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.condition):
+            raise TypeError("until: expected a function to ask again and again, as in until(lambda: x > 3)")
+        check_seconds("until: timeout", self.timeout)
+
+    def __str__(self) -> str:
+        return "until(...)"
+
+
+@dataclass(frozen=True, slots=True)
+class Next(Request):
+    """The next message of a subscription: what ``async for`` awaits."""
+
+    queue: MessageQueue
+
+    def __str__(self) -> str:
+        return f"next message of {self.queue.topic}"
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Request):
+    """``await robot.call("spawn", "pkg/srv/Spawn", x=1.0)``: the response of a service."""
+
+    service: str
+    type: str
+    fields: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return f"call({self.service!r})"
+
+
+class MessageQueue:
+    """``async for message in robot.subscribe("odom")``: the last `depth` messages not yet taken, oldest first."""
+
+    __slots__ = ("__weakref__", "messages", "topic", "waiting")
+
+    def __init__(self, topic: str, depth: int) -> None:
+        if not isinstance(depth, int) or depth < 1:
+            raise ValueError(f"subscribe: queue={depth!r}: expected how many messages to keep, at least 1")
+        self.topic = topic
+        self.messages: deque[Any] = deque(maxlen=depth)
+        self.waiting: dict[Callable[[], object], None] = {}
+
+    def put(self, message: Any) -> None:
+        """A message arrived. Wakes everyone who waits for one."""
+        self.messages.append(message)
+        for wake in tuple(self.waiting):
+            wake()
+
+    def __aiter__(self) -> MessageQueue:
+        return self
+
+    def __anext__(self) -> Next:
+        return Next(self)
+
+
+def check_seconds(what: str, seconds: Any) -> None:
+    """Raises TypeError or ValueError unless it is None or a finite number of seconds, not negative."""
+    if seconds is None and what != "sleep":
+        return
+    try:
+        wrong = not math.isfinite(seconds) or seconds < 0
+    except TypeError:
+        raise TypeError(f"{what}: {seconds!r} is not a number of seconds") from None
+    if wrong:
+        raise ValueError(f"{what}: {seconds!r} s: expected a finite number, 0 or more")
+
+
+def check_topic(what: str, topic: Any) -> None:
+    """Raises TypeError unless it is the name of a topic."""
+    if not isinstance(topic, str) or not topic:
+        raise TypeError(f"{what}: {topic!r} is not the name of a topic")

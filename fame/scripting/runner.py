@@ -1,0 +1,295 @@
+"""Drives the scripts of one robot that wait, from request to request.
+
+A script is a coroutine that yields requests (`fame.scripting.requests`). Each step of it, from one ``await`` to the
+next, is an entry of the scheduler of its own kind and runs to completion. The runner never calls the engine from
+inside a call of the engine: that a script is over is always said by an entry of its own.
+
+Cancellation is raised at the ``await``. A script that awaits on its way out (``finally: await ...``) is *leaving*: it
+is driven on, and after the grace it is closed for good. No script survives that: closing also drains its budget, so
+that even ``while True: try ... except BaseException: continue`` ends at its next pass.
+
+Invariant: a script at rest has exactly one thing armed that can wake it (with its time limit, if it has one), and
+waking disarms both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.engine.host import Cancelled
+from fame.middleware.interface import Node
+from fame.scripting.budget import BUDGET, Budget
+from fame.scripting.inbox import Inbox, Subscribe, Types
+from fame.scripting.python import error_text
+from fame.scripting.requests import Call, Next, Receive, Request, Sleep, Until
+
+GRACE = 2.0
+"""How long a cancelled script may take to leave (s)."""
+
+_AT_ONE_INSTANT = 100_000
+"""Awaits of one script without time going on, before it is taken for a livelock."""
+
+_CLOSINGS = 100
+
+Ended = Callable[[int, BaseException | None], object]
+Report = Callable[[int, str], object]
+
+
+class _Task:
+    """A script under way. `disarm` undoes what would wake it; `due` is its time limit, or its next step."""
+
+    __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "grace", "instant", "key", "leaving",
+                 "request", "running", "script")  # fmt: skip
+
+    def __init__(self, key: int, script: Any) -> None:
+        self.key, self.script = key, script
+        frame = getattr(script, "cr_frame", None)
+        self.budget: Budget | None = frame.f_builtins.get(BUDGET) if frame is not None else None
+        self.request: Request | None = None
+        self.disarm: Callable[[], object] | None = None
+        self.due: Entry | None = None
+        self.grace: Entry | None = None
+        self.error: BaseException | None = None
+        self.running = self.leaving = self.cancelling = False
+        self.instant, self.awaits = -1, 0
+
+
+class Runner:
+    """The waiting scripts of one robot.
+
+    ended     (key, error or None): a script is over; never called from inside `start` or `cancel`
+    stepped   (key): a script went on and waits again, so its variables may have changed
+    report    (key, text): something went wrong while a cancelled script was leaving
+    types     type of a topic by its full name, None if unknown
+    subscribe makes a subscription; by default that of `node`
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        node: Node,
+        ended: Ended,
+        *,
+        stepped: Callable[[int], object] = lambda key: None,
+        report: Report = lambda key, text: None,
+        types: Types = lambda topic: None,
+        subscribe: Subscribe | None = None,
+        grace: float = GRACE,
+    ) -> None:
+        self._scheduler, self._ended, self._stepped, self._report = scheduler, ended, stepped, report
+        self._grace = round(grace * SECOND)
+        self.inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
+        self._tasks: dict[int, _Task] = {}
+        self._untils: dict[int, _Task] = {}
+
+    # ---- what the engine asks ----------------------------------------------------------------------------------------
+
+    def start(self, key: int, script: Any) -> None:
+        """Drive a script to its first request."""
+        task = self._tasks[key] = _Task(key, script)
+        if self._advance(task, script.send, None):
+            task.due = self._scheduler.soon(partial(self._end, task), Kind.RESUMPTION)
+
+    def cancel(self, key: int) -> bool:
+        """Cancel a script at its ``await``. True: it is out (or unknown); False: it is leaving, `ended` will tell."""
+        task = self._tasks.get(key)
+        if task is None:
+            return True
+        if task.leaving:
+            return False
+        self._wake(task)
+        task.leaving = task.cancelling = True
+        if not task.running and (task.request is None or self._advance(task, task.script.throw, self._cancelled(task))):
+            self._forget(task)
+            return True
+        task.grace = self._scheduler.after(self._grace, partial(self._close, task))
+        return False
+
+    def waits(self, key: int) -> str:
+        """What a script waits for, for people; empty if it is not there."""
+        task = self._tasks.get(key)
+        return str(task.request) if task is not None and task.request is not None else ""
+
+    def poll(self) -> None:
+        """Something may have changed: try the conditions awaited by `until`, in the order of arming."""
+        for task in tuple(self._untils.values()):
+            if task.key in self._untils:
+                self._try_condition(task)
+
+    def close(self) -> None:
+        """Close all scripts for good, without grace and without a word to the engine, and hear nothing any more."""
+        for task in tuple(self._tasks.values()):
+            self._wake(task)
+            task.leaving = True
+            self._kill(task)
+            self._forget(task)
+        self.inbox.close()
+
+    # ---- one step of a script ----------------------------------------------------------------------------------------
+
+    def _advance(self, task: _Task, step: Callable[[Any], Any], value: Any) -> bool:
+        """Run a script to its next request and arm that. True: it is over, with `task.error`."""
+        if task.budget is not None:
+            task.budget.refill()
+        while True:
+            task.request, task.running = None, True
+            try:
+                request = step(value)
+            except StopIteration:
+                return True
+            except BaseException as error:
+                task.error = error
+                return True
+            finally:
+                task.running = False
+            step = task.script.throw
+            if task.cancelling:
+                value = self._cancelled(task)
+                continue
+            try:
+                self._arm(task, request)
+            except Exception as error:
+                value = error
+                continue
+            return False
+
+    def _resume(self, task: _Task, step: Callable[[Any], Any], value: Any) -> None:
+        """An entry of the scheduler: what the script waited for is there."""
+        self._wake(task)
+        if self._scheduler.now != task.instant:
+            task.instant, task.awaits = self._scheduler.now, 0
+        task.awaits += 1
+        if task.awaits > _AT_ONE_INSTANT:
+            text = f"awaited {_AT_ONE_INSTANT} times without time going on: {task.request}"
+            step, value = task.script.throw, RuntimeError(text)
+        if self._advance(task, step, value):
+            self._end(task)
+        else:
+            self._stepped(task.key)
+        self.poll()
+
+    def _end(self, task: _Task) -> None:
+        left, error = task.leaving, task.error
+        self._forget(task)
+        self._ended(task.key, None if left else error)
+
+    def _forget(self, task: _Task) -> None:
+        """It is out."""
+        del self._tasks[task.key]
+        if task.grace is not None:
+            task.grace.cancel()
+        if task.leaving and task.error is not None and not isinstance(task.error, Cancelled):
+            self._report(task.key, f"while it was cancelled: {error_text(task.error)}")
+
+    def _cancelled(self, task: _Task) -> Cancelled:
+        task.cancelling = False
+        return Cancelled()
+
+    def _close(self, task: _Task) -> None:
+        """The grace is over."""
+        self._wake(task)
+        self._report(task.key, f"cancelled, but not out after {self._grace / SECOND:g} s: closed at {task.request}")
+        self._kill(task)
+        self._end(task)
+
+    def _kill(self, task: _Task) -> None:
+        """Close the coroutine. Each try ends one handler that swallows it; loops end by their drained budget."""
+        if task.budget is not None:
+            task.budget.drain()
+        for _ in range(_CLOSINGS):
+            try:
+                task.script.close()
+                break
+            except RuntimeError:
+                continue
+            except BaseException:
+                break
+        if task.budget is not None:
+            task.budget.refill()
+
+    # ---- waiting -----------------------------------------------------------------------------------------------------
+
+    def _arm(self, task: _Task, request: Any) -> None:
+        """Arm what wakes the script. Raises what is wrong with the request."""
+        arm = _ARM.get(type(request))
+        if arm is None:
+            raise TypeError(f"cannot await {type(request).__name__}: only sleep, receive, until, robot.call "
+                            "and messages of robot.subscribe can be awaited")  # fmt: skip
+        task.request = request
+        arm(self, task, request)
+
+    def _wake(self, task: _Task) -> None:
+        """Disarm whatever would wake it."""
+        if task.disarm is not None:
+            task.disarm()
+        if task.due is not None:
+            task.due.cancel()
+        task.disarm = task.due = None
+
+    def _soon(self, task: _Task, step: Callable[[Any], Any], value: Any) -> None:
+        self._wake(task)
+        task.due = self._scheduler.soon(partial(self._resume, task, step, value), Kind.RESUMPTION)
+
+    def _limit(self, task: _Task, timeout: float | None) -> None:
+        if timeout is not None:
+            late = TimeoutError(f"{task.request}: nothing within {timeout:g} s")
+            task.due = self._scheduler.after(
+                round(timeout * SECOND), partial(self._resume, task, task.script.throw, late), Kind.RESUMPTION
+            )
+
+    def _sleep(self, task: _Task, request: Sleep) -> None:
+        resume = partial(self._resume, task, task.script.send, None)
+        task.due = self._scheduler.after(round(request.seconds * SECOND), resume, Kind.RESUMPTION)
+
+    def _receive(self, task: _Task, request: Receive) -> None:
+        ear = self.inbox.listen(request.topic, request.type)
+        wake = partial(self._soon, task, task.script.send)
+        ear.waiting[wake] = None
+        task.disarm = lambda: ear.waiting.pop(wake, None)
+        self._limit(task, request.timeout)
+
+    def _next(self, task: _Task, request: Next) -> None:
+        queue = request.queue
+
+        def wake() -> None:
+            if queue.messages:
+                self._soon(task, task.script.send, queue.messages.popleft())
+
+        queue.waiting[wake] = None
+        task.disarm = lambda: queue.waiting.pop(wake, None)
+        wake()
+
+    def _until(self, task: _Task, request: Until) -> None:
+        self._untils[task.key] = task
+        task.disarm = lambda: self._untils.pop(task.key, None)
+        self._limit(task, request.timeout)
+        self._try_condition(task)
+
+    def _try_condition(self, task: _Task) -> None:
+        request = task.request
+        assert isinstance(request, Until)
+        try:
+            value = request.condition()
+            if value:
+                self._soon(task, task.script.send, value)
+        except BaseException as error:
+            self._soon(task, task.script.throw, error)
+
+    def _call(self, task: _Task, request: Call) -> None:
+        def answered(response: Any) -> None:
+            if task.request is request:
+                self._soon(task, task.script.send, response)
+
+        self.inbox.client(request.service, request.type).call(request.fields, answered)
+
+
+_ARM: dict[type, Callable[[Runner, _Task, Any], None]] = {
+    Sleep: Runner._sleep,
+    Receive: Runner._receive,
+    Next: Runner._next,
+    Until: Runner._until,
+    Call: Runner._call,
+}

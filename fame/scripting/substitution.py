@@ -1,0 +1,185 @@
+"""Texts with ``${...}`` inside: templates, properties of data objects, payloads.
+
+A payload is parsed once, when it is compiled: each ``${...}`` is a mark in the text, the text is parsed as flow-style
+YAML or JSON, and what is found to be a mark becomes its expression. So values are inserted as values, whatever
+letters they are made of. A name that is not set leaves its field out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from fame.engine.variables import UNDEFINED
+from fame.scripting.data import Undefined
+from fame.scripting.flow import flow, scalar
+from fame.scripting.functions import to_text
+from fame.scripting.grammar import Evaluate, Parser, constant
+from fame.scripting.juel import JUEL
+from fame.scripting.lexer import ExpressionError
+
+Missing = Callable[[str, Undefined], object]
+"""What to do about a name that is not set: (path of the field, which); may raise."""
+
+_HOLE = re.compile(r"[$#]\{")
+_MARK = re.compile("\ue000([0-9]+)\ue001")
+_COLLECTION = ("{", "[")
+_FLOW = (*_COLLECTION, '"', "'")
+
+
+class Substituted:
+    """A text taken apart: `marked` is the text with marks, `parsers` and `evaluates` are the expressions by mark."""
+
+    __slots__ = ("evaluates", "marked", "names", "text")
+
+    def __init__(self, text: str) -> None:
+        self.text, self.evaluates, self.names = text, list[Evaluate](), dict[str, None]()
+        marked, last = [], 0
+        for start, end in _holes(text):
+            marked += [text[last:start], f"\ue000{len(self.evaluates)}\ue001"]
+            self.evaluates.append(self._parsed(start, end))
+            last = end
+        self.marked = "".join([*marked, text[last:]])
+
+    def _parsed(self, start: int, end: int) -> Evaluate:
+        try:
+            parser = Parser(self.text[start + 2 : end - 1], JUEL)
+            evaluate = parser.whole()
+        except ExpressionError as error:
+            raise ExpressionError(f"{self.text[start:end]}: {error}", error.place + start + 2) from None
+        self.names |= parser.names
+        return evaluate
+
+
+def inside(text: str) -> str | None:
+    """What stands in a text that is one ``${...}`` or ``#{...}`` as a whole, else None.
+
+    >>> inside("${a + 1}"), inside("${a}-${b}")
+    ('a + 1', None)
+    """
+    holes = list(_holes(text)) if text[:2] in ("${", "#{") else []
+    return text[2:-1] if holes == [(0, len(text))] else None
+
+
+def template(text: str) -> tuple[Evaluate, Mapping[str, None]]:
+    """A function that fills the text in, and the names that it reads. Raises ExpressionError; evaluated, Undefined."""
+    substituted = Substituted(text)
+    return _text(substituted.marked, substituted.evaluates), substituted.names
+
+
+def payload(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
+    """A function that gives the value, or UNDEFINED; and the names that it reads. Raises ExpressionError."""
+    substituted = Substituted(text.strip())
+    marked = substituted.marked
+    try:
+        tree = flow(marked) if marked.startswith(_FLOW) else scalar(marked)
+    except ValueError as error:
+        if marked.startswith(_COLLECTION):
+            raise ExpressionError(f"neither YAML nor JSON: {error}: {_plainly(substituted.text)}") from None
+        tree = marked
+    return _build(tree, "", substituted.evaluates, missing), substituted.names
+
+
+def value(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
+    """As `payload`, of a data object's property: no text only declares the name, and a text may begin with any sign."""
+    if not text.strip():
+        return constant(UNDEFINED), {}
+    try:
+        return payload(text, missing)
+    except ExpressionError:
+        substituted = Substituted(text.strip())
+        return _build(substituted.marked, "", substituted.evaluates, missing), substituted.names
+
+
+def _holes(text: str) -> Iterator[tuple[int, int]]:
+    """Where ``${...}`` and ``#{...}`` stand: (start, end). Raises ExpressionError for one without an end."""
+    place = 0
+    while True:
+        found = _HOLE.search(text, place)
+        if found is None:
+            return
+        place = _closing(text, found.start())
+        yield found.start(), place
+
+
+def _closing(text: str, start: int) -> int:
+    """Behind the brace that closes the one after `start`; braces in quotes do not count."""
+    depth, quote, place = 0, "", start + 1
+    while place < len(text):
+        letter = text[place]
+        if quote:
+            place += letter == "\\"
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        else:
+            depth += (letter == "{") - (letter == "}")
+            if not depth:
+                return place + 1
+        place += 1
+    raise ExpressionError(f"`{text[start : start + 2]}` has no closing brace", start)
+
+
+def _build(tree: Any, path: str, evaluates: list[Evaluate], missing: Missing) -> Evaluate:
+    """A function that gives the value of a parsed tree. Collections are made anew each time."""
+    if isinstance(tree, dict):
+        entries = [
+            (_key(key), _build(item, f"{path}.{key}".lstrip("."), evaluates, missing)) for key, item in tree.items()
+        ]
+        return lambda variables: {
+            key: found for key, item in entries if (found := item(variables)) is not UNDEFINED
+        }  # fmt: skip
+    if isinstance(tree, list):
+        items = [_build(item, f"{path}[{index}]", evaluates, missing) for index, item in enumerate(tree)]
+        return _list(items)
+    if not isinstance(tree, str) or not _MARK.search(tree):
+        return constant(tree)
+    whole = _MARK.fullmatch(tree)
+    return _or_missing(evaluates[int(whole[1])] if whole else _text(tree, evaluates), path, missing)
+
+
+def _list(items: list[Evaluate]) -> Evaluate:
+    """Without one of its elements the others would stand in the wrong places: the list is left out."""
+
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        values = [item(variables) for item in items]
+        return UNDEFINED if any(value is UNDEFINED for value in values) else values
+
+    return evaluate
+
+
+def _or_missing(found: Evaluate, path: str, missing: Missing) -> Evaluate:
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        try:
+            return found(variables)
+        except Undefined as error:
+            missing(path, error)
+            return UNDEFINED
+
+    return evaluate
+
+
+def _text(marked: str, evaluates: list[Evaluate]) -> Evaluate:
+    """A function that fills a text in."""
+    pieces = _MARK.split(marked)
+    if len(pieces) == 1:
+        return constant(marked)
+    literals, holes = pieces[::2], [evaluates[int(mark)] for mark in pieces[1::2]]
+
+    def evaluate(variables: Mapping[str, Any]) -> str:
+        filled = [to_text(hole(variables)) for hole in holes]
+        return literals[0] + "".join(a + b for a, b in zip(filled, literals[1:], strict=True))
+
+    return evaluate
+
+
+def _key(key: Any) -> str:
+    if isinstance(key, str) and _MARK.search(key):
+        raise ExpressionError("a key cannot be computed; before a value there is a space: {x: ${x}}")
+    return to_text(key)
+
+
+def _plainly(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,71 @@
+"""The topics that a script names literally: found before it runs, so that their endpoints are made at load."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from typing import Literal
+
+from fame.bpmn.model import Expression
+from fame.scripting.python import parse_python
+
+Direction = Literal["publish", "subscribe", "call"]
+
+_CALLS: dict[str, Direction] = {
+    "receive": "subscribe",
+    "robot.subscribe": "subscribe",
+    "robot.latest": "subscribe",
+    "robot.publish": "publish",
+    "robot.call": "call",
+    "signal": "publish",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptTopic:
+    """A topic as a script names it (relative to its robot), or a service.
+
+    `type` is None where the script does not say.
+    """
+
+    name: str
+    direction: Direction
+    type: str | None = None
+    line: int = 0
+
+
+def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
+    """All of them in the order of the text, each once. A signal's topic is everyone's: ``signal("done")`` is ``/done``.
+
+    Raises ModelError if the text is not Python.
+    """
+    if expression.language != "python":
+        return ()
+    calls = [node for node in ast.walk(parse_python(expression)) if isinstance(node, ast.Call)]
+    calls.sort(key=lambda call: (call.lineno, call.col_offset))
+    found: dict[tuple[str, Direction, str | None], ScriptTopic] = {}
+    for call in calls:
+        topic = _topic(call)
+        if topic is not None:
+            found.setdefault((topic.name, topic.direction, topic.type), topic)
+    return tuple(found.values())
+
+
+def _topic(call: ast.Call) -> ScriptTopic | None:
+    called = ast.unparse(call.func)
+    direction = _CALLS.get(called)
+    name = _argument(call, 0, "name" if called == "signal" else "topic")
+    if direction is None or name is None:
+        return None
+    if called == "signal":
+        return ScriptTopic(name if name.startswith(("/", "~/")) else f"/{name}", direction, None, call.lineno)
+    return ScriptTopic(name, direction, _argument(call, 1, "type"), call.lineno)
+
+
+def _argument(call: ast.Call, place: int, name: str) -> str | None:
+    """The literal text of an argument, if it is one."""
+    given = call.args[place] if place < len(call.args) else None
+    for keyword in call.keywords:
+        if keyword.arg == name:
+            given = keyword.value
+    return given.value if isinstance(given, ast.Constant) and isinstance(given.value, str) else None

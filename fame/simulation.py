@@ -1,0 +1,143 @@
+"""One process, an engine, local topics and simulated time: what tests and users drive from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.model import Definitions, Process
+from fame.clock import SECOND, Scheduler
+from fame.engine import Instance
+from fame.errors import ModelError
+from fame.library import Library
+from fame.middleware.local import LocalMiddleware
+from fame.node import Event, RobotNode, Service, mission
+
+
+class Simulation:
+    """Runs one process of a model in simulated time.
+
+    definitions  a model, from `fame.read`
+    process      its id, or the name of its pool; may be left out if the file has one that is executable
+    variables    what the instance that starts by itself begins with
+    services     callables by name, for service tasks: functions of the variables (a dict)
+    observer     called with each `fame.node.Event`; without one the run is faster
+    library      folders with called processes, besides those of the model and of FAME
+    robot        the robot's name and namespace
+
+    Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together.
+    """
+
+    def __init__(
+        self,
+        definitions: Definitions,
+        process: str | None = None,
+        variables: Mapping[str, Any] | None = None,
+        *,
+        services: Mapping[str, Service] | None = None,
+        observer: Callable[[Event], object] | None = None,
+        library: Sequence[str | Path] = (),
+        robot: str = "robot",
+        strict: bool = False,
+    ) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.reports: list[Event] = []
+        chosen = choose_process(definitions, process)
+        self.node = RobotNode(
+            robot,
+            mission(definitions, chosen, library=Library(library), services=services),
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            observer=observer,
+            on_report=self.reports.append,
+            strict=strict,
+        )
+        self.node.load()
+        self._outside = self.middleware.node("outside")
+        self._variables, self._begun, self._until = dict(variables or {}), False, None
+
+    _until: float | None
+
+    @property
+    def instances(self) -> list[Instance]:
+        """Every instance there has been, in the order of their starts."""
+        return self.node.instances
+
+    @property
+    def now(self) -> float:
+        """Simulated seconds since the start."""
+        return self.scheduler.now / SECOND
+
+    def run(self, until: float | None = None) -> Simulation:
+        """Run until nothing can move without an outside event, or until simulated second `until`."""
+        self._until = until
+        self._go_on()
+        return self
+
+    def signal(self, name: str, payload: Any = None) -> Simulation:
+        """A message on the topic `name` from outside (``~/odom``: the robot's own), then run on.
+
+        Running on goes as far as the last `run` did: to where nothing can move, or, if that had an `until`, no further
+        than the present instant. Raises MessageError if the payload does not fit the type of the topic.
+        """
+        self._begin()
+        topic = name if name.startswith(("/", "~/")) else f"/{name}"
+        self.node.deliver(topic, payload)
+        self._go_on()
+        return self
+
+    def message(self, name: str, payload: Any = None) -> Simulation:
+        """A BPMN message to this process, then run on as `signal` does. One catcher gets it, else a start event."""
+        return self.signal(name, payload)
+
+    def complete(self, element: str, values: Mapping[str, Any] | None = None) -> Simulation:
+        """A user, manual or receive task is done, with results; then run on as `signal` does.
+
+        Raises MissionError if no token waits there.
+        """
+        self._begin()
+        self.node.complete(element, values)
+        self._go_on()
+        return self
+
+    def start(self, variables: Mapping[str, Any] | None = None) -> Instance:
+        """Start one more instance at the none start event. Raises MissionError if there is none."""
+        self._begin()
+        return self.node.engine.start(dict(variables or {}))
+
+    def close(self) -> None:
+        """End all that goes on."""
+        self.node.stop()
+        self.node.close()
+
+    def _begin(self) -> None:
+        if not self._begun:
+            self._begun = True
+            self.node.start(self._variables)
+
+    def _go_on(self) -> None:
+        self._begin()
+        bound = None if self._until is None else max(self.scheduler.now, round(self._until * SECOND))
+        self.scheduler.run(bound)
+
+
+def choose_process(definitions: Definitions, name: str | None) -> Process:
+    """A process by id, or by the name of its pool; without a name the only one, or the only executable one.
+
+    Raises ModelError if there is no such process, or more than one.
+    """
+    processes = definitions.processes
+    if name is not None:
+        pools = [pool.process for pool in definitions.participants if pool.name == name]
+        found = definitions.process(name) or (definitions.process(pools[0]) if pools else None)
+        if found is None:
+            has = ", ".join(process.id for process in processes) or "none"
+            raise ModelError(f"has no process or pool {name!r}; it has {has}", file=definitions.file)
+        return found
+    candidates = [process for process in processes if process.executable] if len(processes) > 1 else list(processes)
+    if len(candidates) != 1:
+        has = ", ".join(process.id for process in processes) or "none"
+        raise ModelError(f"name the process to run: the file has {has}", file=definitions.file)
+    return candidates[0]

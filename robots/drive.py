@@ -1,0 +1,120 @@
+"""Differential drive on tyres: turns `cmd_vel` into the motion of a body, within what motors and friction allow.
+
+In each step the motors ask for a change of speed, the tyres want to undo any sideways slip, and the ground gives no
+more than friction times gravity for both together (Kamm's circle). So a vehicle takes v²/(2 µ g) to brake, slides
+when it is hit, and never freezes. Without a command for `watchdog` seconds it brakes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from fame.clock import SECOND
+from fame.middleware.interface import Message
+from robots.robot import Pose
+from sim2d.reading import Point, parameter
+
+if TYPE_CHECKING:
+    import pymunk
+
+GRAVITY = 9.81
+"""m/s²."""
+FRICTION: Mapping[str, float] = {"rubber": 0.43, "smooth": 0.12}
+"""Tyres on ground, by name. They brake at 4.2 and 1.2 m/s², as the real and the simulated car of the FAME paper
+(section 5.4) do."""
+ROBOT = 1
+"""The collision type of robots' shapes."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveParameters:
+    """A vehicle's size (m), mass (kg), limits and tyres."""
+
+    length: float = parameter(0.25, "m", above=0, maximum=20)
+    width: float = parameter(0.18, "m", above=0, maximum=20)
+    mass: float = parameter(2.0, "kg", above=0)
+    max_speed: float = parameter(1.0, "m/s", above=0)
+    max_turn_rate: float = parameter(2.0, "rad/s", above=0)
+    acceleration: float = parameter(2.0, "m/s²", above=0)
+    turn_acceleration: float = parameter(10.0, "rad/s²", above=0)
+    friction: float = parameter(FRICTION["rubber"], "", above=0, names=FRICTION)
+    watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
+
+
+class Drive:
+    """A driven body. `speed` and `turn_rate` are the latest command, within the limits."""
+
+    def __init__(self, space: pymunk.Space, start: Pose, parameters: DriveParameters) -> None:
+        import pymunk
+
+        length, width, mass = parameters.length, parameters.width, parameters.mass
+        self.body = pymunk.Body(mass, pymunk.moment_for_box(mass, (length, width)))
+        self.body.position = start.x, start.y
+        self.body.angle = start.heading
+        self.outline: tuple[Point, ...] = (
+            (length / 2, width / 2),
+            (-length / 2, width / 2),
+            (-length / 2, -width / 2),
+            (length / 2, -width / 2),
+        )
+        self.radius = math.hypot(length, width) / 2
+        shape = pymunk.Poly(self.body, self.outline)
+        shape.friction = 0.5
+        shape.collision_type = ROBOT
+        shape.filter = self.filter = pymunk.ShapeFilter(group=len(space.bodies) + 1)
+        space.add(self.body, shape)
+        self.speed = self.turn_rate = 0.0
+        self._parameters = parameters
+        self._grip = parameters.friction * GRAVITY
+        self._valid_until = 0
+
+    @property
+    def pose(self) -> Pose:
+        """Where the body is."""
+        x, y = self.body.position
+        return Pose(x, y, self.body.angle)
+
+    @property
+    def twist(self) -> tuple[float, float]:
+        """Speed ahead (m/s) and turn rate (rad/s)."""
+        return self.body.velocity.dot(self.body.rotation_vector), self.body.angular_velocity
+
+    def command(self, twist: Message, now: int) -> None:
+        """Obey a geometry_msgs/msg/Twist: `linear.x` and `angular.z`, cut to the limits; NaN is a stop."""
+        limits = self._parameters
+        self.speed = _within(twist.linear.x, limits.max_speed)
+        self.turn_rate = _within(twist.angular.z, limits.max_turn_rate)
+        self._valid_until = now + round(limits.watchdog * SECOND)
+
+    def move(self, now: int, duration: float) -> None:
+        """Push the body as motors and tyres can, for a step of `duration` s."""
+        limits, body = self._parameters, self.body
+        if limits.watchdog and now > self._valid_until:
+            self.speed = self.turn_rate = 0.0
+        vx, vy = body.velocity
+        cos, sin = body.rotation_vector
+        ahead, sideways = vx * cos + vy * sin, vy * cos - vx * sin
+        gains = abs(self.speed) > abs(ahead) and self.speed * ahead >= 0
+        wanted = _towards(ahead, self.speed, (limits.acceleration if gains else self._grip) * duration)
+        along, across = wanted - ahead, -sideways
+        change = math.hypot(along, across)
+        if change > 0:
+            # As forces, not as a new velocity: a body that is pushed against a wall must not creep into it.
+            push = body.mass / duration * min(1.0, self._grip * duration / change)
+            along, across = along * push, across * push
+            body.force = along * cos - across * sin, along * sin + across * cos
+        turning = body.angular_velocity
+        if turning != self.turn_rate:
+            wanted = _towards(turning, self.turn_rate, limits.turn_acceleration * duration)
+            body.torque = (wanted - turning) * body.moment / duration
+
+
+def _within(value: float, limit: float) -> float:
+    return min(max(float(value), -limit), limit) if math.isfinite(value) else 0.0
+
+
+def _towards(value: float, goal: float, change: float) -> float:
+    return min(value + change, goal) if goal > value else max(value - change, goal)

@@ -1,0 +1,175 @@
+"""What a world file says, checked: bounds, obstacles, targets, robots. `docs/world.md` describes the file."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any
+
+from robots import ROBOTS
+from sim2d.reading import Entry, Point, Source, fill, read_yaml, suggestion
+from sim2d.shapes import Circle, Shape, bounding_box, box, convex
+
+Bounds = tuple[float, float, float, float]
+"""xmin, ymin, xmax, ymax in m."""
+
+_KEYS = ("size", "bounds", "step", "walls", "resolution", "obstacles", "targets", "robots")
+_SHAPES = {
+    "radius": ("name", "at", "radius"),
+    "size": ("name", "at", "size", "angle"),
+    "polygon": ("name", "polygon"),
+}
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True, slots=True)
+class Thing:
+    """An obstacle or a target: solid, and never moved. `path` is its key in the file."""
+
+    name: str
+    shape: Shape
+    path: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConfig:
+    """A robot: where it starts (m; `heading` in rad, counter-clockwise from x), and its type's parameters."""
+
+    name: str
+    type: str
+    at: Point
+    heading: float
+    parameters: Any
+    path: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WorldConfig:
+    """A world as its file says. `step` in s; `resolution` of the robots' map in m per cell."""
+
+    bounds: Bounds
+    robots: tuple[RobotConfig, ...] = ()
+    obstacles: tuple[Thing, ...] = ()
+    targets: tuple[Thing, ...] = ()
+    step: float = 0.01
+    walls: bool = True
+    resolution: float = 0.05
+    source: Source = field(default=Source(), compare=False, repr=False)
+
+
+def read_world(path: str | PathLike[str]) -> WorldConfig:
+    """The world of a YAML file. Raises ConfigError with file, line and key."""
+    data, source = read_yaml(path)
+    return world_config(data, source)
+
+
+def world_config(data: Mapping[str, Any], source: Source = Source(), path: str = "") -> WorldConfig:  # noqa: B008 (frozen)
+    """The world that a mapping describes; `path` is its key in the file. Raises ConfigError."""
+    top = Entry(data, path, source)
+    keys = top.mapping(_KEYS)
+    bounds = _bounds(top, keys)
+    return WorldConfig(
+        bounds,
+        robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
+        obstacles=_things(keys.get("obstacles"), "obstacle", bounds),
+        targets=_things(keys.get("targets"), "target", bounds),
+        step=keys["step"].number(above=0, maximum=0.05) if "step" in keys else 0.01,
+        walls=keys["walls"].flag() if "walls" in keys else True,
+        resolution=keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05,
+        source=source,
+    )
+
+
+def _bounds(top: Entry, keys: Mapping[str, Entry]) -> Bounds:
+    if ("size" in keys) == ("bounds" in keys):
+        raise top.error(
+            "found neither or both of size and bounds, one of size: [w, h] and bounds: [xmin, ymin, xmax, ymax] "
+            "would be right"
+        )
+    if "size" in keys:
+        width, height = keys["size"].numbers(2, "[width, height] in m")
+        xmin, ymin, xmax, ymax = 0.0, 0.0, width, height
+    else:
+        xmin, ymin, xmax, ymax = keys["bounds"].numbers(4, "[xmin, ymin, xmax, ymax] in m")
+    if not (0 < xmax - xmin <= 1000 and 0 < ymax - ymin <= 1000):
+        raise (keys.get("size") or keys["bounds"]).wrong("ground of more than 0 and at most 1000 m on each side")
+    return xmin, ymin, xmax, ymax
+
+
+def _things(listed: Entry | None, kind: str, bounds: Bounds) -> tuple[Thing, ...]:
+    things: list[Thing] = []
+    for number, entry in enumerate(listed.items() if listed else (), 1):
+        thing = _thing(entry, f"{kind}_{number}")
+        if any(other.name == thing.name for other in things):
+            raise entry.error(f"found a second {kind} named {thing.name!r}, another name would be right")
+        xmin, ymin, xmax, ymax = bounding_box(thing.shape)
+        if xmax <= bounds[0] or ymax <= bounds[1] or xmin >= bounds[2] or ymin >= bounds[3]:
+            raise entry.error(f"{thing.name} is outside the ground, a place inside {list(bounds)} would be right")
+        things.append(thing)
+    return tuple(things)
+
+
+def _thing(entry: Entry, default_name: str) -> Thing:
+    kinds = [key for key in _SHAPES if key in entry.mapping()]
+    if len(kinds) != 1:
+        raise entry.error(f"found {' and '.join(kinds) or 'no shape'}, one of radius, size and polygon would be right")
+    keys = entry.mapping(_SHAPES[kinds[0]])
+    name = keys["name"].text() if "name" in keys else default_name
+    return Thing(name, _shape(kinds[0], entry, keys), entry.path)
+
+
+def _shape(kind: str, entry: Entry, keys: Mapping[str, Entry]) -> Shape:
+    if kind == "polygon":
+        corners = [corner.point() for corner in keys["polygon"].items()]
+        polygon = convex(corners)
+        if polygon is None:
+            raise keys["polygon"].error(
+                "found corners that make no convex polygon, at least three in order around it would be right "
+                "(several obstacles together make any form)"
+            )
+        return polygon
+    centre = required(entry, keys, "at", "[x, y] in m").point()
+    if kind == "radius":
+        return Circle(centre, keys["radius"].number(above=0))
+    width, height = keys["size"].numbers(2, "[width, height] in m")
+    if width <= 0 or height <= 0:
+        raise keys["size"].wrong("a width and a height above 0")
+    angle = keys["angle"].number() if "angle" in keys else 0.0
+    return box(centre, width, height, math.radians(angle))
+
+
+def _robots(listed: Entry, bounds: Bounds) -> tuple[RobotConfig, ...]:
+    robots: dict[str, RobotConfig] = {}
+    for name, entry in listed.mapping().items():
+        if not _NAME.fullmatch(name):
+            raise entry.error(f"found the name {name!r}, a letter, then letters, digits and _ would be right")
+        if name.casefold() in robots:
+            raise entry.error(
+                f"found the names {robots[name.casefold()].name!r} and {name!r}, "
+                "names that differ in more than case would be right"
+            )
+        robots[name.casefold()] = _robot(name, entry, bounds)
+    return tuple(robots.values())
+
+
+def _robot(name: str, entry: Entry, bounds: Bounds) -> RobotConfig:
+    keys = entry.mapping()
+    kind = required(entry, keys, "type", f"one of {', '.join(ROBOTS)}").text()
+    if kind not in ROBOTS:
+        raise keys["type"].error(f"found the robot type {kind!r}; {suggestion(kind, ROBOTS)}")
+    parameters: Any = fill(ROBOTS[kind].Parameters, entry, besides=("type", "at", "heading"))
+    at = required(entry, keys, "at", "[x, y] in m").point()
+    if not (bounds[0] <= at[0] <= bounds[2] and bounds[1] <= at[1] <= bounds[3]):
+        raise keys["at"].wrong(f"a place on the ground, inside {list(bounds)},")
+    heading = keys["heading"].number() if "heading" in keys else 0.0
+    return RobotConfig(name, kind, at, math.radians(heading), parameters, entry.path)
+
+
+def required(entry: Entry, keys: Mapping[str, Entry], key: str, right: str) -> Entry:
+    """The entry of a key that must be there."""
+    if key not in keys:
+        raise entry.error(f"found no {key}, {key}: {right} would be right")
+    return keys[key]

@@ -1,0 +1,189 @@
+"""Draws a run as one picture: the ground, what stands on it, and the way that each robot took."""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.errors import UnavailableError
+from sim2d.config import Thing
+from sim2d.record import Record, Track
+from sim2d.shapes import Circle, Shape, bounding_box, placed
+from sim2d.style import (
+    FAINT,
+    GROUND,
+    INK,
+    LEDS,
+    LINES,
+    OBSTACLE,
+    OBSTACLE_EDGE,
+    PAPER,
+    TARGET,
+    TARGET_EDGE,
+    name_goes_above,
+    robot_colour,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LONGEST = 9.0
+"""Inches of the longer side of the ground."""
+
+
+def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> None:
+    """Write a PNG of a run. Raises UnavailableError without matplotlib."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise UnavailableError("pictures need matplotlib: pip install 'fame-robots[sim]'") from None
+    xmin, ymin, xmax, ymax = record.config.bounds
+    scale = _LONGEST / max(xmax - xmin, ymax - ymin)
+    size = max((xmax - xmin) * scale, 3.0) + 2.6, max((ymax - ymin) * scale, 2.5) + 1.2
+    figure = Figure(figsize=size, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    _ground(axes, record, title)
+    for thing in record.config.obstacles:
+        axes.add_patch(_patch(thing.shape, facecolor=OBSTACLE, edgecolor=OBSTACLE_EDGE, linewidth=1.2, zorder=2))
+    for thing in record.config.targets:
+        _target(axes, thing, record)
+    for index, track in enumerate(record.tracks):
+        if track.poses:
+            _track(axes, track, robot_colour(index))
+            _name(axes, track, record, robot_colour(index))
+    _legend(axes, record)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
+
+
+def _ground(axes: Axes, record: Record, title: str) -> None:
+    xmin, ymin, xmax, ymax = record.config.bounds
+    rim = 0.015 * max(xmax - xmin, ymax - ymin)
+    axes.set(
+        xlim=(xmin - rim, xmax + rim), ylim=(ymin - rim, ymax + rim), aspect="equal", xlabel="x  [m]", ylabel="y  [m]"
+    )
+    outline = ((xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax))
+    axes.add_patch(_polygon(outline, facecolor=GROUND, linewidth=0, zorder=0))
+    edge = {"edgecolor": INK, "linewidth": 2.0} if record.config.walls else {"edgecolor": LINES, "linewidth": 1.0}
+    axes.add_patch(_polygon(outline, fill=False, joinstyle="miter", zorder=3.5, **edge))
+    axes.hlines([y for y in axes.get_yticks() if ymin < y < ymax], xmin, xmax, color=LINES, linewidth=0.8, zorder=0.5)
+    axes.vlines([x for x in axes.get_xticks() if xmin < x < xmax], ymin, ymax, color=LINES, linewidth=0.8, zorder=0.5)
+    axes.tick_params(colors=FAINT, labelsize=8, length=0)
+    axes.xaxis.label.set_color(FAINT)
+    axes.yaxis.label.set_color(FAINT)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    time = f"{record.times[-1]:.1f} s of simulated time" if record.times else ""
+    axes.set_title(title, loc="left", color=INK, fontsize=13, fontweight="bold", pad=10)
+    axes.set_title(time, loc="right", color=FAINT, fontsize=10, pad=10)
+
+
+def _target(axes: Axes, target: Thing, record: Record) -> None:
+    shape = target.shape
+    axes.add_patch(_patch(shape, facecolor=TARGET, edgecolor=TARGET_EDGE, linewidth=1.4, zorder=3))
+    axes.plot(*shape.centre, marker="+", color=TARGET_EDGE, markersize=7, markeredgewidth=1.4, zorder=3.1)
+    last = [track.poses[-1] for track in record.tracks if track.poses]
+    above = name_goes_above(shape.centre, last, near=1.0, top=-math.inf)
+    _label(axes, (shape.centre[0], bounding_box(shape)[3 if above else 1]), target.name, TARGET_EDGE, above=above)
+
+
+def _track(axes: Axes, track: Track, colour: str) -> None:
+    xs, ys = [pose.x for pose in track.poses], [pose.y for pose in track.poses]
+    axes.plot(xs, ys, color=colour, linewidth=1.8, alpha=0.75, solid_capstyle="round", zorder=4)
+    axes.plot(
+        xs[0], ys[0], "o", markersize=9, markerfacecolor=PAPER, markeredgecolor=colour, markeredgewidth=2, zorder=5
+    )
+    pose, cone, led = track.poses[-1], track.cones[-1], track.leds[-1]
+    if cone is not None:
+        opening = math.degrees(cone.field_of_view)
+        middle = math.degrees(cone.pose.heading)
+        wedge = _wedge(cone.pose[:2], cone.length, middle - opening / 2, middle + opening / 2)
+        wedge.set(facecolor=colour, alpha=0.10, zorder=1.5)
+        axes.add_patch(wedge)
+    corners = placed(track.outline, pose)
+    axes.add_patch(_polygon(corners, facecolor=colour, edgecolor=INK, linewidth=1.0, joinstyle="round", zorder=6))
+    ahead = max(x for x, _ in track.outline)
+    nose = placed(((ahead * 0.85, 0), (ahead * 0.25, ahead * 0.42), (ahead * 0.25, -ahead * 0.42)), pose)
+    axes.add_patch(_polygon(nose, facecolor=PAPER, linewidth=0, zorder=6.1))
+    if led in LEDS:
+        _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[led])
+
+
+def _name(axes: Axes, track: Track, record: Record, colour: str) -> None:
+    """Away from the target or robot that it stands at."""
+    pose = track.poses[-1]
+    others = [other.poses[-1][:2] for other in record.tracks if other is not track]
+    others += [target.shape.centre for target in record.config.targets]
+    above = name_goes_above(pose, others, near=0.6, top=record.config.bounds[3])
+    heights = [y for _, y in placed(track.outline, pose)]
+    _label(axes, (pose.x, max(heights) if above else min(heights)), track.name, colour, above=above)
+
+
+def _light(axes: Axes, place: tuple[float, float], size: float, colour: str) -> None:
+    from matplotlib.patches import Circle as Disc
+
+    for radius, alpha in ((1.5, 0.18), (0.9, 0.3)):
+        axes.add_patch(Disc(place, size * radius, facecolor=colour, alpha=alpha, linewidth=0, zorder=5.5))
+    axes.add_patch(Disc(place, size * 0.38, facecolor=colour, edgecolor=PAPER, linewidth=1.0, zorder=6.2))
+
+
+def _label(axes: Axes, place: tuple[float, float], text: str, colour: str, *, above: bool) -> None:
+    from matplotlib.patheffects import withStroke
+
+    axes.annotate(
+        text, place, xytext=(0, 6 if above else -6), textcoords="offset points", ha="center",
+        va="bottom" if above else "top", color=colour, fontsize=10, fontweight="bold", zorder=7,
+        path_effects=[withStroke(linewidth=3, foreground=PAPER)], annotation_clip=False,
+    )  # fmt: skip
+
+
+def _legend(axes: Axes, record: Record) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = []
+    types = {robot.name: robot.type for robot in record.config.robots}
+    for index, track in enumerate(record.tracks[:20]):
+        led = f", LED {track.leds[-1]}" if track.leds and track.leds[-1] in LEDS else ""
+        handles.append(
+            Line2D([], [], color=robot_colour(index), linewidth=2.5, label=f"{track.name} ({types[track.name]}{led})")
+        )
+    if record.tracks:
+        ring: dict[str, Any] = {
+            "marker": "o",
+            "markersize": 8,
+            "markerfacecolor": PAPER,
+            "markeredgecolor": FAINT,
+            "markeredgewidth": 2,
+        }
+        handles.append(Line2D([], [], linewidth=0, label="start", **ring))
+    if record.config.targets:
+        handles.append(Patch(facecolor=TARGET, edgecolor=TARGET_EDGE, label="target (not in the map)"))
+    if record.config.obstacles:
+        handles.append(Patch(facecolor=OBSTACLE, edgecolor=OBSTACLE_EDGE, label="obstacle (in the map)"))
+    if handles:
+        axes.legend(
+            handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, labelcolor=INK, fontsize=9
+        )
+
+
+def _patch(shape: Shape, **style: Any) -> Any:
+    from matplotlib.patches import Circle as Disc
+
+    return Disc(shape.centre, shape.radius, **style) if isinstance(shape, Circle) else _polygon(shape.corners, **style)
+
+
+def _polygon(corners: Any, **style: Any) -> Any:
+    from matplotlib.patches import Polygon
+
+    return Polygon(corners, closed=True, **style)
+
+
+def _wedge(centre: tuple[float, ...], radius: float, begin: float, end: float) -> Any:
+    from matplotlib.patches import Wedge
+
+    return Wedge((centre[0], centre[1]), radius, begin, end, linewidth=0)

@@ -1,0 +1,211 @@
+"""Reads YAML so that every complaint can name the file, the line and the key.
+
+The data stay plain (`dict`, `list`, `float`, `str`); the line of each key is kept beside them in a `Source`. An
+`Entry` is a value together with its place: its methods hand out the value checked, or raise a `ConfigError` that says
+what was found and what would be right. `fill` does this for a whole dataclass of parameters: names, types, limits and
+defaults are the dataclass's own, so that they are written once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from difflib import get_close_matches
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+
+from fame.errors import ConfigError
+
+Point = tuple[float, float]
+"""x and y in m."""
+Parameters = TypeVar("Parameters")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where data came from: a file, and the line (1-based) of each key path, as in ``robots.REX.at[0]``."""
+
+    file: str = ""
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+    def error(self, path: str, text: str) -> ConfigError:
+        """The complaint about the value at `path`, on its line or that of the nearest key around it."""
+        inner = path
+        while inner and inner not in self.lines:
+            inner = inner[: max(inner.rfind("."), inner.rfind("["), 0)]
+        return ConfigError(text, file=self.file, line=self.lines.get(inner, 0), element=path)
+
+
+def read_yaml(path: str | PathLike[str]) -> tuple[Any, Source]:
+    """The data of a YAML file, and their source. Raises ConfigError: no such file, not YAML, a key given twice."""
+    file = str(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        loader = yaml.SafeLoader(text)
+        node = loader.get_single_node()
+        lines: dict[str, int] = {}
+        if node is not None:
+            _note_lines(node, "", lines, set(), file)
+        data = loader.construct_document(node) if node is not None else None
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", file=file) from None
+    except UnicodeDecodeError:
+        raise ConfigError("is not text in UTF-8", file=file) from None
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 0
+        raise ConfigError(f"is not YAML: {error.problem or error.context}", file=file, line=line) from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise ConfigError(f"is not YAML: {error}", file=file) from None
+    return data, Source(file, lines)
+
+
+def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], seen: set[int], file: str) -> None:
+    lines.setdefault(path, node.start_mark.line + 1)
+    if id(node) in seen:  # an alias: its lines are noted, and it may contain itself
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            inner = f"{path}.{key.value}" if path else str(key.value)
+            if inner in lines:
+                raise ConfigError("is given twice", file=file, line=key.start_mark.line + 1, element=inner)
+            lines[inner] = key.start_mark.line + 1
+            _note_lines(value, inner, lines, seen, file)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            _note_lines(value, f"{path}[{index}]", lines, seen, file)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A value and its place. Every method raises ConfigError if the value is not what it asks for."""
+
+    value: Any
+    path: str = ""
+    source: Source = Source()
+
+    def error(self, text: str) -> ConfigError:
+        """A complaint about this value."""
+        return self.source.error(self.path, text)
+
+    def wrong(self, right: str) -> ConfigError:
+        """The complaint that this value was found where `right` belongs."""
+        found = repr(self.value)
+        return self.error(f"found {found if len(found) < 60 else found[:57] + '...'}, {right} would be right")
+
+    def mapping(self, known: Iterable[str] | None = None) -> dict[str, Entry]:
+        """Its entries by key, in the order of the file; only keys that are `known`, if given."""
+        if not isinstance(self.value, Mapping):
+            raise self.wrong("a mapping of keys to values")
+        entries = {}
+        for key, value in self.value.items():
+            entry = Entry(value, f"{self.path}.{key}" if self.path else str(key), self.source)
+            if not isinstance(key, str):
+                raise entry.error(f"found the key {key!r}, text would be right")
+            if known is not None and key not in known:
+                raise entry.error(f"unknown key; {suggestion(key, known)}")
+            entries[key] = entry
+        return entries
+
+    def items(self) -> list[Entry]:
+        """Its entries, of a list."""
+        if not isinstance(self.value, list | tuple):
+            raise self.wrong("a list")
+        return [Entry(value, f"{self.path}[{index}]", self.source) for index, value in enumerate(self.value)]
+
+    def number(
+        self, *, above: float | None = None, minimum: float | None = None, maximum: float | None = None
+    ) -> float:
+        """A finite number, greater than `above`, from `minimum` to `maximum`."""
+        value = self.value
+        limits = {"above": above, "of at least": minimum, "of at most": maximum}
+        right = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if limit is not None)
+        right = f"a finite number {right}".rstrip()
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise self.wrong(right)
+        low = (above is not None and value <= above) or (minimum is not None and value < minimum)
+        if low or (maximum is not None and value > maximum):
+            raise self.wrong(right)
+        return float(value)
+
+    def whole(self, *, minimum: int) -> int:
+        """A whole number of at least `minimum`."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < minimum:
+            raise self.wrong(f"a whole number of at least {minimum}")
+        return self.value
+
+    def numbers(self, count: int, right: str) -> list[float]:
+        """A list of `count` finite numbers; `right` is an example of it."""
+        if not isinstance(self.value, list | tuple) or len(self.value) != count:
+            raise self.wrong(right)
+        return [entry.number() for entry in self.items()]
+
+    def point(self) -> Point:
+        """A place on the ground, in m."""
+        x, y = self.numbers(2, "[x, y] in m")
+        return x, y
+
+    def text(self) -> str:
+        """Text that is not empty."""
+        if not isinstance(self.value, str) or not self.value.strip():
+            raise self.wrong("a text")
+        return self.value
+
+    def flag(self) -> bool:
+        """True or false."""
+        if not isinstance(self.value, bool):
+            raise self.wrong("true or false")
+        return self.value
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """What would be right instead of `word`: the closest of the known words, else all of them."""
+    words = list(known)
+    close = get_close_matches(word, words, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
+
+
+def parameter(default: Any, unit: str = "", **limits: Any) -> Any:
+    """A field of a parameter dataclass, with the limits that `fill` holds: those of `Entry.number` or `Entry.whole`.
+
+    `names` maps words that may stand for a number to that number.
+    """
+    return field(default=default, metadata={"limits": limits, "unit": unit})
+
+
+def fill(kind: type[Parameters], entry: Entry, *, besides: Iterable[str] = ()) -> Parameters:
+    """A dataclass of parameters filled from a mapping; keys `besides` its own are left to the caller.
+
+    Raises ConfigError for a key that it does not have and a value that does not fit.
+    """
+    assert is_dataclass(kind)
+    hints = get_type_hints(kind)
+    limits = {item.name: item.metadata.get("limits", {}) for item in fields(kind)}
+    values = entry.mapping([*besides, *limits])
+    return kind(**{name: _read(hints[name], values[name], limits[name]) for name in limits if name in values})
+
+
+def _read(kind: Any, entry: Entry, limits: Mapping[str, Any]) -> Any:
+    if is_dataclass(kind):
+        return fill(kind, entry)  # type: ignore[arg-type]
+    return _READERS[kind](entry, **limits)
+
+
+def _number(entry: Entry, *, names: Mapping[str, float] | None = None, **limits: float) -> float:
+    if names and isinstance(entry.value, str):
+        if entry.value not in names:
+            raise entry.error(f"found {entry.value!r}; {suggestion(entry.value, names)}, or a number")
+        return names[entry.value]
+    return entry.number(**limits)
+
+
+_READERS: dict[Any, Callable[..., Any]] = {
+    float: _number,
+    int: Entry.whole,
+    bool: Entry.flag,
+    str: Entry.text,
+}

@@ -1,0 +1,80 @@
+"""What solid things look like from above: circles and convex polygons, in m."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sim2d.reading import Point
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A disc with its centre and radius."""
+
+    centre: Point
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Polygon:
+    """A convex polygon, its corners counter-clockwise."""
+
+    corners: tuple[Point, ...]
+
+    @property
+    def centre(self) -> Point:
+        """The mean of its corners."""
+        return sum(x for x, _ in self.corners) / len(self.corners), sum(y for _, y in self.corners) / len(self.corners)
+
+
+Shape = Circle | Polygon
+
+
+def box(centre: Point, width: float, height: float, angle: float) -> Polygon:
+    """A rectangle turned counter-clockwise by `angle` (rad)."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    half = [(-width / 2, -height / 2), (width / 2, -height / 2), (width / 2, height / 2), (-width / 2, height / 2)]
+    return Polygon(tuple((centre[0] + x * cos - y * sin, centre[1] + x * sin + y * cos) for x, y in half))
+
+
+def convex(corners: Sequence[Point]) -> Polygon | None:
+    """The polygon with these corners in either direction, or None if it is not convex or has no area."""
+    turns = [_turn(corners[i - 2], corners[i - 1], corners[i]) for i in range(len(corners))]
+    if len(corners) < 3 or None in turns:
+        return None
+    angles = [turn for turn in turns if turn is not None]
+    # One turn around, always to the same side: a star turns to one side as well, but more than once around.
+    if not math.isclose(abs(sum(angles)), math.tau, rel_tol=1e-6):
+        return None
+    left = sum(angles) > 0
+    if any(angle < -1e-9 if left else angle > 1e-9 for angle in angles):
+        return None
+    return Polygon(tuple(corners) if left else tuple(reversed(corners)))
+
+
+def _turn(a: Point, b: Point, c: Point) -> float | None:
+    """By what angle (rad, left is positive) the way from a over b to c turns; None if back, or if it stands still."""
+    first, second = (b[0] - a[0], b[1] - a[1]), (c[0] - b[0], c[1] - b[1])
+    cross = first[0] * second[1] - first[1] * second[0]
+    dot = first[0] * second[0] + first[1] * second[1]
+    if abs(cross) <= 1e-12 and dot <= 0:
+        return None
+    return math.atan2(cross, dot)
+
+
+def bounding_box(shape: Shape) -> tuple[float, float, float, float]:
+    """xmin, ymin, xmax, ymax."""
+    if isinstance(shape, Circle):
+        (x, y), r = shape.centre, shape.radius
+        return x - r, y - r, x + r, y + r
+    xs, ys = zip(*shape.corners, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def placed(points: Sequence[Point], pose: tuple[float, float, float]) -> list[Point]:
+    """Points of a frame that stands at a pose (x, y in m, heading in rad), as places in the world."""
+    x, y, heading = pose
+    cos, sin = math.cos(heading), math.sin(heading)
+    return [(x + ahead * cos - left * sin, y + ahead * sin + left * cos) for ahead, left in points]

@@ -1,0 +1,186 @@
+"""The world: bodies that move by fixed steps, run by the scheduler.
+
+World time is the step count times the step, never a sum. Each step is one entry of the scheduler, the last of its
+instant: it lets the robots push their bodies, moves all bodies, then lets the robots measure, always in the order of
+the file. What a robot hears at an instant moves it from the next step on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.errors import UnavailableError
+from fame.middleware.interface import Middleware
+from robots import ROBOTS
+from robots.drive import ROBOT
+from robots.robot import Robot
+from sim2d.config import Thing, WorldConfig, world_config
+from sim2d.grid import Grid, rasterise
+from sim2d.randomness import generator
+from sim2d.shapes import Circle
+
+if TYPE_CHECKING:
+    import numpy as np
+
+try:
+    import pymunk
+except ImportError as error:
+    raise UnavailableError("the 2D world needs pymunk: pip install 'fame-robots[sim]'") from error
+
+_WALL = 0.05
+"""Half the thickness of the walls, m; they stand outside of the ground."""
+
+
+class Collision(NamedTuple):
+    """Robot `a` began to touch `b` at `time` (s): a robot, an obstacle, a target, or ``wall``."""
+
+    time: float
+    a: str
+    b: str
+
+
+class World:
+    """A world with its robots. Raises ConfigError if the mapping is wrong or a robot stands in something.
+
+    `robots` are by name in the order of the file, `collisions` all that have begun since the start, `steps` those done.
+    `watchers` are called with the world after each step.
+    """
+
+    def __init__(
+        self, config: WorldConfig | Mapping[str, Any], *, seed: int = 0, scheduler: Scheduler, middleware: Middleware
+    ) -> None:
+        self.config = config if isinstance(config, WorldConfig) else world_config(config)
+        self.seed, self.scheduler, self.middleware = seed, scheduler, middleware
+        self.step = self.config.step
+        self.space = pymunk.Space()
+        self.space.collision_slop = 0.001  # m; the default suits pixels
+        self.grid: Grid = rasterise(
+            self.config.bounds, (thing.shape for thing in self.config.obstacles), self.config.resolution
+        )
+        self.robots: dict[str, Robot] = {}
+        self.collisions: list[Collision] = []
+        self.watchers: list[Callable[[World], object]] = []
+        self.steps = 0
+        self._origin = 0
+        self._next: Entry | None = None
+        self._names: dict[pymunk.Shape, str] = {}
+        self._build()
+
+    @property
+    def now(self) -> float:
+        """Seconds since the start."""
+        return self.steps * self.step
+
+    def random(self, robot: str, sensor: str) -> np.random.Generator:
+        """The generator of one sensor of one robot."""
+        return generator(self.seed, robot, sensor)
+
+    def start(self) -> None:
+        """Let the robots say what they say once and measure what is; then step, until `stop`. Once is enough."""
+        if self._next is not None:
+            return
+        self._origin = self.scheduler.now - self._nanoseconds(self.steps)
+        for robot in self.robots.values():
+            robot.start()
+        self._next = self.scheduler.soon(self._sense, Kind.WORLD)
+
+    def stop(self) -> None:
+        """Stand still."""
+        if self._next is not None:
+            self._next.cancel()
+            self._next = None
+
+    def close(self) -> None:
+        """Stand still, and take the robots out of the middleware."""
+        self.stop()
+        for robot in self.robots.values():
+            robot.close()
+
+    def summary(self) -> dict[str, Any]:
+        """How things stand, fit for JSON: m, rad, s, rounded to 0.1 mm.
+
+        Each robot has its pose, the colour of its LED, the number of its collisions, and its distance from each
+        target, centre to centre.
+        """
+        return {
+            "time": round(self.now, 4),
+            "robots": {name: self._standing(name, robot) for name, robot in self.robots.items()},
+            "collisions": [{"time": round(time, 4), "a": a, "b": b} for time, a, b in self.collisions],
+        }
+
+    def _standing(self, name: str, robot: Robot) -> dict[str, Any]:
+        x, y, heading = robot.pose
+        return {
+            "x": round(x, 4),
+            "y": round(y, 4),
+            "heading": round(math.remainder(heading, math.tau), 4),
+            "led": robot.led,
+            "collisions": sum(name in (a, b) for _, a, b in self.collisions),
+            "distances": {
+                target.name: round(math.dist((x, y), target.shape.centre), 4) for target in self.config.targets
+            },
+        }
+
+    def _do_step(self) -> None:
+        begin = self._origin + self._nanoseconds(self.steps)
+        for robot in self.robots.values():
+            robot.move(begin, self.step)
+        self.space.step(self.step)
+        self.steps += 1
+        self._sense()
+
+    def _sense(self) -> None:
+        now = self._origin + self._nanoseconds(self.steps)
+        self._next = self.scheduler.at(self._origin + self._nanoseconds(self.steps + 1), self._do_step, Kind.WORLD)
+        for robot in self.robots.values():
+            robot.sense(now, self.steps)
+        for watch in self.watchers:
+            watch(self)
+
+    def _nanoseconds(self, steps: int) -> int:
+        return round(steps * self.step * SECOND)
+
+    def _build(self) -> None:
+        for thing in (*self.config.obstacles, *self.config.targets):
+            self._add(_static(self.space, thing), thing.name)
+        if self.config.walls:
+            for wall in _walls(self.space, self.config.bounds):
+                self._add(wall, "wall")
+        for config in self.config.robots:
+            robot = ROBOTS[config.type](config, self)
+            self.robots[config.name] = robot
+            for shape in robot.body.shapes:
+                touched = sorted(self._names[hit.shape] for hit in self.space.shape_query(shape) if hit.shape)
+                if touched:
+                    text = f"{config.name} stands in {touched[0]}, a free place would be right"
+                    raise self.config.source.error(config.path, text)
+                self._names[shape] = config.name
+        self.space.on_collision(ROBOT, None, begin=self._on_touch)
+
+    def _add(self, shape: pymunk.Shape, name: str) -> None:
+        shape.friction = 0.5
+        self.space.add(shape)
+        self._names[shape] = name
+
+    def _on_touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        a, b = (self._names[shape] for shape in arbiter.shapes)
+        time = (self.steps + 1) * self.step
+        if self.collisions[-1:] != [Collision(time, b, a)]:  # two robots: told of either side, one after the other
+            self.collisions.append(Collision(time, a, b))
+
+
+def _static(space: pymunk.Space, thing: Thing) -> pymunk.Shape:
+    shape = thing.shape
+    if isinstance(shape, Circle):
+        return pymunk.Circle(space.static_body, shape.radius, shape.centre)
+    return pymunk.Poly(space.static_body, shape.corners)
+
+
+def _walls(space: pymunk.Space, bounds: tuple[float, float, float, float]) -> list[pymunk.Shape]:
+    low_x, low_y, high_x, high_y = bounds[0] - _WALL, bounds[1] - _WALL, bounds[2] + _WALL, bounds[3] + _WALL
+    corners = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
+    ends = corners[1:] + corners[:1]
+    return [pymunk.Segment(space.static_body, a, b, _WALL) for a, b in zip(corners, ends, strict=True)]

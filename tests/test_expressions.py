@@ -1,0 +1,284 @@
+"""Conditions and values: ${...}, =..., and Python, and what they may not reach."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fame.bpmn.model import Expression, Language
+from fame.errors import ModelError, UnavailableError
+from fame.scripting import Variables, compile_expression
+
+
+@dataclass
+class Point:
+    x: float = 0.0
+    y: float = 0.0
+
+
+@dataclass
+class Odometry:
+    position: Point = field(default_factory=Point)
+    covariance: Any = field(default_factory=lambda: np.array([0.5, 1.5]))
+    robots: Any = field(default_factory=list)
+
+
+def evaluate(text: str, language: Language, /, **variables: Any) -> Any:
+    return compile_expression(Expression(text, language, 1))(variables)
+
+
+def juel(text: str, /, **variables: Any) -> Any:
+    return evaluate("${" + text + "}", "juel", **variables)
+
+
+def feel(text: str, /, **variables: Any) -> Any:
+    return evaluate(text, "feel", **variables)
+
+
+JUEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
+    ("1 + 2 * 3", {}, 7),
+    ("(1 + 2) * 3", {}, 9),
+    ("10 - 2 - 3", {}, 5),
+    ("7 / 2", {}, 3.5),
+    ("7 div 2", {}, 3.5),
+    ("-7 % 3", {}, -1),
+    ("7 mod 4", {}, 3),
+    ("-x + 1", {"x": 3}, -2),
+    ("1.5e2 + .5", {}, 150.5),
+    ("x > 3 and y.z == 2", {"x": 4, "y": {"z": 2}}, True),
+    ("x > 3 && y.z == 2", {"x": 4, "y": {"z": 3}}, False),
+    ("x gt 3 or x lt 1", {"x": 0}, True),
+    ("a eq b || a ne b", {"a": 1, "b": 2}, True),
+    ("x ge 3 and x le 3", {"x": 3}, True),
+    ("!a and not b", {"a": False, "b": False}, True),
+    ("not a == b", {"a": False, "b": True}, True),
+    ("a or b and c", {"a": True, "b": False, "c": False}, True),
+    ("x == 'weed'", {"x": "weed"}, True),
+    ('x != "weed"', {"x": "weed"}, False),
+    (r"'it\'s ' + name", {"name": "REX"}, "it's REX"),
+    ("'5' + 3", {}, 8),
+    ("'5' == 5", {}, True),
+    ("'a' == 5", {}, False),
+    ("'10' > 9", {}, True),
+    ("x == null", {"x": None}, True),
+    ("x == null", {"x": 0}, False),
+    ("null < 1", {}, False),
+    ("1 < null", {}, False),
+    ("null + 1", {}, 1),
+    ("true == 'true'", {}, True),
+    ("empty x", {"x": []}, True),
+    ("empty x", {"x": ""}, True),
+    ("empty x", {"x": 0}, False),
+    ("not empty x", {"x": [1]}, True),
+    ("empty x", {}, True),
+    ("x > 0 ? 'go' : 'stop'", {"x": 1}, "go"),
+    ("x > 0 ? 'go' : x < 0 ? 'back' : 'stop'", {"x": 0}, "stop"),
+    ("xs[0] + xs[1]", {"xs": [1, 2]}, 3),
+    ("xs[5]", {"xs": [1, 2]}, None),
+    ("m['a key'].b[1]", {"m": {"a key": {"b": (1, 2)}}}, 2),
+    ("m.missing.deeper", {"m": {}}, None),
+    ("odom.position.x", {"odom": Odometry(Point(1.5, 2.0))}, 1.5),
+    ("odom['position'].y > 1", {"odom": Odometry(Point(1.5, 2.0))}, True),
+    ("odom.covariance[1]", {"odom": Odometry()}, 1.5),
+    ("xs.size() > 1 and xs.contains(2)", {"xs": [1, 2]}, True),
+    ("s.startsWith('RE')", {"s": "REX"}, True),
+    ("[1, x, 'a']", {"x": 2}, [1, 2, "a"]),
+    ("{'x': x, y: 1}", {"x": 2}, {"x": 2, "y": 1}),
+    ("max(a, b) - abs(c)", {"a": 1, "b": 5, "c": -2}, 3),
+]
+
+FEEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
+    ("1 + 2 * 3 ** 2", {}, 19),
+    ("x = 3", {"x": 3}, True),
+    ("x != 3", {"x": 3}, False),
+    ("x = null", {}, True),
+    ("x > 3", {}, None),
+    ("x > 3 and y = 1", {"y": 2}, False),
+    ("x > 3 or y = 1", {"y": 1}, True),
+    ("x > 3 or y = 1", {"y": 2}, None),
+    ("true and null", {}, None),
+    ("not(x > 3)", {"x": 1}, True),
+    ("not(null)", {}, None),
+    ("missing.a.b", {}, None),
+    ("1 + null", {}, None),
+    ('1 + "a"', {}, None),
+    ("1 / 0", {}, None),
+    ('"a" + "b"', {}, "ab"),
+    ('1 = "1"', {}, None),
+    ("if x > 0 then 1 else 2", {"x": 1}, 1),
+    ("if x > 0 then 1 else 2", {}, 2),
+    ("if a then if b then 1 else 2 else 3", {"a": True, "b": False}, 2),
+    ("x between 1 and 3", {"x": 3}, True),
+    ("x between 1 and 3 and true", {"x": 4}, False),
+    ("x in [1..3]", {"x": 3}, True),
+    ("x in [1..3)", {"x": 3}, False),
+    ("x in (1..3]", {"x": 1}, False),
+    ("x in (1, 2, 5)", {"x": 5}, True),
+    ("x in [1, 2]", {"x": 5}, False),
+    ("x in (< 3, >= 10)", {"x": 12}, True),
+    ("x in names", {"x": "a", "names": ["a", "b"]}, True),
+    ("xs[1]", {"xs": [10, 20, 30]}, 10),
+    ("xs[-1]", {"xs": [10, 20, 30]}, 30),
+    ("xs[4]", {"xs": [10, 20, 30]}, None),
+    ("xs[0]", {"xs": [10]}, None),
+    ("[][1]", {}, None),
+    ("xs[item > 15]", {"xs": [10, 20, 30]}, [20, 30]),
+    ("ps[x > 1].y", {"ps": [{"x": 1, "y": 1}, {"x": 2, "y": 5}]}, [5]),
+    ("count(xs[item > 15])", {"xs": [10, 20, 30]}, 2),
+    ("sum([1, 2, 3]) + min(4, 2) - max([1, 7])", {}, 1),
+    ("mean([1, 2, 3])", {}, 2),
+    ("sum([])", {}, None),
+    ("floor(1.7) + ceiling(1.2) + abs(-3)", {}, 6),
+    ('number("2.5") + 1', {}, 3.5),
+    ("string(true)", {}, "true"),
+    ('contains("weed", "ee")', {}, True),
+    ("list contains(xs, 2)", {"xs": [1, 2]}, True),
+    ('starts with(name, "tractor")', {"name": "tractor_1"}, True),
+    ("string length(name)", {"name": "abc"}, 3),
+    ("is defined(x)", {}, False),
+    ("for i in 1..3 return i * i", {}, [1, 4, 9]),
+    ("some x in xs satisfies x > 2", {"xs": [1, 2, 3]}, True),
+    ("every x in xs satisfies x > 2", {"xs": [1, 2, 3]}, False),
+    ('{a: 1, "b c": x}.a', {"x": 2}, 1),
+    ("-x", {"x": 2}, -2),
+    ("odom.position.x > 1", {"odom": Odometry(Point(1.5))}, True),
+    ("odom.position.z", {"odom": Odometry()}, None),
+    ("10 ** 400", {}, None),
+    ("1 + 1 // and a remark", {}, 2),
+]
+
+
+@pytest.mark.parametrize(("text", "variables", "expected"), JUEL_CASES, ids=[case[0] for case in JUEL_CASES])
+def test_a_camunda_7_expression_gives(text: str, variables: dict[str, Any], expected: Any) -> None:
+    result = juel(text, **variables)
+    assert result == expected
+    assert type(result) is type(expected)
+
+
+@pytest.mark.parametrize(("text", "variables", "expected"), FEEL_CASES, ids=[case[0] for case in FEEL_CASES])
+def test_a_feel_expression_gives(text: str, variables: dict[str, Any], expected: Any) -> None:
+    result = feel(text, **variables)
+    assert result == expected
+    assert (result is None) == (expected is None)
+
+
+def test_a_hash_brace_is_as_good_as_a_dollar_brace() -> None:
+    assert evaluate("#{x + 1}", "juel", x=1) == 2
+
+
+def test_a_camunda_7_expression_names_what_is_not_set() -> None:
+    with pytest.raises(NameError, match="`x` is not set"):
+        juel("x > 3")
+    with pytest.raises(NameError, match="Point has no field `z`; it has x, y"):
+        juel("p.z", p=Point())
+
+
+def test_texts_and_numbers_that_have_no_order_are_an_error() -> None:
+    with pytest.raises(TypeError, match="'weed' is not a number"):
+        juel("x > 3", x="weed")
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("x.__class__", "leading underscore"),
+        ("__builtins__", "leading underscore"),
+        ("x['__class__']", "leading underscore"),
+        ("x[k]", "leading underscore"),
+        ("f", "not data"),
+        ("f.x", "not data"),
+        ("math.pi", "not data"),
+        ("m.f", "not data"),
+        ("p.method", "no field"),
+        ("T", "not data"),
+        ("s.format(1)", "cannot be called"),
+        ("f(1)", "no function"),
+        ("open('x')", "no function"),
+        ("s.upper", "no field"),
+    ],
+)
+def test_python_behind_the_data_is_out_of_reach(text: str, what: str) -> None:
+    class WithMethod(Point):
+        def method(self) -> None: ...
+
+    variables = {
+        "x": {},
+        "k": "__class__",
+        "f": len,
+        "m": {"f": len},
+        "math": math,
+        "p": WithMethod(),
+        "T": Point,
+        "s": "",
+    }
+    for run in (juel, feel):
+        if run is feel and ("[" in text or "no field" in what or "cannot be called" in what):
+            continue
+        with pytest.raises((ModelError, TypeError, NameError), match=what):
+            run(text, **variables)
+
+
+def test_feel_finds_no_python_behind_the_data_either() -> None:
+    assert feel("s.upper", s="") is None
+    assert feel("xs[k]", xs=[1], k="__class__") == []
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "complaint"),
+    [
+        ("${x >}", "juel", "expected a value, found the end"),
+        ("${(x}", "juel", r"expected `\)`, found the end"),
+        ("${x y}", "juel", "expected an operator or the end, found `y`"),
+        ("${}", "juel", "empty"),
+        ("${x @ y}", "juel", "`@` was not expected"),
+        ("${'abc}", "juel", "no closing brace"),
+        ("'abc", "feel", "text without an end"),
+        ("if x then 1", "feel", "expected `else`"),
+        ("now()", "feel", "there is no function `now` here; there are abs"),
+        ("(" * 500 + "1" + ")" * 500, "feel", "nested more than"),
+        ("x = 1", "python", "not Python: .*`==` compares"),
+        ("x > (3", "python", "was never closed"),
+        ("", "python", "not Python"),
+        ("await sleep(1)", "python", "'await' outside"),
+    ],
+)
+def test_a_wrong_expression_is_refused_with_its_place(text: str, language: Language, complaint: str) -> None:
+    with pytest.raises(ModelError, match=complaint) as caught:
+        compile_expression(Expression(text, language, 7), file="m.bpmn", element="Flow_1")
+    assert (caught.value.file, caught.value.line, caught.value.element) == ("m.bpmn", 7, "Flow_1")
+
+
+def test_the_line_of_a_complaint_counts_lines_inside_the_expression() -> None:
+    for language, text in (("juel", "${a\n and\n }"), ("feel", "a\nand\n!"), ("python", "(a\n and\n ]")):
+        with pytest.raises(ModelError) as caught:
+            compile_expression(Expression(text, language, 10))  # type: ignore[arg-type]
+        assert caught.value.line == 12, language
+
+
+def test_a_python_condition_may_have_several_lines() -> None:
+    assert evaluate("\n  x > 3   # near\n  and y\n", "python", x=4, y=True) is True
+
+
+def test_expressions_see_inner_variables_before_outer_ones() -> None:
+    variables = Variables({"x": 1, "y": 2}, {"x": 10})
+    for language, text in (("juel", "${x + y}"), ("feel", "x + y"), ("python", "x + y")):
+        assert compile_expression(Expression(text, language))(variables) == 12  # type: ignore[arg-type]
+
+
+def test_a_template_is_filled_in_as_text() -> None:
+    assert evaluate("PT${n}S", "template", n=2) == "PT2S"
+    assert evaluate("PT2S", "template") == "PT2S"
+    assert evaluate("${a}-${b.c}", "template", a=True, b={"c": None}) == "true-"
+
+
+def test_javascript_says_that_it_is_not_there_yet() -> None:
+    with pytest.raises(UnavailableError, match="JavaScript is not available"):
+        compile_expression(Expression("x > 3", "javascript"))
+
+
+def test_a_long_sum_does_not_break_the_parser() -> None:
+    assert feel(" + ".join(["1"] * 200)) == 200

@@ -1,0 +1,383 @@
+"""Topics and services within one process."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fame.clock import SECOND, Kind, Scheduler
+from fame.errors import MessageError
+from fame.middleware.interface import LATCHED, SENSOR_DATA, Middleware, QoS
+from fame.middleware.local import LocalMiddleware
+from fame.middleware.messages import create
+
+INT, TEXT = "std_msgs/msg/Int64", "std_msgs/msg/String"
+
+
+@pytest.fixture
+def scheduler() -> Scheduler:
+    return Scheduler()
+
+
+@pytest.fixture
+def middleware(scheduler: Scheduler) -> LocalMiddleware:
+    return LocalMiddleware(scheduler)
+
+
+def test_a_message_reaches_the_other_nodes_as_the_same_object(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[Any] = []
+    middleware.node("engine", "DINGO").subscription("/target_found", TEXT, seen.append)
+    publisher = middleware.node("engine", "REX").publisher("/target_found", TEXT)
+    message = create(TEXT, "here")
+    publisher.publish(message)
+    assert seen == []
+    scheduler.run()
+    assert len(seen) == 1
+    assert seen[0] is message
+    assert scheduler.now == 0
+
+
+def test_a_node_never_hears_itself_but_another_node_of_the_same_name_does(
+    scheduler: Scheduler, middleware: Middleware
+) -> None:
+    own: list[Any] = []
+    other: list[Any] = []
+    node = middleware.node("engine", "REX")
+    node.subscription("done", INT, own.append)
+    middleware.node("engine", "REX").subscription("done", INT, other.append)
+    node.publisher("done", INT).publish(create(INT, 1))
+    scheduler.run()
+    assert (len(own), len(other)) == (0, 1)
+
+
+def test_names_are_resolved_in_the_namespace_of_the_node(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[str] = []
+    world, rex = middleware.node("world"), middleware.node("engine", "/REX/")
+    for topic in ("odom", "~/odom", "/REX/odom"):
+        rex.subscription(topic, TEXT, lambda message, topic=topic: seen.append(topic))
+    rex.subscription("/odom", TEXT, lambda message: seen.append("global"))
+    publisher = world.publisher("REX/odom", TEXT)
+    publisher.publish(create(TEXT))
+    scheduler.run()
+    assert publisher.topic == "/REX/odom"
+    assert seen == ["odom", "~/odom", "/REX/odom"]
+    assert (rex.namespace, rex.full_name, world.full_name) == ("REX", "/REX/engine", "/world")
+    assert middleware.namespaces() == ["REX"]
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 1)), max_size=20))
+def test_messages_arrive_in_order_of_publication_then_of_subscription(sends: list[tuple[int, int]]) -> None:
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    topics = ("/a", "/b")
+    seen: list[tuple[int, str, int]] = []
+    for number in range(3):
+        for topic in topics:
+            middleware.node(f"reader{number}").subscription(
+                topic, INT, lambda message, topic=topic, number=number: seen.append((message.data, topic, number))
+            )
+    writers = [middleware.node(f"writer{number}") for number in range(3)]
+    publishers = [[writer.publisher(topic, INT) for topic in topics] for writer in writers]
+    for count, (writer, topic) in enumerate(sends):
+        publishers[writer][topic].publish(create(INT, count))
+    scheduler.run()
+    assert seen == [(count, topics[topic], number) for count, (_, topic) in enumerate(sends) for number in range(3)]
+
+
+def test_callbacks_are_messages_of_the_scheduler_before_timers_of_the_same_instant(
+    scheduler: Scheduler, middleware: Middleware
+) -> None:
+    seen: list[str] = []
+    middleware.node("b").subscription("/x", INT, lambda message: seen.append("message"))
+    publisher = middleware.node("a").publisher("/x", INT)
+    scheduler.at(5, lambda: publisher.publish(create(INT)), Kind.MESSAGE)
+    scheduler.at(5, lambda: seen.append("timer"), Kind.TIMER)
+    scheduler.run()
+    assert seen == ["message", "timer"]
+
+
+def test_what_a_callback_publishes_arrives_after_what_was_published_before(
+    scheduler: Scheduler, middleware: Middleware
+) -> None:
+    seen: list[int] = []
+    echo = middleware.node("echo")
+    back = echo.publisher("/back", INT)
+    echo.subscription("/out", INT, lambda message: back.publish(create(INT, -message.data)))
+    asker = middleware.node("asker")
+    asker.subscription("/back", INT, lambda message: seen.append(message.data))
+    out = asker.publisher("/out", INT)
+    middleware.node("witness").subscription("/out", INT, lambda message: seen.append(message.data))
+    for number in (1, 2):
+        out.publish(create(INT, number))
+    scheduler.run()
+    assert seen == [1, 2, -1, -2]
+
+
+# ---- types -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_topic_has_one_type(middleware: Middleware) -> None:
+    first = middleware.node("engine", "REX").publisher("/done", "std_msgs/Bool")
+    other = middleware.node("engine", "DINGO")
+    with pytest.raises(MessageError, match="/done is in use with std_msgs/msg/Bool, by /REX/engine"):
+        other.subscription("/done", TEXT, print)
+    first.close()
+    assert other.publisher("/done", TEXT).type == TEXT
+
+
+def test_an_unknown_type_is_refused(middleware: Middleware) -> None:
+    with pytest.raises(MessageError, match="did you mean std_msgs/msg/Bool"):
+        middleware.node("engine").publisher("/done", "std_msg/Bool")
+    assert middleware.graph() == []
+
+
+@pytest.mark.parametrize("thing", [True, {"data": True}, None, create(INT)])
+def test_only_messages_of_the_type_can_be_published(middleware: Middleware, thing: object) -> None:
+    publisher = middleware.node("engine").publisher("/done", "std_msgs/Bool")
+    with pytest.raises(MessageError, match=r"std_msgs/msg/Bool: found .* to publish on /done"):
+        publisher.publish(thing)
+
+
+def test_a_name_that_ros_2_would_refuse_is_told_once(middleware: LocalMiddleware) -> None:
+    for _ in range(2):
+        middleware.node("engine").publisher("/weed found", TEXT)
+    assert len(middleware.warnings) == 1
+    assert middleware.warnings[0].startswith("/weed found: ROS 2 would refuse this name")
+
+
+# ---- quality of service ----------------------------------------------------------------------------------------------
+
+
+def test_ends_that_do_not_match_hear_nothing_and_a_warning_says_why(scheduler: Scheduler) -> None:
+    told: list[str] = []
+    middleware = LocalMiddleware(scheduler, on_warning=told.append)
+    seen: list[Any] = []
+    middleware.node("controller", "REX").subscription("odom", INT, seen.append, QoS(reliability="reliable"))
+    middleware.node("world").publisher("/REX/odom", INT, SENSOR_DATA).publish(create(INT))
+    scheduler.run()
+    assert seen == []
+    assert told == middleware.warnings
+    assert told == [
+        "/REX/odom: /REX/controller hears nothing from /world: reliability: offered best_effort, requested reliable"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("qos", "expected"),
+    [
+        (QoS(depth=2), [3, 4]),
+        (QoS(depth=1), [4]),
+        (QoS(depth=10), [0, 1, 2, 3, 4]),
+        (QoS(history="keep_all", depth=1), [0, 1, 2, 3, 4]),
+    ],
+)
+def test_keep_last_bounds_what_waits(
+    scheduler: Scheduler, middleware: Middleware, qos: QoS, expected: list[int]
+) -> None:
+    seen: list[int] = []
+    middleware.node("b").subscription("/x", INT, lambda message: seen.append(message.data), qos)
+    publisher = middleware.node("a").publisher("/x", INT)
+    for number in range(5):
+        publisher.publish(create(INT, number))
+    scheduler.run()
+    assert seen == expected
+    publisher.publish(create(INT, 9))
+    scheduler.run()
+    assert seen == [*expected, 9]
+
+
+def test_a_message_that_was_pushed_out_does_not_move_the_others_forward(
+    scheduler: Scheduler, middleware: Middleware
+) -> None:
+    seen: list[tuple[str, int]] = []
+    reader = middleware.node("b")
+    reader.subscription("/narrow", INT, lambda message: seen.append(("narrow", message.data)), QoS(depth=1))
+    reader.subscription("/wide", INT, lambda message: seen.append(("wide", message.data)))
+    writer = middleware.node("a")
+    narrow, wide = writer.publisher("/narrow", INT), writer.publisher("/wide", INT)
+    narrow.publish(create(INT, 1))
+    wide.publish(create(INT, 2))
+    narrow.publish(create(INT, 3))
+    scheduler.run()
+    assert seen == [("wide", 2), ("narrow", 3)]
+
+
+def test_who_comes_late_gets_the_last_messages_of_a_transient_local_publisher_if_he_asks(
+    scheduler: Scheduler, middleware: Middleware
+) -> None:
+    late: list[int] = []
+    volatile: list[int] = []
+    publisher = middleware.node("a").publisher("/map", INT, QoS(durability="transient_local", depth=2))
+    for number in range(4):
+        publisher.publish(create(INT, number))
+    wants_all = QoS(durability="transient_local")
+    middleware.node("b").subscription("/map", INT, lambda message: late.append(message.data), wants_all)
+    middleware.node("c").subscription("/map", INT, lambda message: volatile.append(message.data))
+    publisher.publish(create(INT, 9))
+    scheduler.run()
+    assert late == [2, 3, 9]
+    assert volatile == [9]
+
+
+def test_a_publisher_that_left_leaves_nothing_for_late_joiners(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[Any] = []
+    publisher = middleware.node("a").publisher("/map", INT, LATCHED)
+    publisher.publish(create(INT))
+    publisher.close()
+    middleware.node("b").subscription("/map", INT, seen.append, LATCHED)
+    scheduler.run()
+    assert seen == []
+
+
+def test_a_kept_message_whose_lifespan_is_over_is_not_repeated(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[int] = []
+    publisher = middleware.node("a").publisher("/map", INT, QoS(durability="transient_local", lifespan=1.0))
+    publisher.publish(create(INT, 1))
+    scheduler.run(until=SECOND)
+    publisher.publish(create(INT, 2))
+    scheduler.run(until=SECOND + 1)
+    middleware.node("b").subscription("/map", INT, lambda message: seen.append(message.data), LATCHED)
+    scheduler.run()
+    assert seen == [2]
+
+
+# ---- coming and going ------------------------------------------------------------------------------------------------
+
+
+def test_the_graph_shows_every_topic_with_an_end(middleware: Middleware) -> None:
+    rex, dingo = middleware.node("engine", "REX"), middleware.node("engine", "DINGO")
+    rex.publisher("/done", "std_msgs/Bool")
+    dingo.publisher("/done", "std_msgs/Bool")
+    end = dingo.subscription("/done", "std_msgs/Bool", print)
+    rex.subscription("odom", "nav_msgs/Odometry", print)
+    odom, done = middleware.graph()
+    assert (odom.name, odom.types, odom.publishers) == ("/REX/odom", ("nav_msgs/msg/Odometry",), ())
+    assert (done.publishers, done.subscribers) == (("/REX/engine", "/DINGO/engine"), ("/DINGO/engine",))
+    end.close()
+    assert middleware.graph()[1].subscribers == ()
+    dingo.close()
+    rex.close()
+    rex.close()
+    assert middleware.graph() == []
+    assert middleware.namespaces() == []
+
+
+def test_a_closed_subscription_gets_nothing_not_even_what_waited_for_it(
+    scheduler: Scheduler, middleware: Middleware
+) -> None:
+    seen: list[Any] = []
+    subscription = middleware.node("b").subscription("/x", INT, seen.append, QoS(depth=1))
+    publisher = middleware.node("a").publisher("/x", INT)
+    publisher.publish(create(INT))
+    publisher.publish(create(INT))
+    subscription.close()
+    subscription.close()
+    publisher.publish(create(INT))
+    scheduler.run()
+    assert seen == []
+
+
+def test_a_callback_may_close_its_own_subscription(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[int] = []
+
+    def once(message: Any) -> None:
+        seen.append(message.data)
+        subscription.close()
+
+    subscription = middleware.node("b").subscription("/x", INT, once)
+    publisher = middleware.node("a").publisher("/x", INT)
+    publisher.publish(create(INT, 1))
+    publisher.publish(create(INT, 2))
+    scheduler.run()
+    assert seen == [1]
+
+
+def test_what_was_published_arrives_even_if_the_publisher_left(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[Any] = []
+    middleware.node("b").subscription("/x", INT, seen.append)
+    node = middleware.node("a")
+    publisher = node.publisher("/x", INT)
+    publisher.publish(create(INT))
+    node.close()
+    scheduler.run()
+    assert len(seen) == 1
+    with pytest.raises(MessageError, match="the publisher on /x is closed"):
+        publisher.publish(create(INT))
+
+
+def test_closing_the_middleware_closes_everything(middleware: LocalMiddleware) -> None:
+    node = middleware.node("a", "A")
+    node.publisher("/x", INT)
+    node.service("/reset", "std_srvs/Trigger", lambda request: None)
+    middleware.close()
+    assert (middleware.graph(), middleware.namespaces(), middleware.services) == ([], [], {})
+
+
+# ---- services --------------------------------------------------------------------------------------------------------
+
+
+def test_a_service_answers_in_the_order_of_the_calls(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[tuple[int, bool, str]] = []
+    middleware.node("gripper", "ARM").service(
+        "grip", "std_srvs/SetBool", lambda request: {"success": request.data, "message": f"{scheduler.now}"}
+    )
+    client = middleware.node("engine", "ARM").client("grip", "std_srvs/srv/SetBool")
+    assert client.available
+    for number, value in enumerate((True, False)):
+        client.call({"data": value}, lambda response, n=number: seen.append((n, response.success, response.message)))
+    assert seen == []
+    scheduler.run()
+    assert seen == [(0, True, "0"), (1, False, "0")]
+
+
+def test_a_service_takes_and_gives_defaults_for_none(scheduler: Scheduler, middleware: Middleware) -> None:
+    seen: list[Any] = []
+    node = middleware.node("a")
+    node.service("/reset", "std_srvs/Trigger", lambda request: None)
+    node.client("/reset", "std_srvs/Trigger").call(None, seen.append)
+    scheduler.run()
+    assert seen == [create("std_srvs/srv/Trigger_Response")]
+
+
+def test_calls_that_cannot_succeed_are_refused_at_once(middleware: Middleware) -> None:
+    node = middleware.node("a")
+    client = node.client("/grip", "std_srvs/SetBool")
+    assert not client.available
+    with pytest.raises(MessageError, match="nobody offers the service /grip"):
+        client.call(None, print)
+    service = node.service("/grip", "std_srvs/SetBool", lambda request: None)
+    with pytest.raises(MessageError, match="data: found 'open', expected true or false"):
+        client.call({"data": "open"}, print)
+    with pytest.raises(MessageError, match="the service /grip is offered by /a already"):
+        middleware.node("b").service("/grip", "std_srvs/SetBool", lambda request: None)
+    with pytest.raises(MessageError, match="the service /grip is of type std_srvs/SetBool"):
+        node.client("/grip", "std_srvs/Trigger").call(None, print)
+    service.close()
+    assert not client.available
+
+
+def test_a_response_that_does_not_fit_is_the_fault_of_the_service(scheduler: Scheduler, middleware: Middleware) -> None:
+    node = middleware.node("a")
+    node.service("/grip", "std_srvs/SetBool", lambda request: {"ok": True})
+    node.client("/grip", "std_srvs/SetBool").call(None, print)
+    with pytest.raises(MessageError, match="std_srvs/srv/SetBool_Response: ok: there is no such field"):
+        scheduler.run()
+
+
+def test_a_service_or_client_that_leaves_meanwhile_drops_the_call(
+    scheduler: Scheduler, middleware: LocalMiddleware
+) -> None:
+    seen: list[Any] = []
+    service = middleware.node("a").service("/reset", "std_srvs/Trigger", lambda request: None)
+    staying, leaving = (middleware.node(name).client("/reset", "std_srvs/Trigger") for name in ("b", "c"))
+    leaving.call(None, seen.append)
+    leaving.close()
+    scheduler.run()
+    staying.call(None, seen.append)
+    service.close()
+    scheduler.run()
+    assert seen == []
+    assert middleware.warnings == ["/reset: the service was closed before it answered /b"]

@@ -1,0 +1,481 @@
+"""Messages: types of ROS 2 Jazzy and registered ones, filling, plain data, and the wire."""
+
+from __future__ import annotations
+
+import copy
+import json
+import subprocess
+import sys
+from collections import UserDict, deque
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fame.errors import MessageError
+from fame.middleware import codec
+from fame.middleware.messages import (
+    bare,
+    create,
+    default_payload,
+    fields,
+    is_wrapper,
+    message_type,
+    register,
+    register_files,
+    service,
+    to_mapping,
+    type_name,
+    types,
+)
+
+WIRE = Path(__file__).resolve().parents[2] / "shared" / "data" / "ros2_jazzy_wire" / "samples.json"
+
+# ---- types -----------------------------------------------------------------------------------------------------------
+
+
+def test_all_types_of_the_common_interfaces_can_be_made_read_and_written() -> None:
+    names = types()
+    assert names == sorted(names)
+    assert {"std_msgs/msg/String", "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"} <= set(names)
+    assert len(names) >= 162
+    for name in names:
+        message = create(name)
+        assert type_name(message) == name
+        assert create(name, json.loads(json.dumps(to_mapping(message)))) == message
+
+
+def test_a_type_may_be_named_without_msg() -> None:
+    assert message_type("geometry_msgs/Twist") is message_type("geometry_msgs/msg/Twist")
+    assert type_name(create(" std_msgs/String ")) == "std_msgs/msg/String"
+
+
+@pytest.mark.parametrize(
+    ("name", "suggestion"),
+    [
+        ("Vector3", "did you mean geometry_msgs/msg/Vector3"),
+        ("geometry_msgs/msg/vector3", "did you mean geometry_msgs/msg/Vector3"),
+        ("geometry_msg/Twist", "did you mean geometry_msgs/msg/Twist"),
+        ("sensor_msgs/msg/LaserScanner", "did you mean sensor_msgs/msg/LaserScan"),
+        ("std_srvs/srv/Trigger", "this is a service; its messages are std_srvs/srv/Trigger_Request and"),
+        ("", "there is no such message type"),
+    ],
+)
+def test_an_unknown_type_is_refused_with_the_names_most_like_it(name: str, suggestion: str) -> None:
+    with pytest.raises(MessageError, match=suggestion):
+        message_type(name)
+
+
+def test_fields_are_told_as_a_msg_file_writes_them() -> None:
+    assert fields("geometry_msgs/PoseWithCovariance") == {"pose": "geometry_msgs/msg/Pose", "covariance": "float64[36]"}
+    assert fields("sensor_msgs/JointState")["name"] == "string[]"
+    assert fields("std_msgs/Char") == {"data": "uint8"}
+    assert fields("std_msgs/Empty") == {}
+
+
+def test_constants_of_a_type_are_attributes_of_its_class() -> None:
+    assert message_type("sensor_msgs/Range").INFRARED == 1
+    assert create("sensor_msgs/BatteryState").POWER_SUPPLY_STATUS_CHARGING == 1
+
+
+def test_a_wrapper_is_a_type_whose_only_field_is_data() -> None:
+    assert is_wrapper("std_msgs/msg/String")
+    assert not is_wrapper("std_msgs/msg/Empty")
+    assert not is_wrapper("std_msgs/msg/Float64MultiArray")
+    assert bare(create("std_msgs/String", "REX")) == "REX"
+    point = create("geometry_msgs/Point")
+    assert bare(point) is point
+    assert default_payload("std_msgs/Bool") is False
+    assert default_payload("geometry_msgs/Vector3") == {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def test_what_is_no_message_has_no_type_name() -> None:
+    with pytest.raises(MessageError, match="found 'Twist', expected a message"):
+        type_name("Twist")  # type: ignore[arg-type]
+
+
+# ---- defaults --------------------------------------------------------------------------------------------------------
+
+
+def test_defaults_are_zeros_and_those_of_ros() -> None:
+    odometry = create("nav_msgs/Odometry")
+    assert odometry.pose.pose.position.x == 0.0
+    assert odometry.pose.pose.orientation.w == 1.0
+    assert odometry.child_frame_id == ""
+    assert odometry.twist.covariance.shape == (36,)
+    assert odometry.twist.covariance.dtype == np.float64
+
+
+def test_messages_of_defaults_share_nothing() -> None:
+    first, second = create("nav_msgs/Odometry"), create("nav_msgs/Odometry")
+    first.pose.pose.position.x = 5.0
+    first.pose.covariance[0] = 5.0
+    path = create("nav_msgs/Path")
+    path.poses.append(create("geometry_msgs/PoseStamped"))
+    assert second.pose.pose.position.x == 0.0
+    assert second.pose.covariance[0] == 0.0
+    assert create("nav_msgs/Path").poses == []
+
+
+# ---- filling ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_mapping_fills_the_fields_that_it_names() -> None:
+    twist = create("geometry_msgs/Twist", {"linear": {"x": 0.5}})
+    assert (twist.linear.x, twist.linear.y, twist.angular.z) == (0.5, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("make", [dict, MappingProxyType, UserDict])
+def test_any_mapping_will_do(make: Any) -> None:
+    assert create("geometry_msgs/Point", make({"x": 1, "z": 2})) == create("geometry_msgs/Point", {"x": 1.0, "z": 2.0})
+
+
+def test_a_message_of_the_type_is_taken_as_it_is_at_any_depth() -> None:
+    position = create("geometry_msgs/Point", {"x": 1})
+    assert create("geometry_msgs/Point", position) is position
+    assert create("geometry_msgs/Pose", {"position": position}).position is position
+    assert create("geometry_msgs/Polygon", {"points": (create("geometry_msgs/Point32", {"y": 2}),)}).points[0].y == 2.0
+
+
+@pytest.mark.parametrize(
+    ("type", "value", "data"),
+    [
+        ("std_msgs/Bool", "true", True),
+        ("std_msgs/Bool", "False", False),
+        ("std_msgs/Bool", 1, True),
+        ("std_msgs/Bool", np.True_, True),
+        ("std_msgs/Int32", "7", 7),
+        ("std_msgs/Int32", 7.0, 7),
+        ("std_msgs/Int64", 2**63 - 1, 2**63 - 1),
+        ("std_msgs/Int8", np.int64(-128), -128),
+        ("std_msgs/Byte", b"\xff", 255),
+        ("std_msgs/Float64", 3, 3.0),
+        ("std_msgs/Float64", "1.5", 1.5),
+        ("std_msgs/Float64", np.float32(0.5), 0.5),
+        ("std_msgs/Float32", float("inf"), float("inf")),
+        ("std_msgs/String", "closest", "closest"),
+        ("std_msgs/String", 5, "5"),
+        ("std_msgs/String", True, "true"),
+        ("std_msgs/String", "grün \U0001f600", "grün \U0001f600"),
+        ("std_msgs/String", {"data": "x"}, "x"),
+    ],
+)
+def test_what_says_the_same_in_another_form_is_converted(type: str, value: Any, data: Any) -> None:
+    message = create(type, value)
+    assert message.data == data
+    assert message.data.__class__ is data.__class__
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[1, "2", 3.0], (1, 2, 3), deque([1, 2, 3]), np.array([1, 2, 3]), np.array([1.0, 2.0, 3.0]), range(1, 4)],
+    ids=["list", "tuple", "deque", "integers", "floats", "range"],
+)
+def test_any_sequence_of_numbers_fills_an_array(values: Any) -> None:
+    position = create("sensor_msgs/JointState", {"position": values}).position
+    assert position.dtype == np.float64
+    assert position.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_an_array_is_copied_so_that_its_owner_may_go_on_with_it() -> None:
+    source = np.zeros(3)
+    message = create("sensor_msgs/JointState", {"position": source})
+    source[0] = 9.0
+    assert message.position[0] == 0.0
+
+
+def test_bytes_fill_an_array_of_bytes() -> None:
+    for value in (b"\x00\xff", bytearray(b"\x00\xff"), [0, 255]):
+        assert create("std_msgs/UInt8MultiArray", {"data": value}).data.tolist() == [0, 255]
+        assert create("std_msgs/ByteMultiArray", {"data": value}).data.tolist() == [0, 255]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "sec", "nanosec"),
+    [(0, 0, 0), (1.5, 1, 500_000_000), (-0.25, -1, 750_000_000), (0.9999999999, 1, 0), (2 * 10**9, 2 * 10**9, 0)],
+)
+def test_a_time_is_a_number_of_seconds(seconds: float, sec: int, nanosec: int) -> None:
+    stamp = create("std_msgs/Header", {"stamp": seconds}).stamp
+    assert (stamp.sec, stamp.nanosec) == (sec, nanosec)
+    assert create("builtin_interfaces/Duration", {"sec": sec, "nanosec": nanosec}) == create(
+        "builtin_interfaces/Duration", seconds
+    )
+
+
+@pytest.mark.parametrize(
+    ("type", "value", "text"),
+    [
+        ("geometry_msgs/Vector3", {"x": "fast"}, "geometry_msgs/msg/Vector3: x: found 'fast', expected a number"),
+        ("geometry_msgs/Vector3", {"x": None}, "geometry_msgs/msg/Vector3: x: found nothing (null), expected a number"),
+        ("geometry_msgs/Vector3", {"x": True}, "geometry_msgs/msg/Vector3: x: found true, expected a number"),
+        ("geometry_msgs/Vector3", {"x": [1]}, "geometry_msgs/msg/Vector3: x: found a list, expected a number"),
+        ("geometry_msgs/Vector3", {"x": 10**400}, "expected a number"),
+        (
+            "geometry_msgs/Twist",
+            {"linear": {"vx": 1}},
+            "Twist: linear.vx: there is no such field; those of geometry_msgs/msg/Vector3 are x, y, z",
+        ),
+        ("std_msgs/Empty", {"x": 1}, "x: there is no such field; those of std_msgs/msg/Empty are none"),
+        (
+            "nav_msgs/Path",
+            {"poses": [{}, {"pose": {"position": {"y": "a"}}}]},
+            "nav_msgs/msg/Path: poses[1].pose.position.y: found 'a', expected a number",
+        ),
+        ("sensor_msgs/JointState", {"position": [1, [2]]}, "position[1]: found a list, expected a number"),
+        ("sensor_msgs/JointState", {"position": np.zeros((2, 2))}, "position[0]: found a list, expected a number"),
+        ("sensor_msgs/JointState", {"position": 1.5}, "position: found 1.5, expected a list (float64[])"),
+        ("sensor_msgs/JointState", {"position": {"a": 1}}, "found a mapping with a, expected a list (float64[])"),
+        ("sensor_msgs/JointState", {"name": "arm"}, "name: found 'arm', expected a list (string[])"),
+        ("sensor_msgs/JointState", {"name": ["arm", {}]}, "name[1]: found an empty mapping, expected a text"),
+        ("geometry_msgs/PoseWithCovariance", {"covariance": [1, 2]}, "found 2 values, expected 36 (float64[36])"),
+        ("geometry_msgs/PoseWithCovariance", {"covariance": np.zeros(37)}, "covariance: found 37 values, expected 36"),
+        ("std_msgs/Int8", 128, "std_msgs/msg/Int8: data: found 128, expected an integer from -128 to 127 (int8)"),
+        ("std_msgs/UInt8", -1, "data: found -1, expected an integer from 0 to 255 (uint8)"),
+        ("std_msgs/Char", 256, "data: found 256, expected an integer from 0 to 255 (uint8)"),
+        ("std_msgs/UInt64", 2**64, "expected an integer from 0 to 18446744073709551615 (uint64)"),
+        ("std_msgs/Int32", 1.5, "data: found 1.5, expected an integer"),
+        ("std_msgs/Int32", "1.5", "data: found '1.5', expected an integer"),
+        ("std_msgs/Int32", float("nan"), "data: found nan, expected an integer"),
+        ("std_msgs/Int32", False, "data: found false, expected an integer"),
+        ("std_msgs/UInt8MultiArray", {"data": np.array([1, 300])}, "data[1]: found 300, expected an integer"),
+        ("std_msgs/Int32MultiArray", {"data": np.array([1.5])}, "data[0]: found 1.5, expected an integer"),
+        ("std_msgs/Float32", 1e39, "data: found 1e+39, expected a number of at most 3.4e38 (float32)"),
+        ("std_msgs/Bool", "yes", "data: found 'yes', expected true or false"),
+        ("std_msgs/Bool", 2, "data: found 2, expected true or false"),
+        ("std_msgs/String", ["a"], "data: found a list, expected a text"),
+        ("std_msgs/String", "a\0b", "expected a text without NUL characters"),
+        ("std_msgs/String", "\ud800", "expected a text of valid characters (UTF-8)"),
+        ("std_msgs/Header", {"stamp": "now"}, "found 'now', expected seconds, or a mapping with sec and nanosec"),
+        ("std_msgs/Header", {"stamp": 1e10}, "stamp: found 10000000000, expected an integer from -2147483648"),
+        ("std_msgs/Header", {"stamp": float("nan")}, "stamp: found nan, expected seconds"),
+        ("geometry_msgs/Point", 5, "Point: found 5, expected geometry_msgs/msg/Point or a mapping with x, y, z"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_path_what_it_is_and_what_would_be_right(
+    type: str, value: Any, text: str
+) -> None:
+    with pytest.raises(MessageError) as caught:
+        create(type, value)
+    assert text in str(caught.value)
+
+
+def test_a_message_of_another_type_is_refused_even_with_the_same_fields() -> None:
+    with pytest.raises(MessageError, match="position: found a geometry_msgs/msg/Vector3, expected geometry_msgs/msg/P"):
+        create("geometry_msgs/Pose", {"position": create("geometry_msgs/Vector3")})
+
+
+def test_the_error_knows_type_and_field() -> None:
+    with pytest.raises(MessageError) as caught:
+        create("geometry_msgs/Twist", {"angular": {"z": "left"}})
+    assert (caught.value.type, caught.value.field) == ("geometry_msgs/msg/Twist", "angular.z")
+
+
+# ---- messages as objects ---------------------------------------------------------------------------------------------
+
+
+def test_messages_compare_by_value() -> None:
+    value = {"pose": {"covariance": list(range(36))}}
+    first, second = create("nav_msgs/Odometry", value), create("nav_msgs/Odometry", value)
+    assert first == second
+    second.pose.covariance[3] = -1.0
+    assert first != second
+    assert create("geometry_msgs/Point") != create("geometry_msgs/Vector3")
+    assert copy.deepcopy(first) == first
+
+
+def test_a_message_shows_its_fields_and_what_differs_inside_them_in_one_short_line() -> None:
+    assert repr(create("std_msgs/Bool")) == "Bool(data=False)"
+    assert repr(create("std_msgs/Empty")) == "Empty()"
+    twist = create("geometry_msgs/Twist", {"linear": {"x": 0.5}})
+    assert repr(twist) == "Twist(linear=Vector3(x=0.5), angular=Vector3())"
+    scan = create("sensor_msgs/JointState", {"name": ["a"], "position": [0.5] * 100})
+    assert "name=['a'], position=[0.5, 0.5, 0.5, 0.5, ... 100 in all], velocity=[]" in repr(scan)
+    assert len(repr(create("std_msgs/String", "x" * 10_000))) < 120
+
+
+def test_plain_data_is_json_even_of_numbers_that_numpy_made() -> None:
+    message = create("std_msgs/Int64")
+    message.data = np.int64(3)
+    assert json.dumps(to_mapping(message)) == '{"data": 3}'
+    image = create("sensor_msgs/Image", {"data": b"\x01\xff"})
+    assert to_mapping(image)["data"] == [1, 255]
+
+
+numbers = st.floats(allow_nan=False)
+
+
+@given(st.tuples(numbers, numbers, numbers), st.lists(numbers, min_size=36, max_size=36), st.text(max_size=8))
+def test_a_message_survives_plain_data_and_the_wire(
+    xyz: tuple[float, float, float], covariance: list[float], frame: str
+) -> None:
+    value = {
+        "header": {"frame_id": frame.replace("\0", "")},
+        "pose": {"pose": {"position": dict(zip("xyz", xyz, strict=True))}, "covariance": covariance},
+    }
+    message = create("geometry_msgs/PoseWithCovarianceStamped", value)
+    assert create("geometry_msgs/PoseWithCovarianceStamped", json.loads(json.dumps(to_mapping(message)))) == message
+    assert codec.deserialize(codec.serialize(message), "geometry_msgs/PoseWithCovarianceStamped") == message
+
+
+# ---- registered types ------------------------------------------------------------------------------------------------
+
+
+def test_a_registered_type_is_like_any_other() -> None:
+    text = """
+        # a wheel
+        uint8 LEFT=0
+        uint8 RIGHT=1
+        uint8 side 1   # which one
+        float64 radius 0.15
+        string<=5 label "front"
+        float64[3] axis [0, 1, 0]
+        int8[<=2] codes
+        Header header
+        string from
+    """
+    assert register(text, "robot_msgs/msg/Wheel") == ["robot_msgs/msg/Wheel"]
+    assert register(text, "robot_msgs/msg/Wheel") == ["robot_msgs/msg/Wheel"]
+    wheel = create("robot_msgs/Wheel", {"from": "axle", "codes": [1]})
+    assert (wheel.side, wheel.radius, wheel.label, wheel.axis.tolist()) == (1, 0.15, "front", [0, 1, 0])
+    assert wheel.RIGHT == 1
+    assert wheel.from_ == "axle"
+    assert to_mapping(wheel)["from"] == "axle"
+    assert codec.deserialize(codec.serialize(wheel), "robot_msgs/Wheel") == wheel
+    with pytest.raises(MessageError, match="label: found 'front left', expected a text of at most 5 bytes"):
+        create("robot_msgs/Wheel", {"label": "front left"})
+    with pytest.raises(MessageError, match=r"codes: found 3 values, expected at most 2 \(int8\[<=2\]\)"):
+        create("robot_msgs/Wheel", {"codes": [1, 2, 3]})
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "reason"),
+    [
+        ("float64", "robot_msgs/msg/Bad", "cannot read 'float64'"),
+        ("float64 x\nfloat64 ?", "robot_msgs/msg/Bad", "cannot read 'float64 ?'"),
+        ("float64 x\nint8 x", "robot_msgs/msg/Bad", "x: there are two fields of this name"),
+        ("foat64 x", "robot_msgs/msg/Bad", "x: there is no primitive type 'foat64'"),
+        ("wstring x", "robot_msgs/msg/Bad", "x: wstring is not supported"),
+        ("int8 x", "Bad", "a type is named like"),
+        ("int8 x", "robot_msgs/msg/../Bad", "a type is named like"),
+        ("int8 x", "robot_msgs/srv/Bad", "a line of --- between them"),
+        ("int8 x", "std_msgs/msg/String", "of this name already, with other content"),
+    ],
+)
+def test_a_bad_definition_is_refused_and_leaves_nothing_behind(text: str, name: str, reason: str) -> None:
+    before = types()
+    with pytest.raises(MessageError) as caught:
+        register(text, name)
+    assert reason in str(caught.value)
+    assert types() == before
+
+
+def test_a_default_that_does_not_fit_is_told_when_the_type_is_first_used() -> None:
+    register("int8 x 500", "robot_msgs/msg/Odd")
+    with pytest.raises(MessageError, match="robot_msgs/msg/Odd: x: its default does not fit: found 500"):
+        create("robot_msgs/Odd")
+
+
+def test_a_type_can_be_registered_before_what_it_refers_to() -> None:
+    register("Rim rim\nrobot_msgs/Rim[] spares", "robot_msgs/msg/Tyre")
+    with pytest.raises(MessageError, match="robot_msgs/msg/Tyre: rim: its type robot_msgs/msg/Rim is not known"):
+        create("robot_msgs/Tyre")
+    register("float64 width", "robot_msgs/msg/Rim")
+    assert create("robot_msgs/Tyre", {"spares": [{"width": 2}]}).spares[0].width == 2.0
+
+
+def test_a_type_that_contains_itself_is_refused() -> None:
+    register("robot_msgs/Egg egg", "robot_msgs/msg/Hen")
+    register("robot_msgs/Hen[] hens", "robot_msgs/msg/Egg")
+    with pytest.raises(MessageError, match="a type cannot contain itself"):
+        create("robot_msgs/Hen")
+
+
+def test_services_are_two_messages() -> None:
+    assert service("std_srvs/SetBool") == ("std_srvs/srv/SetBool_Request", "std_srvs/srv/SetBool_Response")
+    request, response = register("float64 angle\n---\nbool done\nstring reason", "robot_msgs/srv/Turn")
+    assert service("robot_msgs/srv/Turn") == (request, response)
+    assert fields(request) == {"angle": "float64"}
+    assert fields(response) == {"done": "bool", "reason": "string"}
+    assert to_mapping(create("std_srvs/srv/Trigger_Request")) == {}
+    with pytest.raises(MessageError, match="no such service type; did you mean std_srvs/srv/Trigger"):
+        service("Trigger")
+
+
+def test_a_directory_of_definitions_is_registered_as_a_whole(tmp_path: Path) -> None:
+    package = tmp_path / "farm_msgs"
+    (package / "msg").mkdir(parents=True)
+    (package / "srv").mkdir()
+    (package / "msg" / "Field.msg").write_text("farm_msgs/Row[] rows\n")
+    (package / "msg" / "Row.msg").write_text("float64 length\r\n")
+    (package / "srv" / "Mow.srv").write_text("Field field\n---\n")
+    expected = ["farm_msgs/msg/Field", "farm_msgs/msg/Row", "farm_msgs/srv/Mow_Request", "farm_msgs/srv/Mow_Response"]
+    assert register_files(package) == expected
+    assert create("farm_msgs/srv/Mow_Request", {"field": {"rows": [{"length": 5}]}}).field.rows[0].length == 5.0
+    assert register_files(package / "msg" / "Row.msg", package="yard_msgs") == ["yard_msgs/msg/Row"]
+
+
+def test_a_place_without_definitions_is_refused(tmp_path: Path) -> None:
+    for place in (tmp_path, tmp_path / "Missing.msg"):
+        with pytest.raises(MessageError, match=r"there is no \.msg or \.srv file at"):
+            register_files(place)
+    (tmp_path / "Lost.msg").write_text("nowhere_msgs/Thing thing\n")
+    with pytest.raises(MessageError, match="thing: its type nowhere_msgs/msg/Thing is not known"):
+        register_files(tmp_path, package="lost_msgs")
+
+
+# ---- the wire --------------------------------------------------------------------------------------------------------
+
+needs_wire_samples = pytest.mark.skipif(not WIRE.exists(), reason="needs samples.json of ros2_jazzy_wire")
+
+
+@needs_wire_samples
+def test_what_ros_2_wrote_is_read_and_written_back_byte_for_byte() -> None:
+    samples = json.loads(WIRE.read_text())["samples"]
+    assert len(samples) > 100
+    for sample in samples:
+        cdr, name = bytes.fromhex(sample["cdr"]), sample["type"]
+        value = sample["fields"]
+        message = create(name, ord(value["data"]) if name == "std_msgs/msg/Byte" else value)
+        written = codec.serialize(message)
+        assert cdr[: len(written)] == written
+        assert len(cdr) - len(written) < 4
+        assert codec.deserialize(cdr, name) == message
+        assert to_mapping(codec.deserialize(cdr, name)) == to_mapping(message)
+
+
+@needs_wire_samples
+def test_type_hashes_are_those_of_ros_2() -> None:
+    hashes = json.loads(WIRE.read_text())["type_hashes"]
+    assert {name: codec.type_hash(name) for name in hashes} == hashes
+
+
+@needs_wire_samples
+def test_defaults_are_those_that_ros_2_sends() -> None:
+    seen = set()
+    for sample in json.loads(WIRE.read_text())["samples"]:
+        if sample["type"] not in seen:
+            seen.add(sample["type"])
+            assert codec.deserialize(bytes.fromhex(sample["cdr"]), sample["type"]) == create(sample["type"])
+
+
+@pytest.mark.parametrize("data", ["", "00010000", "00010000ffffff7f616263", "0707000000"])
+def test_bytes_that_are_not_the_message_are_refused(data: str) -> None:
+    with pytest.raises(MessageError, match=f"std_msgs/msg/String: cannot read {len(data) // 2} bytes of CDR"):
+        codec.deserialize(bytes.fromhex(data), "std_msgs/String")
+
+
+# ---- weight ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_heavy_packages_are_imported_when_the_first_type_is_asked_for() -> None:
+    program = (
+        "import sys; import fame.middleware.messages as m; print('rosbags' in sys.modules, 'numpy' in sys.modules);"
+        "m.create('geometry_msgs/Twist'); print('rosbags' in sys.modules, 'numpy' in sys.modules)"
+    )
+    root = Path(__file__).resolve().parents[1]
+    result = subprocess.run([sys.executable, "-c", program], cwd=root, capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["False", "False", "True", "False"]

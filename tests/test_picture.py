@@ -1,0 +1,125 @@
+"""Pictures and animations of a run show what was recorded."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from grounds import ground
+from PIL import Image, ImageColor
+
+from fame.errors import ConfigError, UnavailableError
+from sim2d import style
+from sim2d.animation import animate
+from sim2d.picture import picture
+from sim2d.record import Recorder
+
+
+@pytest.fixture(scope="module")
+def record():
+    g = ground(
+        obstacles=[{"name": "rock", "at": [3, 1], "radius": 0.3}, {"at": [2, 3.5], "size": [1, 0.2], "angle": 20}],
+        targets=[{"name": "target", "at": [5, 3], "radius": 0.1}],
+        rex={"watchdog": 0},
+        robots={"DINGO": {"type": "car", "at": [1, 3]}},
+    )
+    recorder = Recorder(g.world, rate=10)
+    g.run(0)
+    g.drive(0.5, 0.3)
+    g.say("/REX/led", "std_msgs/msg/ColorRGBA", {"r": 1.0})
+    g.run(4)
+    return recorder.record
+
+
+def share(image, colour, within=10):
+    """What part of an image's pixels has a colour."""
+    pixels = np.asarray(image.convert("RGB"), dtype=np.int16)
+    return float((abs(pixels - np.array(ImageColor.getrgb(colour)[:3])) <= within).all(axis=2).mean())
+
+
+def test_a_recorder_keeps_ten_samples_a_second_of_every_robot(record):
+    assert record.times == pytest.approx([number / 10 for number in range(41)])
+    rex, dingo = record.tracks
+    assert (rex.name, dingo.name) == ("REX", "DINGO")
+    assert len(rex.poses) == len(rex.leds) == len(rex.cones) == 41
+    assert rex.leds[0] == "off"
+    assert rex.leds[-1] == "red"
+    assert math.dist(rex.poses[0][:2], rex.poses[-1][:2]) > 1.5
+    assert dingo.poses[0] == dingo.poses[-1]
+
+
+def test_a_picture_shows_ground_obstacles_targets_ways_and_leds(record, tmp_path):
+    file = tmp_path / "out" / "world.png"
+    picture(record, file, title="A mission")
+    with Image.open(file) as image:
+        assert image.width > 900
+        assert share(image, style.GROUND) > 0.4
+        for colour in (style.OBSTACLE, style.TARGET, style.LEDS["red"], style.ROBOTS[0], style.ROBOTS[1]):
+            assert share(image, colour) > 1e-4
+
+
+def test_a_picture_of_a_world_that_never_ran_shows_the_world(record, tmp_path):
+    g = ground(walls=False)
+    picture(Recorder(g.world).record, tmp_path / "world.png")
+    with Image.open(tmp_path / "world.png") as image:
+        assert share(image, style.GROUND) > 0.4
+
+
+def test_an_animation_moves_and_ends_with_what_was_recorded_last(record, tmp_path):
+    file = tmp_path / "world.gif"
+    animate(record, file, fps=10, speed=2)
+    with Image.open(file) as film:
+        assert film.n_frames == 21
+        assert film.info["duration"] == 100
+        first = film.convert("RGB")
+        film.seek(20)
+        last = film.convert("RGB")
+    assert share(first, style.LEDS["red"]) == 0
+    assert share(last, style.LEDS["red"]) > 1e-4
+    way = [share(image, style.ROBOTS[0], within=60) for image in (first, last)]
+    assert way[1] > way[0] + 3e-4
+
+
+def test_captions_change_when_the_process_moves_on(record, tmp_path):
+    labels = [(0.0, "REX", "Explore"), (2.0, "REX", "Wait for done"), (1.0, "nobody", "ignored")]
+    animate(record, tmp_path / "with.gif", labels=labels, fps=10, speed=10)
+    animate(record, tmp_path / "without.gif", fps=10, speed=10)
+    differing = []
+    with Image.open(tmp_path / "with.gif") as film, Image.open(tmp_path / "without.gif") as bare:
+        for number in range(5):
+            film.seek(number)
+            bare.seek(number)
+            a, b = (np.asarray(image.convert("RGB"), dtype=np.int16) for image in (film, bare))
+            rows, columns = np.nonzero((a != b).any(axis=2))
+            differing.append((rows.min(), columns.max()))
+    assert min(row for row, _ in differing) > 480  # below the ground
+    assert differing[0] == differing[1]
+    assert differing[2] == differing[3] == differing[4]
+    assert differing[2][1] > differing[1][1] + 20  # the longer text
+
+
+def test_the_same_record_gives_the_same_file(record, tmp_path):
+    animate(record, tmp_path / "a.gif", speed=20)
+    animate(record, tmp_path / "b.gif", speed=20)
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+
+
+def test_a_film_needs_a_known_ending_and_something_recorded(record, tmp_path):
+    with pytest.raises(ConfigError, match=r"found the ending '.avi', .gif or .mp4 would be right"):
+        animate(record, tmp_path / "world.avi")
+    with pytest.raises(ConfigError, match="nothing was recorded"):
+        animate(Recorder(ground().world).record, tmp_path / "world.gif")
+
+
+def test_an_mp4_is_made_by_ffmpeg_or_the_error_says_how_to_get_it(record, tmp_path, monkeypatch):
+    file = tmp_path / "world.mp4"
+    if shutil.which("ffmpeg"):
+        animate(record, file, fps=10, speed=2)
+        probe = ["ffmpeg", "-hide_banner", "-i", str(file)]
+        assert "Video: h264" in subprocess.run(probe, capture_output=True, text=True, check=False).stderr
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(UnavailableError, match="apt install ffmpeg"):
+        animate(record, file)

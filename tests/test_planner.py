@@ -1,0 +1,185 @@
+"""The planner finds short ways around what is in the map, and says so where there is none."""
+
+from __future__ import annotations
+
+import math
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from grounds import ground
+
+from robots.route import nearest_free, route
+from sim2d.grid import Grid, from_message, inflate, rasterise
+from sim2d.shapes import Circle, box
+
+MAP, PLAN, GOAL = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path", "geometry_msgs/msg/PoseStamped"
+BOUNDS = (0.0, 0.0, 6.0, 4.0)
+
+
+def length(places):
+    return sum(math.dist(a, b) for a, b in pairwise(places))
+
+
+def plan(g, x, y, **pose):
+    heard = g.hear("/REX/plan", PLAN)
+    g.run(0)
+    g.say("/REX/goal_pose", GOAL, {"pose": {"position": {"x": x, "y": y}, **pose}})
+    g.run(0.1)
+    (path,) = heard
+    return [(at.pose.position.x, at.pose.position.y) for at in path.poses], path
+
+
+def clearance(places, obstacle, radius):
+    """The least distance (m) from a way to a disc."""
+    samples = [np.linspace(a, b, 200) for a, b in pairwise(places)]
+    return min(float(np.hypot(*(line - obstacle).T).min()) for line in samples) - radius
+
+
+# ---- the map ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_map_shows_obstacles_and_the_rim_but_no_target_and_no_robot():
+    obstacles, targets = [{"at": [3, 2], "radius": 0.3}], [{"at": [5, 3], "radius": 0.2}]
+    g = ground(obstacles=obstacles, targets=targets)
+    g.run(1)
+    heard = g.hear("/REX/map", MAP, latched=True)  # as one that comes late
+    g.run(1.1)
+    grid = from_message(heard[0])
+    assert grid.occupied.shape == (82, 122)
+    assert grid.origin == pytest.approx((-0.05, -0.05))
+
+    def occupied(x, y):
+        return bool(grid.occupied[math.floor((y + 0.05) / 0.05), math.floor((x + 0.05) / 0.05)])
+
+    assert occupied(3, 2)
+    assert occupied(3.29, 2)
+    assert not occupied(3.4, 2)
+    assert not occupied(5, 3)
+    assert not occupied(1, 2)
+    assert occupied(-0.01, 2)
+    assert not occupied(0.01, 2)
+
+
+@pytest.mark.parametrize("shape", [Circle((2.03, 1.51), 0.33), box((3, 2), 0.7, 0.4, 0.5)])
+def test_every_cell_that_an_obstacle_touches_is_occupied(shape):
+    grid = rasterise(BOUNDS, [shape], 0.05)
+    for degree in range(360):
+        x, y = _on_edge(shape, math.radians(degree))
+        row, column = math.floor((y - grid.origin[1]) / 0.05), math.floor((x - grid.origin[0]) / 0.05)
+        assert grid.occupied[row, column]
+    assert grid.occupied[1:-1, 1:-1].sum() * 0.05**2 < 0.6
+
+
+def _on_edge(shape, angle):
+    x, y = math.cos(angle), math.sin(angle)
+    if isinstance(shape, Circle):
+        return shape.centre[0] + shape.radius * x, shape.centre[1] + shape.radius * y
+    turned = 0.35 * max(-1, min(1, 1.4 * x)), 0.2 * max(-1, min(1, 1.4 * y))
+    cos, sin = math.cos(0.5), math.sin(0.5)
+    return shape.centre[0] + turned[0] * cos - turned[1] * sin, shape.centre[1] + turned[0] * sin + turned[1] * cos
+
+
+def test_inflation_reaches_as_far_as_it_says_in_every_direction():
+    cells = np.zeros((41, 41), dtype=np.bool_)
+    cells[20, 20] = True
+    inflated = inflate(Grid(cells, 0.1, (0.0, 0.0)), 1.0).occupied
+    rows, columns = np.indices(cells.shape)
+    assert (inflated == (np.hypot(rows - 20, columns - 20) <= 10)).all()
+
+
+# ---- the search ------------------------------------------------------------------------------------------------------
+
+
+def test_the_way_over_open_ground_is_a_straight_line():
+    grid = rasterise(BOUNDS, [], 0.05)
+    assert route(grid, (0.51, 0.52), (5.23, 3.31), 0) == [(0.51, 0.52), (5.23, 3.31)]
+
+
+def test_the_way_around_a_wall_is_the_shorter_one():
+    grid = inflate(rasterise(BOUNDS, [box((3, 1.5), 0.1, 3, 0)], 0.05), 0.2)  # from the lower edge up to y = 3
+    way = route(grid, (1, 2), (5, 2), 0)
+    best = 2 * math.dist((1, 2), (2.75, 3.25)) + 0.5
+    assert best - 0.1 < length(way) < 1.03 * best
+    assert max(y for _, y in way) == pytest.approx(3.25, abs=0.1)
+
+
+def test_there_is_no_way_through_a_closed_wall():
+    grid = rasterise(BOUNDS, [box((3, 2), 0.1, 4, 0)], 0.05)
+    assert route(grid, (1, 2), (5, 2), 0) is None
+
+
+def test_a_goal_in_an_obstacle_is_replaced_by_the_nearest_free_place_if_that_is_near_enough():
+    grid = rasterise(BOUNDS, [Circle((3, 2), 0.3)], 0.05)
+    assert route(grid, (1, 2), (3, 2), 0.2) is None
+    way = route(grid, (1, 2), (3, 2), 0.5)
+    assert math.dist(way[-1], (3, 2)) == pytest.approx(0.36, abs=0.04)
+
+
+def test_a_start_too_close_to_an_obstacle_is_left_by_the_shortest_way():
+    grid = inflate(rasterise(BOUNDS, [], 0.05), 0.3)
+    way = route(grid, (0.1, 2), (4, 2), 0)
+    assert way[0] == (0.1, 2)
+    assert math.dist(way[0], way[1]) < 0.3
+    assert way[-1] == (4, 2)
+
+
+def test_the_start_is_a_way_to_itself_and_outside_the_map_there_is_none():
+    grid = rasterise(BOUNDS, [], 0.05)
+    assert route(grid, (1, 1), (1, 1), 0) == [(1, 1), (1, 1)]
+    assert route(grid, (1, 1), (7, 1), 9) is None
+    assert nearest_free(Grid(np.ones((3, 3), dtype=np.bool_), 1, (0, 0)), (1, 1), math.inf) is None
+
+
+def test_a_way_over_ten_by_ten_metres_takes_milliseconds():
+    random = np.random.default_rng(3)
+    discs = [Circle((x, y), 0.35) for x, y in random.uniform(1, 9, (25, 2)).tolist()]
+    grid = inflate(rasterise((0, 0, 10, 10), discs, 0.05), 0.2)
+    best = math.inf
+    for _ in range(5):
+        begin = time.perf_counter()
+        way = route(grid, (0.3, 0.3), (9.7, 9.7), 0.5)
+        best = min(best, time.perf_counter() - begin)
+    assert way is not None
+    assert best < 0.1  # a tenth of that on an idle machine
+
+
+# ---- the node --------------------------------------------------------------------------------------------------------
+
+
+def test_a_goal_is_answered_with_a_path_around_obstacles():
+    g = ground(obstacles=[{"at": [3, 2], "radius": 0.3}])
+    places, path = plan(g, 5, 2, orientation={"z": 1, "w": 0})
+    assert places[0] == pytest.approx((1, 2), abs=0.03)
+    assert places[-1] == (5, 2)
+    assert clearance(places, (3, 2), 0.3) > 0.15
+    assert length(places) < 4.3
+    assert path.header.frame_id == "map"
+    assert path.poses[-1].pose.orientation.z == 1
+    first = path.poses[0].pose.orientation
+    assert 2 * math.atan2(first.z, first.w) == pytest.approx(
+        math.atan2(places[1][1] - places[0][1], places[1][0] - places[0][0])
+    )
+
+
+def test_the_planner_knows_no_target():
+    g = ground(targets=[{"at": [3, 2], "radius": 0.3}])
+    assert len(plan(g, 5, 2)[0]) == 2
+
+
+@pytest.mark.parametrize("goal", [(5, 2), (9, 9), (math.nan, 1)], ids=["behind walls", "outside", "no number"])
+def test_an_unreachable_goal_is_answered_with_an_empty_path(goal):
+    g = ground(obstacles=[{"at": [3, 2], "size": [0.1, 4]}])
+    assert plan(g, *goal)[0] == []
+
+
+def test_a_goal_that_comes_before_map_and_odometry_is_answered_when_they_are_there():
+    g = ground()
+    heard = g.hear("/REX/plan", PLAN)
+    g.say("/REX/goal_pose", GOAL, {"pose": {"position": {"x": 5.0, "y": 2.0}}})
+    g.scheduler.run()
+    assert heard == []
+    g.run(0.1)
+    assert len(heard) == 1
+    assert len(heard[0].poses) == 2

@@ -1,0 +1,42 @@
+"""Topics that scripts name literally are known before the script runs."""
+
+from __future__ import annotations
+
+import pytest
+
+from fame.bpmn.model import Expression
+from fame.errors import ModelError
+from fame.scripting import ScriptTopic, script_topics
+
+
+def test_literal_topics_are_found_in_the_order_of_the_text() -> None:
+    text = """
+robot.publish("cmd_vel", "geometry_msgs/msg/Twist", linear={"x": 1.0})
+m = await receive("odom", timeout=1)
+n = await receive("/clock", type="rosgraph_msgs/msg/Clock")
+async for scan in robot.subscribe("scan", "sensor_msgs/msg/LaserScan", queue=3):
+    if robot.latest("range").range < 0.5: signal("target_found", {"x": 1})
+    await robot.call("arm", "std_srvs/srv/SetBool", data=True)
+    signal("~/alarm")
+"""
+    assert script_topics(Expression(text, line=10)) == (
+        ScriptTopic("cmd_vel", "publish", "geometry_msgs/msg/Twist", 11),
+        ScriptTopic("odom", "subscribe", None, 12),
+        ScriptTopic("/clock", "subscribe", "rosgraph_msgs/msg/Clock", 13),
+        ScriptTopic("scan", "subscribe", "sensor_msgs/msg/LaserScan", 14),
+        ScriptTopic("range", "subscribe", None, 15),
+        ScriptTopic("/target_found", "publish", None, 15),
+        ScriptTopic("arm", "call", "std_srvs/srv/SetBool", 16),
+        ScriptTopic("~/alarm", "publish", None, 17),
+    )
+
+
+def test_a_topic_is_told_once_and_computed_names_not_at_all() -> None:
+    text = "robot.latest('a')\nrobot.latest('a')\nrobot.latest(name)\nother.publish('b', 'c')\npublish('d')\nreceive()"
+    assert script_topics(Expression(text)) == (ScriptTopic("a", "subscribe", None, 1),)
+
+
+def test_other_languages_name_none_and_wrong_python_is_refused() -> None:
+    assert script_topics(Expression("${x}", "juel")) == ()
+    with pytest.raises(ModelError):
+        script_topics(Expression("x = = 1"))

@@ -1,0 +1,279 @@
+"""The world is what its file says, refuses what cannot be, and runs the same way every time."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from grounds import Ground, ground
+
+from fame.errors import ConfigError
+from sim2d.config import read_world, world_config
+from sim2d.shapes import Circle, Polygon, convex
+
+ROOT = Path(__file__).parents[1]
+WORLD = """\
+size: [6, 4]
+obstacles:
+  - {name: rock, at: [2, 2], radius: 0.3}
+  - {at: [4, 1], size: [0.5, 1.2], angle: 90}
+  - {polygon: [[4, 3], [4.3, 3.5], [4.6, 3]]}
+targets:
+  - {name: target, at: [5, 3.5], radius: 0.1}
+robots:
+  REX:   {type: car, at: [0.5, 0.5], heading: 90}
+  DINGO: {type: car, at: [0.5, 3.5], friction: smooth, range: {max: 3.0}}
+"""
+
+
+def read(tmp_path, text):
+    file = tmp_path / "world.yaml"
+    file.write_text(text, encoding="utf-8")
+    return read_world(file)
+
+
+# ---- what a file says ------------------------------------------------------------------------------------------------
+
+
+def test_a_world_file_says_bounds_obstacles_targets_and_robots(tmp_path):
+    world = read(tmp_path, WORLD)
+    assert world.bounds == (0, 0, 6, 4)
+    assert [thing.name for thing in world.obstacles] == ["rock", "obstacle_2", "obstacle_3"]
+    assert world.obstacles[0].shape == Circle((2, 2), 0.3)
+    assert isinstance(world.obstacles[1].shape, Polygon)
+    assert sorted(world.obstacles[1].shape.corners)[0] == pytest.approx((3.4, 0.75))
+    assert [(robot.name, robot.at) for robot in world.robots] == [("REX", (0.5, 0.5)), ("DINGO", (0.5, 3.5))]
+    assert world.robots[0].heading == pytest.approx(math.pi / 2)
+    assert world.robots[1].parameters.friction == 0.12
+    assert world.robots[1].parameters.range.max == 3
+    assert world.robots[1].parameters.range.noise == 0.01
+
+
+def test_the_example_of_the_documentation_can_be_read(tmp_path):
+    text = (ROOT / "docs" / "world.md").read_text(encoding="utf-8")
+    example = text.partition("```yaml\n")[2].partition("```")[0]
+    assert [robot.name for robot in read(tmp_path, example).robots] == ["REX", "DINGO"]
+
+
+@pytest.mark.parametrize(
+    ("found", "instead", "line", "complaint"),
+    [
+        ("size: [6, 4]", "sise: [6, 4]", 1, "sise: unknown key; did you mean 'size'?"),
+        ("size: [6, 4]", "size: [6]", 1, "size: found [6], [width, height] in m would be right"),
+        ("size: [6, 4]", "size: [6, 0]", 1, "size: found [6, 0], ground of more than 0"),
+        ("size: [6, 4]", "step: 0.01", 1, "neither or both of size and bounds"),
+        ("size: [6, 4]", "size: [6, 4]\nstep: 0", 2, "step: found 0, a finite number above 0"),
+        ("radius: 0.3", "radius: 0", 3, "obstacles[0].radius: found 0, a finite number above 0 would be right"),
+        ("radius: 0.3", "radius: .nan", 3, "obstacles[0].radius: found nan, a finite number"),
+        ("radius: 0.3", "radius: big", 3, "obstacles[0].radius: found 'big', a finite number"),
+        ("radius: 0.3", "r: 0.3", 3, "obstacles[0]: found no shape, one of radius, size and polygon"),
+        ("radius: 0.3", "radius: 0.3, size: [1, 1]", 3, "found radius and size, one of"),
+        ("at: [2, 2], radius", "radius", 3, "obstacles[0]: found no at, at: [x, y] in m would be right"),
+        ("at: [2, 2]", "at: [2, .inf]", 3, "obstacles[0].at[1]: found inf"),
+        ("at: [2, 2]", "at: [20, 2]", 3, "obstacles[0]: rock is outside the ground"),
+        ("size: [0.5, 1.2]", "size: [0.5, -1]", 4, "obstacles[1].size: found [0.5, -1], a width and a height above 0"),
+        (
+            "size: [0.5, 1.2], angle",
+            "size: [0.5, 1.2], angel",
+            4,
+            "obstacles[1].angel: unknown key; did you mean 'angle'",
+        ),
+        ("[4.3, 3.5], [4.6, 3]", "[5, 3]", 5, "obstacles[2].polygon: found corners that make no convex polygon"),
+        ("[4.6, 3]]", "[4.6, 3], [4.3, 3.2]]", 5, "no convex polygon"),
+        ("  - {polygon", "  - {name: rock, polygon", 5, "found a second obstacle named 'rock'"),
+        (
+            "type: car, at: [0.5, 0.5]",
+            "type: cart, at: [0.5, 0.5]",
+            9,
+            "robots.REX.type: found the robot type 'cart'; did",
+        ),
+        (
+            "type: car, at: [0.5, 0.5]",
+            "at: [0.5, 0.5]",
+            9,
+            "robots.REX: found no type, type: one of car would be right",
+        ),
+        ("at: [0.5, 0.5]", "at: [0.5, 5]", 9, "robots.REX.at: found [0.5, 5], a place on the ground"),
+        ("heading: 90", "headng: 90", 9, "robots.REX.headng: unknown key; did you mean 'heading'?"),
+        ("heading: 90", "watchdog: -1", 9, "robots.REX.watchdog: found -1, a finite number of at least 0"),
+        ("friction: smooth", "friction: smoth", 10, "robots.DINGO.friction: found 'smoth'; did you mean 'smooth'?"),
+        ("max: 3.0", "maxi: 3.0", 10, "robots.DINGO.range.maxi: unknown key; did you mean 'max'?"),
+        ("max: 3.0", "rays: 2.5", 10, "robots.DINGO.range.rays: found 2.5, a whole number of at least 2"),
+        ("  DINGO:", "  rex:", 10, "robots.rex: found the names 'REX' and 'rex'"),
+        ("  DINGO:", "  REX:", 10, "robots.REX: is given twice"),
+        ("  DINGO:", "  big dog:", 10, "found the name 'big dog', a letter, then letters, digits and _"),
+        ("targets:\n  - {name: target, at: [5, 3.5], radius: 0.1}", "targets: 3", 6, "found 3, a list would be right"),
+        ("robots:", "robots: [", 10, "is not YAML"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_file_line_and_key(tmp_path, found, instead, line, complaint):
+    assert WORLD.count(found) == 1
+    with pytest.raises(ConfigError) as error:
+        read(tmp_path, WORLD.replace(found, instead))
+    where = f"world.yaml:{line}: " if line else "world.yaml: "
+    assert where in str(error.value)
+    assert complaint in str(error.value)
+
+
+def test_a_file_that_is_missing_empty_or_no_text_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read: No such file"):
+        read_world(tmp_path / "none.yaml")
+    with pytest.raises(ConfigError, match="a mapping of keys to values would be right"):
+        read(tmp_path, "")
+    (tmp_path / "picture.yaml").write_bytes(b"\x89PNG\xff")
+    with pytest.raises(ConfigError, match="not text in UTF-8"):
+        read_world(tmp_path / "picture.yaml")
+
+
+def test_an_alias_that_contains_itself_is_refused_without_end_of_memory(tmp_path):
+    with pytest.raises(ConfigError, match="obstacles"):
+        read(tmp_path, "size: [6, 4]\nobstacles: &a [*a]\n")
+
+
+@pytest.mark.parametrize(
+    ("place", "thing"),
+    [
+        ([2, 2], "stands in rock"),
+        ([0.05, 2], "stands in wall"),
+        ([5, 3.5], "stands in target"),
+        ([0.6, 3.5], "stands in DINGO"),
+    ],
+)
+def test_a_robot_that_stands_in_something_is_refused(tmp_path, place, thing):
+    robots = "  DINGO: {type: car, at: [0.5, 3.5]}\n" + f"  REX: {{type: car, at: {place}}}\n"
+    config = read(tmp_path, WORLD.partition("  REX:")[0] + robots)
+    with pytest.raises(ConfigError, match=f"world.yaml:10: robots.REX: REX {thing}, a free place would be right"):
+        Ground(config)
+
+
+@pytest.mark.parametrize(
+    ("corners", "right"),
+    [
+        ([(0, 0), (1, 0), (0, 1)], True),
+        ([(0, 0), (0, 1), (1, 0)], True),
+        ([(0, 0), (1, 0), (2, 0), (2, 2)], True),
+        ([(0, 0), (1, 0), (2, 0)], False),
+        ([(0, 0), (1, 0)], False),
+        ([(0, 0), (2, 0), (1, 1), (2, 2), (0, 2)], False),
+        ([(0, 0), (0, 0), (1, 0), (1, 1)], False),
+        ([(math.cos(i * 4 * math.pi / 5), math.sin(i * 4 * math.pi / 5)) for i in range(5)], False),
+    ],
+)
+def test_only_convex_corners_make_a_polygon(corners, right):
+    assert (convex(corners) is not None) is right
+
+
+# ---- how it runs -----------------------------------------------------------------------------------------------------
+
+
+def test_world_time_is_a_count_of_steps():
+    g = ground(step=0.007)
+    g.run(7)
+    assert g.world.steps == 1000
+    assert g.world.now == 7.0
+
+
+def test_a_world_that_was_stopped_stands_still_and_goes_on_when_started():
+    g = ground(rex={"watchdog": 0})
+    g.run(0)
+    g.drive(0.5)
+    g.run(1)
+    g.world.stop()
+    there = g.world.robots["REX"].pose
+    g.scheduler.run(g.scheduler.now + 10**9)
+    assert g.world.robots["REX"].pose == there
+    g.world.start()
+    g.scheduler.run(g.scheduler.now + 10**9)
+    assert g.world.now == 2
+    assert g.world.robots["REX"].pose.x == pytest.approx(there.x + 0.5)
+
+
+def test_a_world_can_be_stopped_from_within_a_step():
+    g = ground()
+    g.world.watchers.append(lambda world: world.stop() if world.steps == 10 else None)
+    g.run(1)
+    assert g.world.steps == 10
+
+
+def test_without_walls_a_robot_leaves_the_ground():
+    g = ground(walls=False, rex={"watchdog": 0, "at": [5.5, 2]})
+    g.run(0)
+    g.drive(1)
+    g.run(3)
+    assert g.world.robots["REX"].pose.x > 7
+    assert not g.world.collisions
+
+
+def test_the_summary_says_where_robots_are_and_how_far_from_targets():
+    g = ground(targets=[{"name": "weed", "at": [4, 6 - 2.1], "radius": 0.05}], rex={"heading": 540})
+    g.run(1)
+    summary = g.world.summary()
+    assert json.loads(json.dumps(summary)) == summary
+    assert summary == {
+        "time": 1.0,
+        "robots": {
+            "REX": {
+                "x": 1.0,
+                "y": 2.0,
+                "heading": pytest.approx(math.pi, abs=1e-4) if summary["robots"]["REX"]["heading"] > 0 else -3.1416,
+                "led": "off",
+                "collisions": 0,
+                "distances": {"weed": round(math.dist((1, 2), (4, 3.9)), 4)},
+            }
+        },
+        "collisions": [],
+    }
+
+
+RUN = """
+import hashlib, sys
+sys.path[:0] = ["tests"]
+from grounds import ground
+from fame.middleware import messages
+g = ground(seed=int(sys.argv[1]), obstacles=[{"at": [2.5, 2.1], "radius": 0.3}], rex={"watchdog": 0},
+           robots={"DINGO": {"type": "car", "at": [1, 3], "heading": -40, "watchdog": 0}})
+heard = [g.hear(f"/{name}/{topic}", kind) for name in ("REX", "DINGO")
+         for topic, kind in (("odom", "nav_msgs/msg/Odometry"), ("range", "sensor_msgs/msg/Range"))]
+g.run(0)
+g.drive(0.6, 0.2)
+g.drive(0.8, 0.0, "DINGO")
+g.run(10)
+text = repr([[messages.to_mapping(message) for message in topic] for topic in heard]) + repr(g.world.collisions)
+print(len(g.world.collisions), hashlib.sha256(text.encode()).hexdigest())
+"""
+
+
+def test_the_same_seed_gives_the_same_bytes_in_another_process():
+    def run(seed):
+        command = [sys.executable, "-c", RUN, str(seed)]
+        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
+
+    first, again, other = run(1), run(1), run(2)
+    assert first == again
+    assert int(first[0]) > 0
+    assert first[1] != other[1]
+
+
+def test_two_cars_with_all_their_sensors_run_much_faster_than_real_time():
+    g = ground(
+        obstacles=[{"at": [3, 1], "radius": 0.3}, {"at": [3, 3], "size": [1, 0.2]}],
+        targets=[{"at": [5, 3], "radius": 0.1}],
+        rex={"watchdog": 0},
+        robots={"DINGO": {"type": "car", "at": [5, 1], "watchdog": 0}},
+    )
+    g.run(0)
+    g.drive(0.3, 0.5)
+    g.drive(0.3, 0.5, "DINGO")
+    begin = time.process_time()
+    g.run(20)
+    assert 20 / (time.process_time() - begin) > 50  # several hundred on an idle machine
+
+
+def test_a_mapping_without_a_file_is_refused_by_its_keys():
+    with pytest.raises(ConfigError, match=r"^world.robots.REX.type: found the robot type 'boat'"):
+        world_config({"size": [1, 1], "robots": {"REX": {"type": "boat"}}}, path="world")
