@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from fame.bpmn.model import Expression, Language
+from fame.clock import Scheduler
 from fame.errors import ModelError, UnavailableError
-from fame.scripting import Variables, compile_expression
+from fame.middleware.local import LocalMiddleware
+from fame.scripting import Robot, Runner, Variables, compile_expression, interface
 
 
 @dataclass
@@ -267,6 +269,17 @@ def test_expressions_see_inner_variables_before_outer_ones() -> None:
     variables = Variables({"x": 1, "y": 2}, {"x": 10})
     for language, text in (("juel", "${x + y}"), ("feel", "x + y"), ("python", "x + y")):
         assert compile_expression(Expression(text, language))(variables) == 12  # type: ignore[arg-type]
+
+
+def test_expressions_know_the_robot_by_name_alone() -> None:
+    scheduler = Scheduler()
+    node = LocalMiddleware(scheduler).node("engine", "REX")
+    robot = Robot("REX", "REX", print, Runner(scheduler, node, print).inbox)
+    variables = {"closest": "REX", "__builtins__": interface(robot=robot, signal=print, log=print)}
+    assert compile_expression(Expression("${closest == robot.name}", "juel"))(variables) is True
+    assert compile_expression(Expression("closest = robot.namespace", "feel"))(variables) is True
+    with pytest.raises(NameError, match="has no field `publish`; it has name, namespace"):
+        compile_expression(Expression("${robot.publish}", "juel"))(variables)
 
 
 def test_a_template_is_filled_in_as_text() -> None:

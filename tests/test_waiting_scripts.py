@@ -371,12 +371,19 @@ def test_errors_while_leaving_are_reported_not_thrown(bench: Bench) -> None:
     assert bench.reports == ["while it was cancelled: ZeroDivisionError: division by zero"] * 2
 
 
-@pytest.mark.parametrize("raised", ["SystemExit(1)", "KeyboardInterrupt()", "GeneratorExit()", "BaseException()"])
+@pytest.mark.parametrize("raised", ["SystemExit(1)", "GeneratorExit()", "BaseException()"])
 def test_whatever_a_script_raises_ends_that_script_alone(bench: Bench, raised: str) -> None:
     bench.start(f"await sleep(1)\nraise {raised}", key=1)
     bench.start("await sleep(2)", key=2)
     bench.scheduler.run()
     assert bench.ends == [(1, raised.split("(")[0], 1.0), (2, "", 2.0)]
+
+
+def test_the_interrupt_of_a_person_is_not_taken_for_an_error_of_the_script(bench: Bench) -> None:
+    bench.start("await sleep(1)\nraise KeyboardInterrupt")
+    with pytest.raises(KeyboardInterrupt):
+        bench.scheduler.run()
+    bench.runner.close()
 
 
 def test_a_script_that_ended_in_its_first_step_can_still_be_cancelled(bench: Bench) -> None:
@@ -409,6 +416,13 @@ def test_closing_the_runner_stops_all_scripts_and_hears_nothing_more(bench: Benc
     bench.scheduler.run()
     assert (bench.variables["a"], bench.ends) == (1, [])
     assert [info.name for info in bench.middleware.graph()] == []
+
+
+def test_a_script_that_closes_its_runner_is_out_at_its_next_await(bench: Bench) -> None:
+    bench.variables["shut"] = bench.runner.close
+    bench.start("try:\n  shut()\n  await sleep(1)\n  x = 1\nfinally:\n  y = 1")
+    bench.scheduler.run()
+    assert ("x" in bench.variables, bench.variables["y"]) == (False, 1)
 
 
 def test_an_endless_step_after_an_await_is_an_error_of_that_script(bench: Bench) -> None:

@@ -113,7 +113,8 @@ LIBRARY = """<?xml version="1.0" encoding="UTF-8"?>
   </bpmn2:process>
   <bpmn2:signal id="Signal_1" name="odom"/>
   <di:BPMNDiagram id="Diagram_1"><di:BPMNPlane id="Plane_1" bpmnElement="{id}">
-    <di:BPMNShape id="Wait_di" bpmnElement="Wait"><dc:Bounds x="0" y="0" width="36" height="36"/></di:BPMNShape></di:BPMNPlane></di:BPMNDiagram>
+    <di:BPMNShape id="Wait_di" bpmnElement="Wait"><dc:Bounds x="0" y="0" width="36" height="36"/></di:BPMNShape>
+  </di:BPMNPlane></di:BPMNDiagram>
 </bpmn2:definitions>"""
 GO_TO = read_text(LIBRARY.format(id="Process_1", calls="Turn"), file="GoTo.bpmn")
 TURN = read_text(LIBRARY.format(id="Process_1", calls=""), file="Turn.bpmn")
@@ -245,6 +246,14 @@ def test_types_of_several_topics_of_one_event_are_written_into_its_definitions()
     assert isinstance(event, Event)
     types = [one.topic.type for one in event.definitions if isinstance(one, SignalDefinition)]
     assert types == ["std_msgs/msg/Bool", "std_msgs/msg/String"]
+
+
+def test_ids_that_the_reader_makes_stay_what_they_are() -> None:
+    definitions = read_text(document('<process><startEvent/>\n<task id="t"/></process>'))
+    (process,) = definitions.processes
+    robot = read_bytes(extract_process(definitions, process.id)).processes[0]
+    assert robot.id == process.id == "process_2"
+    assert [node.id for node in robot.body.nodes] == [node.id for node in process.body.nodes] == ["startEvent_2", "t"]
 
 
 def test_a_process_that_is_not_there_is_named_with_those_that_are() -> None:

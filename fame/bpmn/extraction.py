@@ -17,6 +17,7 @@ from lxml import etree
 from fame.bpmn.context import Context, find
 from fame.bpmn.dialects.fame_g2 import CALL, unfold
 from fame.bpmn.model import Bounds, CallActivity, Definitions, FlowNode, Participant, Process
+from fame.bpmn.reader import read_tree
 from fame.bpmn.topics import topics_of
 from fame.bpmn.xml import BPMN, BPMNDI, CAMUNDA, ZEEBE, Node, parse, text_of
 from fame.errors import ModelError
@@ -118,8 +119,15 @@ def _by_file(
 
 
 def _tree(definitions: Definitions) -> Node:
+    """The file with all that is in it, and the ids that the reader makes where there is none."""
     root = parse(definitions.source, definitions.file, keep_all=True)
     unfold(Context(definitions.file), root)
+    as_read = parse(definitions.source, definitions.file)
+    read_tree(as_read, definitions.source, definitions.file)
+    for element, other in zip(root.iter("*"), as_read.iter("*"), strict=True):
+        id = other.get("id", "")
+        if id and not element.get("id"):
+            element.set("id", id)
     return root
 
 
@@ -205,10 +213,9 @@ def _holds(frame: Bounds, bounds: Bounds) -> bool:
 
 def _needed(root: Node, piece: _Piece) -> list[Node]:
     """What stands at the root and is referred to, directly or through one another; in document order."""
-    homes = {}
-    for one in root.iterchildren("*"):
-        if one.tag not in _OF_THE_FILE:
-            homes.update({id: one for inner in one.iter("*") if (id := inner.get("id"))})
+    roots = [one for one in root.iterchildren("*") if one.tag not in _OF_THE_FILE]
+    homes = {id: one for one in roots for inner in one.iter("*") if (id := inner.get("id"))}
+    homes.update({one.get("id", ""): one for one in roots})
     found: dict[Node, None] = {}
     waiting = list(piece.elements())
     for element in waiting:

@@ -59,7 +59,11 @@ def read_text(text: str, *, file: str = "") -> Definitions:
 
 def read_bytes(source: bytes, *, file: str = "") -> Definitions:
     """As `read`, of bytes."""
-    root = parse(source, file)
+    return read_tree(parse(source, file), source, file)
+
+
+def read_tree(root: Node, source: bytes, file: str) -> Definitions:
+    """As `read`, of a file that is parsed, without comments. Elements that have no id in the tree get one."""
     context = Context(file)
     fame_g2.unfold(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}

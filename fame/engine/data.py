@@ -77,15 +77,15 @@ def _matched(names: tuple[str, ...], topic: str) -> Take:
 def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
     """Which field (a path) of the message goes to which of a data object's variables.
 
-    A field goes to the variable of its own name, else to the first that is named ``<field>_...``; a nested field counts
-    by its last name. The value of a wrapper goes to the variable named like the topic, or to the only one.
+    A field goes to the variable of its own name (a message inside it too, whole), else to the first that is named
+    ``<field>_...``; a nested field counts by its last name. The value of a wrapper goes to the variable named like the topic, or to the only one.
     """
     if is_wrapper(message):
         fitting = [name for name in names if name in (topic, "data") or name.startswith("data_")]
         chosen = fitting or (names if len(names) == 1 else ())
         return dict.fromkeys(chosen[:1], ("data",))
     found: dict[str, tuple[str, ...]] = {}
-    for path in _leaves(message):
+    for path in _fields(message, names):
         field = path[-1]
         free = [name for name in names if name not in found]
         named = next((name for name in free if name == field), None)
@@ -100,12 +100,13 @@ def is_wrapper(message: Any) -> bool:
     return tuple(getattr(message, "__dataclass_fields__", ())) == ("data",)
 
 
-def _leaves(message: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def _fields(message: Any, names: Sequence[str], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Paths of the fields that a variable may take: the innermost ones, and messages that are asked for by name."""
     fields = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", {})
     for name in fields:
         value = message[name] if isinstance(message, Mapping) else getattr(message, name)
-        if isinstance(value, Mapping) or hasattr(value, "__dataclass_fields__"):
-            yield from _leaves(value, (*path, name))
+        if name not in names and (isinstance(value, Mapping) or hasattr(value, "__dataclass_fields__")):
+            yield from _fields(value, names, (*path, name))
         else:
             yield (*path, name)
 

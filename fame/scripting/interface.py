@@ -19,7 +19,7 @@ from fame.scripting.inbox import Inbox
 from fame.scripting.requests import Call, MessageQueue, Receive, Sleep, Until, check_topic
 
 NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "receive", "until")
-"""The names of the interface."""
+"""The names of the interface. A variable of such a name hides it."""
 
 _ABSENT = {"input", "breakpoint", "help", "exit", "quit", "copyright", "credits", "license"}
 """Builtins of a terminal, which a robot does not have."""

@@ -24,6 +24,7 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
         return frozenset(parse_expression(expression)[1]), frozenset()
     tree = parse_python(expression, "exec" if script else "eval")
     top = symtable.symtable(ast.unparse(tree), "<script>", "exec")
+    inner = _comprehended(tree)  # CPython 3.12 counts them among the names around the comprehension
     code = {symbol.get_name() for symbol in top.get_symbols() if symbol.is_imported() or symbol.is_namespace()}
     reads, writes = set[str](), set[str]()
     for table in _tables(top):
@@ -32,6 +33,7 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
                 reads |= {symbol.get_name()} if symbol.is_referenced() else set()
                 writes |= {symbol.get_name()} if symbol.is_assigned() else set()
     reads |= {name for name in writes if name in _augmented(tree)}
+    reads, writes = reads - inner, writes - inner
     provided = interface(robot=None, signal=print, log=lambda level, text: None).keys() - writes
     return frozenset(reads - code - provided), frozenset(writes - code)
 
@@ -40,6 +42,14 @@ def _augmented(tree: ast.AST) -> set[str]:
     """What ``x += 1`` is done to; symbol tables do not count it as read."""
     targets = (node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign))
     return {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def _comprehended(tree: ast.AST) -> set[str]:
+    """The names that only comprehensions bind."""
+    nodes = list(ast.walk(tree))
+    inner = {id(name) for node in nodes if isinstance(node, ast.comprehension) for name in ast.walk(node.target)}
+    stored = [node for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+    return {node.id for node in stored if id(node) in inner} - {node.id for node in stored if id(node) not in inner}
 
 
 def _tables(table: symtable.SymbolTable) -> Iterator[symtable.SymbolTable]:

@@ -179,10 +179,10 @@ class _Settling:
         return self._then_settle(self._script.throw, error)
 
     def close(self) -> None:
-        self._then_settle(self._script.close)
+        self._script.close()
 
-    def _then_settle(self, step: Callable[..., Any], *values: Any) -> Any:
+    def _then_settle(self, step: Callable[[Any], Any], value: Any) -> Any:
         try:
-            return step(*values)
+            return step(value)
         finally:
             self._variables.settle()

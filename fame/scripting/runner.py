@@ -122,6 +122,9 @@ class Runner:
     def close(self) -> None:
         """Close all scripts for good, without grace and without a word to the engine, and hear nothing any more."""
         for task in tuple(self._tasks.values()):
+            if task.running:
+                self.cancel(task.key)  # it is the one that closes us, and is out at its next await
+                continue
             self._wake(task)
             task.leaving = True
             self._kill(task)
@@ -141,6 +144,8 @@ class Runner:
             except StopIteration:
                 return True
             except BaseException as error:
+                if isinstance(error, KeyboardInterrupt) and not task.leaving:
+                    raise  # it is a person's, not the script's
                 task.error = error
                 return True
             finally:
@@ -169,12 +174,13 @@ class Runner:
             self._end(task)
         else:
             self._stepped(task.key)
-        self.poll()
+            self.poll()
 
     def _end(self, task: _Task) -> None:
         left, error = task.leaving, task.error
         self._forget(task)
         self._ended(task.key, None if left else error)
+        self.poll()
 
     def _forget(self, task: _Task) -> None:
         """It is out."""
@@ -196,15 +202,14 @@ class Runner:
         self._end(task)
 
     def _kill(self, task: _Task) -> None:
-        """Close the coroutine. Each try ends one handler that swallows it; loops end by their drained budget."""
+        """End the coroutine. Each try passes one handler that swallows it; loops end by their drained budget."""
         if task.budget is not None:
             task.budget.drain()
         for _ in range(_CLOSINGS):
             try:
-                task.script.close()
-                break
-            except RuntimeError:
-                continue
+                task.script.throw(
+                    GeneratorExit()
+                )  # not close(): that of 3.13.0 loses errors of a script without handlers
             except BaseException:
                 break
         if task.budget is not None:

@@ -1,0 +1,76 @@
+"""Files that somebody damaged: whatever happens to one, it is read, or refused in one line; never anything else."""
+
+from __future__ import annotations
+
+import copy
+from random import Random
+
+import pytest
+from gallery import gallery
+from lxml import etree
+
+from fame.bpmn import extract_process, read_bytes, topic_table
+from fame.bpmn.draw import draw
+from fame.errors import ModelError
+
+VALUES = [
+    "",
+    "gone",
+    "-1",
+    "true",
+    "${x",
+    "=",
+    "${a}${b}",
+    "1e400",
+    "nan",
+    "ü",
+    "a:b:c",
+    "<",
+    "\u200b",
+    "Signal_1",
+    "P",
+]
+RUNS = 60
+"""Damaged files of each seed."""
+
+
+def damage(root: etree._Element, random: Random) -> None:
+    """Changes one thing of a file."""
+    elements = list(root.iter("*"))
+    one, other = random.choice(elements), random.choice(elements)
+    attribute = random.choice(list(one.attrib)) if one.attrib else "id"
+    kind = random.randrange(6)
+    if kind == 0 and one.getparent() is not None:
+        one.getparent().remove(one)  # type: ignore[union-attr]
+    elif kind == 1:
+        one.attrib.pop(attribute, None)
+    elif kind == 2:
+        one.set(attribute, random.choice(VALUES))
+    elif kind == 3:
+        one.text = random.choice(VALUES)
+    elif kind == 4:
+        other.append(copy.deepcopy(one))
+    else:
+        one.tag = other.tag
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_damaged_file_is_read_or_refused_in_one_line(seed: int) -> None:
+    random, source, refused = Random(seed), gallery().encode(), 0
+    for _ in range(RUNS):
+        root = etree.fromstring(source)
+        for _ in range(random.choice([1, 1, 3])):
+            damage(root, random)
+        try:
+            definitions = read_bytes(etree.tostring(root), file="damaged.bpmn")
+            topic_table(definitions)
+            draw(definitions)
+            parts = [extract_process(definitions, process.id) for process in definitions.processes]
+        except ModelError as error:
+            assert "\n" not in str(error)
+            assert str(error).startswith("damaged.bpmn")
+            refused += 1
+            continue
+        for part in parts:
+            read_bytes(part)
+    assert 0 < refused < RUNS
