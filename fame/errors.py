@@ -49,14 +49,18 @@ class MissionError(FameError):
     """The run went wrong.
 
     ``code`` is that of the BPMN error (``script`` for any other exception of a script, ``livelock`` for a loop
-    without rest); ``robot``, ``element`` and ``line`` (of the .bpmn file, 0 unknown) say where.
+    without rest); ``robot``, ``element``, ``file`` and ``line`` (of the .bpmn file, 0 unknown) say where.
     """
 
     exit_code = 1
 
-    def __init__(self, text: str, *, robot: str = "", element: str = "", line: int = 0, code: str = "") -> None:
-        self.text, self.robot, self.element, self.line, self.code = " ".join(text.split()), robot, element, line, code
-        where = f"{element} (line {line})" if element and line else element
+    def __init__(
+        self, text: str, *, robot: str = "", element: str = "", file: str = "", line: int = 0, code: str = ""
+    ) -> None:
+        self.text, self.robot, self.element = " ".join(text.split()), robot, element
+        self.file, self.line, self.code = file, line, code
+        place = f"{file}:{line}" if file and line else f"line {line}" if line else file
+        where = f"{element} ({place})" if element and place else element or place
         super().__init__(": ".join(part for part in (robot, where, self.text) if part))
 
 

@@ -300,9 +300,11 @@ class RobotNode:
         return services[operation]
 
     def publish(self, topic: str, value: Any) -> Any:
-        publisher, type = self._publishers[resolve(topic, self.namespace)]
+        full = resolve(topic, self.namespace)
+        publisher, type = self._publishers[full]
         message = messages.create(type, value)
         publisher.publish(message)
+        self.runner.inbox.deliver(full, message)
         return message
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
@@ -349,19 +351,25 @@ class RobotNode:
         self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
 
     def ended(self, instance: Instance) -> None:
+        """Say of a failed instance which robot it was, and the line of the script."""
         error = instance.error
         if error is not None:
-            line = self._line(error) or error.line
-            located = MissionError(error.text, robot=self.name, element=error.element, line=line, code=error.code)
+            file, line = self._script_line(error)
+            located = MissionError(
+                error.text, robot=self.name, element=error.element, file=file, line=line, code=error.code
+            )
             located.__cause__ = error.__cause__
             instance.error = located
 
-    def _line(self, error: MissionError) -> int:
-        """The line of the script where an error began, in whatever file it stands."""
+    def _script_line(self, error: MissionError) -> tuple[str, int]:
+        """Where in which file a script raised the error; else the line of the element."""
         cause = error.__cause__
-        files = {node.file for node in self.engine.program.nodes}
-        lines = (error_line(cause, file) for file in files) if cause is not None else iter(())
-        return next((line for line in lines if line), 0)
+        if cause is not None:
+            for file in sorted({node.file for node in self.engine.program.nodes}):
+                line = error_line(cause, file)
+                if line:
+                    return file, line
+        return error.file, error.line
 
     # ---- scripts -------------------------------------------------------------------------------------------------
 

@@ -7,8 +7,11 @@ more. A robot whose process fails is brought to its safe state; the others go on
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,6 +22,7 @@ from fame.errors import ConfigError, MissionError
 from fame.library import Library
 from fame.middleware.local import LocalMiddleware
 from fame.node import Event, RobotNode, Wait, mission
+from fame.scripting import heartbeat
 from fame.splitter import Pool, bind, pools_of, shared_topics
 
 if TYPE_CHECKING:
@@ -112,7 +116,8 @@ class Result:
 
 
 def _error(error: MissionError) -> dict[str, Any]:
-    return {"code": error.code, "element": error.element, "line": error.line, "text": error.text}
+    keys = ("code", "element", "file", "line", "text")
+    return {key: getattr(error, key) for key in keys}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -254,6 +259,7 @@ class _Run:
         self.scenario, self.observer, self.progress = scenario, observer, progress
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
+        self.interrupted = False
         self.reports: list[Event] = []
         self.captions = Captions(scenario.closures()) if record or progress else None
         self.world, self.recorder = self._build_world(record)
@@ -299,11 +305,10 @@ class _Run:
         return any(node.instances for node in self.nodes) and not any(node.engine.instances for node in self.nodes)
 
     def result(self) -> Result:
+        """Let it go on until it is over, stop everything safely, and say how it went."""
         begun = time.monotonic()
-        try:
+        with self._interruptible(), heartbeat():
             status = self._work(begun)
-        except KeyboardInterrupt:
-            status = "interrupted"
         simulated = self.scheduler.now / SECOND
         waits = {node.name: tuple(node.waits()) if node.engine.instances else () for node in self.nodes}
         robots = tuple(_robot_result(node, waits[node.name]) for node in self.nodes)
@@ -323,6 +328,24 @@ class _Run:
             labels=tuple(self.captions.labels) if self.captions is not None else (),
         )
 
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """The first Ctrl-C ends the run after the stimulus that is at work; a second one does what it always does."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def interrupt(number: int, frame: Any) -> None:
+            self.interrupted = True
+            self.scheduler.stop()
+            signal.signal(signal.SIGINT, former)
+
+        former = signal.signal(signal.SIGINT, interrupt)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, former)
+
     def _work(self, begun: float) -> Status:
         """Run until the mission is over or its time is up."""
         if self.world is not None:
@@ -330,7 +353,7 @@ class _Run:
         for node in self.nodes:
             node.start()
         end, told = round(self.scenario.duration * SECOND), begun
-        while self.scheduler.now < end and not self._over():
+        while self.scheduler.now < end and not self._over() and not self.interrupted:
             if self.world is None and self.scheduler.next_time() is None:
                 break
             self.scheduler.run(min(end, self.scheduler.now + round(_SLICE * SECOND)))
@@ -340,7 +363,7 @@ class _Run:
         if self.progress is not None:
             self._tell()
         if not self._over():
-            return "timeout"
+            return "interrupted" if self.interrupted else "timeout"
         failed = any(instance.status == "failed" for node in self.nodes for instance in node.instances)
         return "failed" if failed else "completed"
 

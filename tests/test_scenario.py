@@ -1,0 +1,150 @@
+"""A world, its robots and a collaboration in one process: the ground-vehicle mission, and what can go wrong with it."""
+
+from pathlib import Path
+
+import pytest
+
+import fame
+from fame.node import Event
+from fame.scenario import Progress, Result, Scenario
+
+EXAMPLE = Path("examples/ground_vehicles.yaml")
+MODEL = Path("models/ground_vehicles.bpmn")
+
+
+def changed(tmp_path: Path, *replacements: tuple[str, str], model: tuple[tuple[str, str], ...] = ()) -> Path:
+    """The example with some of its text replaced, in a folder of its own."""
+    drawn, text = MODEL.read_text(), EXAMPLE.read_text()
+    for old, new in model:
+        assert old in drawn
+        drawn = drawn.replace(old, new)
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "mission.bpmn").write_text(drawn)
+    path = tmp_path / "scenario.yaml"
+    path.write_text(text.replace("../models/ground_vehicles.bpmn", "mission.bpmn"))
+    return path
+
+
+def run(path: Path, **options) -> Result:
+    return Scenario.load(path).run(**options)
+
+
+@pytest.fixture(scope="module")
+def played() -> tuple[Result, list[Event], list[Progress]]:
+    events: list[Event] = []
+    progress: list[Progress] = []
+    result = Scenario.load(EXAMPLE).run(observer=events.append, progress=progress.append, record=True)
+    return result, events, progress
+
+
+def test_the_mission_is_completed_by_both_robots(played):
+    result, _, _ = played
+    assert (result.status, result.exit_code, result.messages) == ("completed", 0, [])
+    assert [(robot.name, robot.instances, robot.completed) for robot in result.robots] == [
+        ("REX", 1, 1),
+        ("DINGO", 1, 1),
+    ]
+
+
+def test_dingo_stands_at_the_target_and_its_led_is_red(played):
+    dingo = played[0].world["robots"]["DINGO"]
+    assert dingo["distances"]["target"] < 0.3
+    assert dingo["led"] == "red"
+    assert played[0].world["collisions"] == []
+
+
+def test_progress_and_labels_say_what_the_robots_are_at(played):
+    result, _, progress = played
+    assert progress[-1].simulated == result.simulated
+    assert set(progress[-1].robots) == {"REX", "DINGO"}
+    assert any(robot == "REX" and text.startswith("Explore") for _, robot, text in result.labels)
+
+
+def test_the_same_seed_gives_the_same_events_and_another_seed_others(played):
+    again: list[Event] = []
+    Scenario.load(EXAMPLE).run(observer=again.append)
+    assert again == played[1]
+    other: list[Event] = []
+    result = Scenario.load(EXAMPLE, seed=2).run(observer=other.append)
+    assert result.status == "completed"
+    assert other != again
+
+
+def test_moving_the_target_changes_where_dingo_goes(tmp_path):
+    result = run(changed(tmp_path, ("[5.5, 0.6]", "[0.9, 2.2]")))
+    dingo = result.world["robots"]["DINGO"]
+    assert result.status == "completed"
+    assert dingo["distances"]["target"] < 0.3
+    assert dingo["x"] < 1.3
+
+
+def test_an_obstacle_taken_away_is_no_longer_in_the_way(tmp_path, played):
+    line = "    - {name: crate, at: [1.9, 1.2], size: [0.8, 0.5]}\n"
+    result = run(changed(tmp_path, (line, "")))
+    assert result.status == "completed"
+    assert result.simulated != played[0].simulated
+
+
+def test_a_renamed_pool_is_played_by_the_robot_of_that_name(tmp_path):
+    result = run(changed(tmp_path, ("DINGO:", "SPOT:"), model=(('name="DINGO"', 'name="SPOT"'),)))
+    assert [robot.name for robot in result.robots] == ["REX", "SPOT"]
+    assert result.status == "completed"
+
+
+def test_a_world_without_the_target_fails_the_mission_and_says_why(tmp_path):
+    result = run(changed(tmp_path, ("    - {name: target, at: [5.5, 0.6], radius: 0.08}\n", ""), ("targets:", "")))
+    assert (result.status, result.exit_code) == ("failed", 1)
+    assert "target_not_found" in result.messages[0]
+
+
+def test_a_robot_that_no_pool_knows_is_refused(tmp_path):
+    with pytest.raises(fame.ConfigError, match=r"robot 'ROVER'.*REX, DINGO"):
+        run(changed(tmp_path, ("    DINGO:", "    ROVER: {type: car, at: [5, 4]}\n    DINGO:")))
+
+
+def test_a_pool_without_a_robot_is_refused(tmp_path):
+    with pytest.raises(fame.ConfigError, match=r"pool 'DINGO' has no robot"):
+        run(changed(tmp_path, ("    DINGO: {type: car, at: [-0.5, 3.5]}\n", "")))
+
+
+def test_an_unknown_key_is_refused_with_its_line(tmp_path):
+    with pytest.raises(fame.ConfigError, match=r"scenario\.yaml:\d+: sead: unknown key"):
+        run(changed(tmp_path, ("seed: 1", "sead: 1")))
+
+
+FIRE = 'robot.publish("led"'
+
+
+def with_fire(tmp_path: Path, text: str) -> Path:
+    """The mission with the first line of DINGO's script replaced, and a duration that suits it."""
+    return changed(tmp_path, ("[5.5, 0.6]", "[0.9, 2.2]"), ("300", "60"), model=((FIRE, f"{text}\n{FIRE}"),))
+
+
+def test_a_script_that_raises_fails_its_robot_and_the_others_are_stopped(tmp_path):
+    result = run(with_fire(tmp_path, "1 / 0"))
+    rex, dingo = result.robots
+    assert (result.status, dingo.failed, rex.failed) == ("failed", 1, 0)
+    assert "ZeroDivisionError" in result.messages[0]
+    assert "mission.bpmn" in result.messages[0]
+    assert any(message.startswith("REX waits at") and "/done" in message for message in result.messages)
+
+
+def test_a_script_that_loops_for_ever_is_ended_and_its_robot_fails(tmp_path):
+    result = run(with_fire(tmp_path, "while True: pass"))
+    assert result.status == "failed"
+    assert result.robots[1].errors[0].code == "script"
+
+
+def test_a_script_that_waits_for_what_nobody_publishes_ends_with_the_duration(tmp_path):
+    result = run(with_fire(tmp_path, 'await receive("silence", "std_msgs/msg/Bool")'))
+    assert (result.status, result.exit_code, result.simulated) == ("timeout", 1, 60.0)
+    assert any(message.startswith("DINGO waits at") and "silence" in message for message in result.messages)
+
+
+def test_a_model_alone_runs_its_robots_as_engines_without_a_world():
+    result = Scenario.load(MODEL, duration=5).run()
+    assert result.world is None
+    assert result.status == "timeout"
+    assert any(message.startswith("REX waits at") for message in result.messages)

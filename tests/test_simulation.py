@@ -1,0 +1,153 @@
+"""`fame.Simulation` drives one process from Python, in simulated time."""
+
+import pytest
+
+import fame
+from fame.bpmn.reader import read_text
+
+HEAD = """<?xml version="1.0" encoding="UTF-8"?>
+<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL"
+  xmlns:camunda="http://camunda.org/schema/1.0/bpmn" targetNamespace="test">
+  <signal id="S" name="weed_found"/><message id="M" name="order"/>
+  <process id="main" isExecutable="true">
+"""
+TYPED = (
+    '<extensionElements><camunda:properties><camunda:property name="type" value="geometry_msgs/msg/Vector3"/>'
+    "</camunda:properties></extensionElements>"
+)
+
+
+def model(content: str, *flows: tuple[str, str]) -> fame.bpmn.model.Definitions:
+    arrows = "".join(
+        f'<sequenceFlow id="f{n}" sourceRef="{source}" targetRef="{target}"/>'
+        for n, (source, target) in enumerate(flows, 1)
+    )
+    return read_text(f"{HEAD}{content}{arrows}</process></definitions>", file="test.bpmn")
+
+
+def script(text: str) -> fame.bpmn.model.Definitions:
+    task = f'<startEvent id="s"/><scriptTask id="t"><script>{text}</script></scriptTask><endEvent id="e"/>'
+    return model(task, ("s", "t"), ("t", "e"))
+
+
+WEED = model(
+    f'<startEvent id="s"/><intermediateCatchEvent id="c">{TYPED}<signalEventDefinition signalRef="S"/>'
+    '</intermediateCatchEvent><endEvent id="e"/>',
+    ("s", "c"),
+    ("c", "e"),
+)
+
+
+def test_a_process_runs_to_its_end_with_the_variables_given():
+    simulation = fame.Simulation(script("x = x + 1"), process="main", variables={"x": 41}).run()
+    (instance,) = simulation.instances
+    assert instance.status == "completed"
+    assert instance.variables == {"x": 42}
+    assert instance.visits == {"s": 1, "t": 1, "e": 1}
+    assert instance.error is None
+
+
+def test_a_signal_from_outside_is_taken_as_a_message_of_its_type():
+    simulation = fame.Simulation(WEED).run()
+    assert simulation.instances[0].waiting == ["c"]
+    simulation.signal("weed_found", {"x": 1.0, "y": 2.0})
+    weed = simulation.instances[0].variables["weed_found"]
+    assert (weed.x, weed.y, weed.z) == (1.0, 2.0, 0.0)
+    assert simulation.instances[0].status == "completed"
+
+
+def test_a_signal_that_does_not_fit_its_type_is_refused_and_nothing_moves():
+    simulation = fame.Simulation(WEED).run()
+    with pytest.raises(fame.MessageError, match=r"geometry_msgs/msg/Vector3.*w"):
+        simulation.signal("weed_found", {"w": 1.0})
+    assert simulation.instances[0].waiting == ["c"]
+
+
+def test_a_user_task_waits_until_somebody_completes_it():
+    simulation = fame.Simulation(
+        model('<startEvent id="s"/><userTask id="u"/><endEvent id="e"/>', ("s", "u"), ("u", "e"))
+    ).run()
+    assert simulation.instances[0].waiting == ["u"]
+    simulation.complete("u", {"approved": True})
+    assert simulation.instances[0].status == "completed"
+    assert simulation.instances[0].variables == {"approved": True}
+
+
+def test_completing_what_does_not_wait_says_what_does():
+    simulation = fame.Simulation(WEED).run()
+    with pytest.raises(fame.MissionError, match=r"nobody.*c"):
+        simulation.complete("nothing")
+
+
+TIMER = model(
+    '<startEvent id="s"/><intermediateCatchEvent id="wait"><timerEventDefinition><timeDuration>PT90S</timeDuration>'
+    '</timerEventDefinition></intermediateCatchEvent><endEvent id="e"/>',
+    ("s", "wait"),
+    ("wait", "e"),
+)
+
+
+def test_simulated_time_jumps_to_what_is_due_and_stops_where_it_is_told():
+    simulation = fame.Simulation(TIMER).run(until=30)
+    assert (simulation.now, simulation.instances[0].waiting) == (30.0, ["wait"])
+    simulation.run()
+    assert (simulation.now, simulation.instances[0].status) == (90.0, "completed")
+
+
+def test_a_signal_after_a_bounded_run_does_not_move_time():
+    simulation = fame.Simulation(TIMER).run(until=30)
+    simulation.signal("weed_found")
+    assert simulation.now == 30.0
+
+
+def test_a_message_reaches_the_receive_task_that_waits_for_it():
+    simulation = fame.Simulation(
+        model('<startEvent id="s"/><receiveTask id="r" messageRef="M"/><endEvent id="e"/>', ("s", "r"), ("r", "e"))
+    ).run()
+    simulation.message("order", {"id": 7})
+    assert simulation.instances[0].variables == {"order": {"id": 7}}
+
+
+def test_an_awaiting_script_suspends_on_simulated_time():
+    simulation = fame.Simulation(script("await sleep(2.5)\nx = 1")).run()
+    assert simulation.now == 2.5
+    assert simulation.instances[0].variables == {"x": 1}
+
+
+def test_an_error_of_a_script_names_robot_file_line_and_element():
+    simulation = fame.Simulation(script("x = 1\ny = x / 0")).run()
+    (instance,) = simulation.instances
+    assert instance.status == "failed"
+    assert str(instance.error) == "robot: t (test.bpmn:7): ZeroDivisionError: division by zero"
+    assert instance.error.code == "script"
+
+
+def test_a_script_hears_what_its_own_robot_throws():
+    content = f"""<startEvent id="s"/><parallelGateway id="p"/>
+      <scriptTask id="t"><script>got = (await receive("/weed_found")).x</script></scriptTask><endEvent id="e"/>
+      <intermediateThrowEvent id="throw">{
+        TYPED.replace("</camunda:properties>", '<camunda:property name="payload" value="{x: 3}"/></camunda:properties>')
+    }<signalEventDefinition signalRef="S"/></intermediateThrowEvent>
+      <endEvent id="e2"/>"""
+    simulation = fame.Simulation(model(content, ("s", "p"), ("p", "t"), ("p", "throw"), ("t", "e"), ("throw", "e2")))
+    assert simulation.run().instances[0].variables == {"got": 3.0}
+
+
+def test_a_service_task_calls_the_function_it_names():
+    content = (
+        '<startEvent id="s"/><serviceTask id="t" camunda:type="external" camunda:topic="weigh"/><endEvent id="e"/>'
+    )
+    definitions = model(content, ("s", "t"), ("t", "e"))
+    seen = []
+    fame.Simulation(definitions, variables={"x": 5}, services={"weigh": lambda v: seen.append(v["x"])}).run()
+    assert seen == [5]
+    with pytest.raises(fame.ModelError, match=r"'weigh'.*none"):
+        fame.Simulation(definitions)
+
+
+def test_a_file_with_several_processes_wants_the_name_of_one():
+    two = read_text(f'{HEAD}<startEvent id="a"/></process><process id="other" isExecutable="true">'
+                    '<startEvent id="b"/></process></definitions>')  # fmt: skip
+    with pytest.raises(fame.ModelError, match="main, other"):
+        fame.Simulation(two)
+    assert fame.Simulation(two, "other").run().instances[0].visits == {"b": 1}

@@ -1,0 +1,95 @@
+"""Pools are taken apart and bound to robots."""
+
+import pytest
+
+import fame
+from fame.bpmn.reader import read_bytes, read_text
+from fame.library import Library
+from fame.splitter import bind, pools_of, split
+
+MISSION = "models/ground_vehicles.bpmn"
+
+
+def collaboration(*pools: str) -> fame.bpmn.model.Definitions:
+    participants = "".join(
+        f'<participant id="P{n}" {pool} processRef="p{n}"/>' if "name" in pool else f'<participant id="P{n}" {pool}/>'
+        for n, pool in enumerate(pools)
+    )
+    processes = "".join(f'<process id="p{n}"><startEvent id="s{n}"/></process>' for n, _ in enumerate(pools))
+    return read_text(
+        '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t">'
+        f'<collaboration id="c">{participants}</collaboration>{processes}</definitions>',
+        file="team.bpmn",
+    )
+
+
+@pytest.fixture
+def parts():
+    return split(fame.read(MISSION))
+
+
+def test_each_pool_becomes_a_file_of_its_own(parts):
+    assert [part.filename for part in parts] == ["REX.bpmn", "DINGO.bpmn"]
+
+
+def test_a_part_holds_all_that_it_calls_and_nothing_of_the_others(parts):
+    rex = read_bytes(parts[0].source, file="REX.bpmn")
+    assert [pool.name for pool in rex.participants] == ["REX"]
+    nowhere = Library()
+    nowhere.path = lambda file: iter(())  # type: ignore[method-assign]
+    called = {process.name or process.id for _, process in nowhere.closure(rex, rex.processes[0])}
+    assert len(called) >= 5
+    dingo = read_bytes(parts[1].source)
+    assert "Explore" not in {process.id for process in dingo.processes}
+
+
+def test_a_part_runs_like_the_pool_it_was(parts):
+    dingo = read_bytes(parts[1].source, file="DINGO.bpmn")
+    simulation = fame.Simulation(dingo, "DINGO", robot="DINGO").run()
+    assert simulation.instances == []
+    simulation.signal("target_found", {"x": 1.0, "y": 2.0})
+    (instance,) = simulation.instances
+    assert (instance.variables["x_target"], instance.variables["y_target"]) == (1.0, 2.0)
+
+
+def test_types_said_in_one_pool_are_written_into_the_others(parts):
+    from fame.bpmn.topics import topic_table
+
+    for part in parts:
+        assert topic_table(read_bytes(part.source))["/done"].declared == "std_msgs/msg/Bool"
+
+
+def test_pools_are_bound_to_robots_without_regard_to_case():
+    pools = pools_of(collaboration('name="Drone"'))
+    assert {robot: pool.name for robot, pool in bind(pools, ["drone"]).items()} == {"drone": "Drone"}
+
+
+def test_a_multi_instance_pool_is_every_robot_with_its_name_and_a_number():
+    definitions = read_text(
+        '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"><collaboration id="c">'
+        '<participant id="P" name="Tractor" processRef="p"><participantMultiplicity minimum="1" maximum="9"/>'
+        '</participant></collaboration><process id="p"><startEvent id="s"/></process></definitions>'
+    )
+    pools = pools_of(definitions)
+    assert list(bind(pools, ["Tractor_2", "tractor_10"])) == ["Tractor_2", "tractor_10"]
+    with pytest.raises(fame.ConfigError, match="Tractor_<number>"):
+        bind(pools, ["Tractor_x"])
+    with pytest.raises(fame.ConfigError, match=r"pool 'Tractor' has no robot"):
+        bind(pools, [])
+
+
+def test_a_robot_that_no_pool_knows_is_named_with_the_pools_there_are():
+    with pytest.raises(fame.ConfigError, match=r"robot 'Bob'.*A, B"):
+        bind(pools_of(collaboration('name="A"', 'name="B"')), ["A", "B", "Bob"])
+
+
+def test_names_that_fall_together_are_refused():
+    with pytest.raises(fame.ModelError, match="two pools 'rex'"):
+        pools_of(collaboration('name="REX"', 'name="rex"'))
+    with pytest.raises(fame.ConfigError, match="case alone"):
+        bind(pools_of(collaboration('name="REX"')), ["REX", "rex"])
+
+
+def test_a_black_box_alone_leaves_nothing_to_run():
+    with pytest.raises(fame.ModelError, match=r"black boxes: P0"):
+        pools_of(collaboration(""))
