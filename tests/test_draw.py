@@ -11,9 +11,10 @@ from gallery import gallery
 from lxml import etree
 
 from fame.bpmn import read_text
-from fame.bpmn.draw import VISITED, draw
+from fame.bpmn.draw import draw
+from fame.bpmn.drawing.picture import VISITED
+from fame.bpmn.drawing.svg import arrow, fitted, middle, polyline, text_width, wrap
 from fame.bpmn.model import Bounds
-from fame.bpmn.svg import arrow, fitted, middle, polyline, text_width, wrap
 from fame.errors import ModelError
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -158,6 +159,13 @@ def test_other_diagrams_stand_below_the_first_under_their_name() -> None:
     lettering = [words(one) for one in root.findall(f"{SVG}text")]
     assert lettering == ["Drawn elsewhere"]
     assert len(root.findall(f"{SVG}g")) == 2
+
+
+def test_a_sub_process_is_open_if_its_content_is_drawn_in_it_whatever_its_shape_says() -> None:
+    root = drawn()
+    assert group(root, "collapsed").find(f"{SVG}g") is not None
+    closed = read_text(gallery().replace('bpmnElement="on_signal" isExpanded="true"', 'bpmnElement="on_signal"'))
+    assert group(etree.fromstring(draw(closed).encode()), "on_signal").find(f"{SVG}g") is None
 
 
 def test_what_was_visited_is_green_and_has_its_number() -> None:

@@ -215,6 +215,12 @@ def test_a_process_of_the_same_file_that_is_called_comes_along_once() -> None:
     assert [one.get("id") for one in root if one.tag.endswith("signal")] == ["Signal_1"]
 
 
+def test_files_without_a_name_are_told_apart() -> None:
+    library = read_text(LIBRARY.format(id="GoTo", calls=""))
+    robot = read_bytes(extract_process(read_text(MISSION), "A", called={"GoTo": (library, "GoTo")}))
+    assert [process.id for process in robot.processes] == ["A", "GoTo"]
+
+
 def test_a_process_that_calls_itself_is_no_trouble() -> None:
     robot = extracted("A", MISSION.replace('calledElement="GoTo"', 'calledElement="A"'))
     assert [process.id for process in robot.processes] == ["A"]

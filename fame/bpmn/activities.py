@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from fame.bpmn.context import Context, boolean, find, whole
-from fame.bpmn.data import Moves
 from fame.bpmn.dialects import extensions_of
-from fame.bpmn.dialects.extensions import Extensions, TopicProperties, topic_properties
-from fame.bpmn.events import Source, Surroundings, read_topic
+from fame.bpmn.dialects.extensions import topic_properties
+from fame.bpmn.events import TopicSource, read_topic
 from fame.bpmn.expressions import body, mapped, variable
 from fame.bpmn.model import (
-    Assignment,
     CallActivity,
     Expression,
     IoMapping,
@@ -23,7 +20,8 @@ from fame.bpmn.model import (
     TaskKind,
     Topic,
 )
-from fame.bpmn.xml import BPMN, Node, Parts, child, line_of, local, text_of
+from fame.bpmn.nodes import HalfRead
+from fame.bpmn.xml import Node, child, children, line_of, local, text_of
 
 TASKS: Mapping[str, TaskKind] = {
     "task": "plain",
@@ -38,135 +36,117 @@ TASKS: Mapping[str, TaskKind] = {
 _NO_RULES = "business rules are not executed: decide with a gateway or a script task"
 
 
-def read_activity(context: Context, element: Node, parts: Parts, found: Extensions, moves: Moves) -> dict[str, Any]:
+def read_activity(node: HalfRead) -> dict[str, Any]:
     """What all activities have in common, as arguments of their dataclasses."""
-    io = found.mapping()
+    io, moves = node.extensions.mapping(), node.moves
     if moves.assigned_in or moves.assigned_out:
         io = io or IoMapping()
         io = IoMapping(io.inputs + moves.assigned_in, io.outputs + moves.assigned_out, io.all_in, io.all_out)
     return {
-        "default": element.get("default", ""),
+        **node.common,
+        "default": node.get("default"),
         "io": io,
-        "loop": read_loop(context, element, parts, found),
-        "for_compensation": boolean(context, element, "isForCompensation"),
-        "refused": found.refused,
+        "loop": _loop(node),
+        "for_compensation": node.flag("isForCompensation"),
+        "refused": node.extensions.refused,
+        "properties": node.extensions.rest(),
     }
 
 
-def read_task(
-    context: Context,
-    around: Surroundings,
-    element: Node,
-    parts: Parts,
-    found: Extensions,
-    moves: Moves,
-    common: dict[str, Any],
-    kind: TaskKind,
-) -> Task:
-    """A task of any kind. `common` is what flow nodes have in common."""
+def read_task(node: HalfRead, kind: TaskKind) -> Task:
+    """A task of any kind."""
+    found = node.extensions
     if kind == "business_rule" and not found.operation and not found.script:
         found.refused = found.refused or _NO_RULES
     topic, operation = None, found.operation
-    if kind in ("send", "receive"):
-        topic = _message_topic(context, around, element, found, kind, common["id"])
-    elif kind in ("service", "business_rule"):
-        topic = _service(context, element, found)
-        operation = (topic.name if topic is not None else "") or operation or _operation(context, element)
+    if kind == "send" or kind == "receive":
+        topic = _message(node, kind)
+    elif kind == "service" or kind == "business_rule":
+        topic = _service(node)
+        operation = (topic.name if topic is not None else "") or operation or _operation(node)
     return Task(
         kind=kind,
-        script=_script(context, element, parts) or found.script,
+        script=_script(node) or found.script,
         topic=topic,
         payload=topic.payload if topic is not None else None,
         operation=operation,
         result_variable=found.result,
-        instantiate=boolean(context, element, "instantiate"),
-        properties=found.rest(),
-        **common,
-        **read_activity(context, element, parts, found, moves),
+        instantiate=node.flag("instantiate"),
+        **read_activity(node),
     )
 
 
-def _script(context: Context, element: Node, parts: Parts) -> Expression | None:
-    holders = parts.get("script")
-    return body(context, holders[0], element.get("scriptFormat")) if holders else None
+def _script(node: HalfRead) -> Expression | None:
+    holders = node.parts.get("script")
+    return body(node.context, holders[0], node.get("scriptFormat")) if holders else None
 
 
-def _message_topic(
-    context: Context, around: Surroundings, element: Node, found: Extensions, kind: TaskKind, id: str
-) -> Topic | None:
+def _message(node: HalfRead, kind: Literal["send", "receive"]) -> Topic | None:
     """Of a send or receive task that says anything of a message."""
-    say = topic_properties(context, element, found)
-    if not element.get("messageRef") and not (say.type or say.payload):
+    say = topic_properties(node.context, node.element, node.extensions)
+    if not node.get("messageRef") and not (say.type or say.payload):
         return None
-    takes: tuple[Assignment, ...] = ()
-    if kind == "receive":
-        takes, found.outputs = tuple(found.outputs), []
-    source = Source(around, element, id, "throw" if kind == "send" else "catch", found, takes)
-    return read_topic(context, source, element, "message", say)
+    if kind == "send":
+        return read_topic(TopicSource(node, "throw"), node.element, "message", say)
+    takes, node.extensions.outputs = tuple(node.extensions.outputs), []
+    return read_topic(TopicSource(node, "catch", takes), node.element, "message", say)
 
 
-def _service(context: Context, element: Node, found: Extensions) -> Topic | None:
+def _service(node: HalfRead) -> Topic | None:
     """The ROS service that a service task calls: by the elements of FaMe's web modeler, or property ``service``."""
-    named = found.take("service")
-    if named is None and not found.service:
+    named = node.extensions.take("service")
+    if named is None and not node.extensions.service:
         return None
-    say: TopicProperties = topic_properties(context, element, found, "srv")
-    name = named.value.strip() if named is not None else found.operation
+    say = topic_properties(node.context, node.element, node.extensions, "srv")
+    name = named.value.strip() if named is not None else node.extensions.operation
     return Topic(name=name, type=say.type, payload=say.payload, private=say.private, qos=say.qos)
 
 
-def _operation(context: Context, element: Node) -> str:
+def _operation(node: HalfRead) -> str:
     """By the standard: the name of the operation referred to, or what `implementation` names."""
-    reference = element.get("operationRef")
-    for interface in context.roots.values():
-        if reference and interface.tag == f"{{{BPMN}}}interface":
-            operations = {one.get("id", ""): one for one in interface.iterchildren(f"{{{BPMN}}}operation")}
-            operation = find(operations, reference)
-            if operation is not None:
-                return operation.get("name", "").strip() or operation.get("id", "")
-    implementation = element.get("implementation", "").strip()
+    for interface in node.context.roots.values() if node.get("operationRef") else ():
+        operations = {one.get("id", ""): one for one in children(interface, "operation")}
+        operation = find(operations, node.get("operationRef"))
+        if operation is not None:
+            return operation.get("name", "").strip() or operation.get("id", "")
+    implementation = node.get("implementation").strip()
     return "" if implementation.startswith("##") else implementation
 
 
-def read_call(
-    context: Context, element: Node, parts: Parts, found: Extensions, moves: Moves, common: dict[str, Any]
-) -> CallActivity:
+def read_call(node: HalfRead) -> CallActivity:
     """A call activity: what it calls stays a name, or an expression that gives one."""
-    called = found.called or element.get("calledElement", "").strip()
-    seen = mapped(called, line_of(element)) if called else None
+    called = node.extensions.called or node.get("calledElement").strip()
+    seen = mapped(called, line_of(node.element)) if called else None
     computed = seen is not None and seen.language in ("juel", "feel", "template")
-    if not computed and ":" in called and not re.search(r"[/\\]", called):
-        prefix, _, name = called.partition(":")
-        called = name if prefix in element.nsmap else called
+    prefix, colon, name = called.partition(":")
+    if colon and not computed and prefix in node.element.nsmap:
+        called = name
     return CallActivity(
         called="" if computed else called,
         called_expression=seen if computed else None,
-        properties=found.rest(),
-        **common,
-        **read_activity(context, element, parts, found, moves),
+        **read_activity(node),
     )
 
 
 # ---- loops -----------------------------------------------------------------------------------------------------------
 
 
-def read_loop(context: Context, element: Node, parts: Parts, found: Extensions) -> MultiInstance | StandardLoop | None:
-    """The loop characteristics of an activity."""
-    if "multiInstanceLoopCharacteristics" in parts:
-        return _multi_instance(context, parts["multiInstanceLoopCharacteristics"][0], parts)
-    if "standardLoopCharacteristics" not in parts:
+def _loop(node: HalfRead) -> MultiInstance | StandardLoop | None:
+    if "multiInstanceLoopCharacteristics" in node.parts:
+        return _multi_instance(node.context, node.parts["multiInstanceLoopCharacteristics"][0])
+    if "standardLoopCharacteristics" not in node.parts:
         return None
-    loop = parts["standardLoopCharacteristics"][0]
+    loop = node.parts["standardLoopCharacteristics"][0]
     maximum = loop.get("loopMaximum")
     return StandardLoop(
-        condition=_inner(context, loop, "loopCondition"),
-        test_before=boolean(context, loop, "testBefore"),
-        maximum=whole(context, loop, "loopMaximum", maximum, 1) if maximum else 0,
+        condition=_inner(node.context, loop, "loopCondition"),
+        test_before=boolean(node.context, loop, "testBefore"),
+        maximum=whole(node.context, loop, "loopMaximum", maximum, 1) if maximum else 0,
         line=line_of(loop),
     )
 
 
-def _multi_instance(context: Context, loop: Node, parts: Parts) -> MultiInstance:
+def _multi_instance(context: Context, loop: Node) -> MultiInstance:
     said = extensions_of(context, loop)
     collection = variable(context, loop, said.collection) if said.collection.strip() else None
     if collection is None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Literal
+from functools import partial
+from typing import Literal
 
 from fame.bpmn.activities import TASKS, read_activity, read_call, read_task
-from fame.bpmn.context import Context, boolean, find, truth
-from fame.bpmn.data import Moves, read_data_objects, read_moves
+from fame.bpmn.context import Context, find, truth
+from fame.bpmn.data import read_data_objects
 from fame.bpmn.dialects import extensions_of
-from fame.bpmn.dialects.extensions import Extensions
-from fame.bpmn.events import PLACES, Source, Surroundings, read_definitions
+from fame.bpmn.events import PLACES, read_definitions
 from fame.bpmn.expressions import body
 from fame.bpmn.model import (
     EMPTY,
@@ -23,10 +23,8 @@ from fame.bpmn.model import (
     SequenceFlow,
     SubProcess,
 )
-from fame.bpmn.xml import BPMN, Node, Parts, child, line_of, local, parts_of, text_of
-
-Wiring = Mapping[str, tuple[list[str], list[str]]]
-"""Flow node -> ids of its incoming and outgoing sequence flows, in document order."""
+from fame.bpmn.nodes import Surroundings, Wiring, documentation, half_read
+from fame.bpmn.xml import BPMN, Node, Parts, child, line_of, local
 
 _GATEWAYS: Mapping[str, Literal["exclusive", "inclusive", "parallel", "event", "complex"]] = {
     "exclusiveGateway": "exclusive",
@@ -51,30 +49,31 @@ _OTHER = {
 _B = f"{{{BPMN}}}"
 
 
-def read_body(context: Context, around: Surroundings, element: Node, parts: Parts) -> Body:
+def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
     """The content of a process or sub-process.
 
     Raises ModelError for a flow node that BPMN 2.0 does not have, a sequence flow or boundary event that hangs in the
     air or crosses the border of the scope, a default flow that does not leave its node.
     """
+    context = around.context
     wiring, flows = _wiring(context, parts)
-    nodes = []
+    nodes: dict[str, FlowNode] = {}
     for one in element:
         read = _READERS.get(one.tag)
-        if read is not None:
-            nodes.append(read(context, around, one, wiring))
-        else:
+        if read is None:
             _pass_over(context, one)
-    found = {node.id: node for node in nodes}
+        else:
+            node = read(around, one, wiring)
+            nodes[node.id] = node
     for flow in flows:
-        _check_flow(context, flow, found)
-    for node, place in zip(nodes, (one for one in element if one.tag in _READERS), strict=True):
-        _check_node(context, place, node, found)
+        _check_flow(context, flow, nodes)
+    for node in nodes.values():
+        _check_node(context, node, nodes)
     return Body(
-        nodes=tuple(nodes),
+        nodes=tuple(nodes.values()),
         flows=tuple(_flow(context, one) for one in flows),
         data_objects=read_data_objects(context, parts),
-        associations=tuple(_associations(element, found)),
+        associations=tuple(_associations(element, nodes)),
     )
 
 
@@ -110,19 +109,20 @@ def _check_flow(context: Context, flow: Node, nodes: Mapping[str, FlowNode]) -> 
         raise context.error(flow, f"the sequence flow goes {preposition} {reference!r}: {why}")
 
 
-def _check_node(context: Context, element: Node, node: FlowNode, nodes: Mapping[str, FlowNode]) -> None:
+def _check_node(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> None:
+    error = partial(context.error, context.elements[node.id])
     if isinstance(node, Event) and node.place == "boundary":
         host = nodes.get(node.attached_to)
+        if not node.attached_to:
+            raise error("the boundary event is attached to nothing")
         if host is None:
-            text = f"the boundary event is attached to {node.attached_to!r}: there is no such activity in its scope"
-            raise context.error(element, text if node.attached_to else "the boundary event is attached to nothing")
-        if not isinstance(host, Activity):
-            raise context.error(
-                element, f"the boundary event is attached to {node.attached_to!r}, which is not an activity"
+            raise error(
+                f"the boundary event is attached to {node.attached_to!r}: there is no such activity in its scope"
             )
-    default = node.default if isinstance(node, Activity | Gateway) else ""
-    if default and default not in node.outgoing:
-        raise context.error(element, f"its default flow {default!r} is not one of those that leave it")
+        if not isinstance(host, Activity):
+            raise error(f"the boundary event is attached to {node.attached_to!r}, which is not an activity")
+    if isinstance(node, Activity | Gateway) and node.default and node.default not in node.outgoing:
+        raise error(f"its default flow {node.default!r} is not one of those that leave it")
 
 
 # ---- flows -----------------------------------------------------------------------------------------------------------
@@ -175,95 +175,58 @@ def _compensates(node: FlowNode) -> bool:
 # ---- flow nodes ------------------------------------------------------------------------------------------------------
 
 
-def documentation(element: Node) -> str:
-    """The text of its documentation."""
-    return "\n".join(text_of(one).strip() for one in element.iterchildren(f"{_B}documentation"))
-
-
-def _common(context: Context, element: Node, parts: Parts, wiring: Wiring, moves: Moves) -> dict[str, Any]:
-    id = context.claim(element)
-    incoming, outgoing = wiring.get(id, ((), ()))
-    return {
-        "id": id,
-        "name": element.get("name", ""),
-        "line": line_of(element),
-        "documentation": documentation(element) if "documentation" in parts else "",
-        "incoming": tuple(incoming),
-        "outgoing": tuple(outgoing),
-        "data_inputs": moves.inputs,
-        "data_outputs": moves.outputs,
-    }
-
-
-def _prepare(
-    context: Context, around: Surroundings, element: Node, wiring: Wiring
-) -> tuple[Parts, Extensions, Moves, dict[str, Any]]:
-    parts = parts_of(element)
-    moves = read_moves(context, around.data, parts)
-    return parts, extensions_of(context, element), moves, _common(context, element, parts, wiring, moves)
-
-
-def _event(context: Context, around: Surroundings, element: Node, wiring: Wiring) -> Event:
-    parts, found, moves, common = _prepare(context, around, element, wiring)
+def _event(around: Surroundings, element: Node, wiring: Wiring) -> Event:
+    node = half_read(around, element, wiring)
     place = PLACES[local(element)]
-    source = Source(around, element, common["id"], place, found, moves.assigned_out)
-    definitions = read_definitions(context, source, parts)
-    interrupting = "cancelActivity" if place == "boundary" else "isInterrupting"
     return Event(
         place=place,
-        definitions=definitions,
-        attached_to=element.get("attachedToRef", ""),
-        interrupting=boolean(context, element, interrupting, True),
-        parallel=boolean(context, element, "parallelMultiple"),
-        properties=found.rest(),
-        **common,
+        definitions=read_definitions(node, place),
+        attached_to=node.get("attachedToRef"),
+        interrupting=node.flag("cancelActivity" if place == "boundary" else "isInterrupting", True),
+        parallel=node.flag("parallelMultiple"),
+        properties=node.extensions.rest(),
+        **node.common,
     )
 
 
-def _gateway(context: Context, around: Surroundings, element: Node, wiring: Wiring) -> Gateway:
-    parts, found, _, common = _prepare(context, around, element, wiring)
-    activation = parts.get("activationCondition")
+def _gateway(around: Surroundings, element: Node, wiring: Wiring) -> Gateway:
+    node = half_read(around, element, wiring)
+    activation = node.parts.get("activationCondition")
     return Gateway(
         kind=_GATEWAYS[local(element)],
-        default=element.get("default", ""),
-        activation=body(context, activation[0]) if activation else None,
-        instantiate=boolean(context, element, "instantiate"),
-        all_events=element.get("eventGatewayType") == "Parallel",
-        properties=found.rest(),
-        **common,
+        default=node.get("default"),
+        activation=body(node.context, activation[0]) if activation else None,
+        instantiate=node.flag("instantiate"),
+        all_events=node.get("eventGatewayType") == "Parallel",
+        properties=node.extensions.rest(),
+        **node.common,
     )
 
 
-def _task(context: Context, around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
-    parts, found, moves, common = _prepare(context, around, element, wiring)
-    return read_task(context, around, element, parts, found, moves, common, TASKS[local(element)])
+def _task(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
+    return read_task(half_read(around, element, wiring), TASKS[local(element)])
 
 
-def _call(context: Context, around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
-    parts, found, moves, common = _prepare(context, around, element, wiring)
-    return read_call(context, element, parts, found, moves, common)
+def _call(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
+    return read_call(half_read(around, element, wiring))
 
 
-def _sub_process(context: Context, around: Surroundings, element: Node, wiring: Wiring) -> SubProcess:
-    parts, found, moves, common = _prepare(context, around, element, wiring)
-    by_event = boolean(context, element, "triggeredByEvent")
-    resume = found.take("resume")
-    completion = parts.get("completionCondition")
+def _sub_process(around: Surroundings, element: Node, wiring: Wiring) -> SubProcess:
+    node = half_read(around, element, wiring)
+    resume = node.extensions.take("resume")
+    completion = node.parts.get("completionCondition")
     return SubProcess(
-        kind="event" if by_event else _SUB_PROCESSES[local(element)],
-        body=read_body(context, around, element, parts),
-        resume=truth(context, element, "resume", resume.value) if resume is not None else False,
-        completion=body(context, completion[0]) if completion else None,
-        sequential=element.get("ordering") == "Sequential",
-        cancel_remaining=boolean(context, element, "cancelRemainingInstances", True),
-        properties=found.rest(),
-        **common,
-        **read_activity(context, element, parts, found, moves),
+        kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local(element)],
+        body=read_body(around, element, node.parts),
+        resume=truth(node.context, element, "resume", resume.value) if resume is not None else False,
+        completion=body(node.context, completion[0]) if completion else None,
+        sequential=node.get("ordering") == "Sequential",
+        cancel_remaining=node.flag("cancelRemainingInstances", True),
+        **read_activity(node),
     )
 
 
-_Reader = Callable[[Context, Surroundings, Node, Wiring], FlowNode]
-_READERS: Mapping[str, _Reader] = {
+_READERS: Mapping[str, Callable[[Surroundings, Node, Wiring], FlowNode]] = {
     **{f"{_B}{tag}": _event for tag in PLACES},
     **{f"{_B}{tag}": _gateway for tag in _GATEWAYS},
     **{f"{_B}{tag}": _task for tag in TASKS},

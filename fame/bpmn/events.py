@@ -27,7 +27,8 @@ from fame.bpmn.model import (
     TimerDefinition,
     Topic,
 )
-from fame.bpmn.xml import Node, Parts, attributes, child, children, line_of, local, text_of
+from fame.bpmn.nodes import HalfRead
+from fame.bpmn.xml import Node, attributes, child, children, line_of, local, text_of
 
 PLACES: Mapping[str, Place] = {
     "startEvent": "start",
@@ -54,54 +55,37 @@ _ALLOWED: Mapping[str, str] = {
 _SUFFIX = "EventDefinition"
 
 
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What a flow node must know of its process. `data`: see `fame.bpmn.data.data_ids`; `labels`: they name topics."""
-
-    data: Mapping[str, str]
-    labels: bool = False
-
-
 @dataclass(slots=True)
-class Source:
-    """An event as far as it is read."""
+class TopicSource:
+    """Where a topic is read from: an event, or a send or receive task. `say` is what is said for all of its topics."""
 
-    around: Surroundings
-    element: Node
-    id: str
+    node: HalfRead
     place: Place
-    extensions: Extensions
     takes: tuple[Assignment, ...] = ()
-    common: TopicProperties | None = None
-
-    @property
-    def label(self) -> str:
-        return " ".join(self.element.get("name", "").split())
+    say: TopicProperties | None = None
 
 
-def read_definitions(context: Context, source: Source, parts: Parts) -> tuple[EventDefinition, ...]:
+def read_definitions(node: HalfRead, place: Place) -> tuple[EventDefinition, ...]:
     """Its event definitions, in document order.
 
     Raises ModelError for one that may not stand there or says too little.
     """
-    found = []
-    for tag, elements in parts.items():
+    found: list[tuple[Node, str]] = []
+    for tag, elements in node.parts.items():
         if tag.endswith(_SUFFIX):
             found += [(element, tag.removesuffix(_SUFFIX)) for element in elements]
         elif tag == "eventDefinitionRef":
-            found += [_referred(context, element) for element in elements]
+            found += [_referred(node.context, element) for element in elements]
     for _, kind in found:
         if kind not in _ALLOWED:
-            raise context.error(
-                source.element, f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are"
-            )
-        if source.place not in _ALLOWED[kind].split():
+            raise node.error(f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are")
+        if place not in _ALLOWED[kind].split():
             places = ", ".join(_ALLOWED[kind].split())
-            text = f"a {kind} event cannot be a {source.place} event: it can be {places}"
-            raise context.error(source.element, text)
-    order = {element: place for place, element in enumerate(source.element)} if len(found) > 1 else {}
+            raise node.error(f"a {kind} event cannot be a {place} event: it can be {places}")
+    order = {element: number for number, element in enumerate(node.element)} if len(found) > 1 else {}
     found.sort(key=lambda pair: order.get(pair[0], 0))
-    return tuple(_READERS[kind](context, source, element) for element, kind in found)
+    source = TopicSource(node, place, node.moves.assigned_out)
+    return tuple(_READERS[kind](source, element) for element, kind in found)
 
 
 def _referred(context: Context, reference: Node) -> tuple[Node, str]:
@@ -113,39 +97,39 @@ def _referred(context: Context, reference: Node) -> tuple[Node, str]:
     return element, local(element).removesuffix(_SUFFIX)
 
 
-def read_topic(
-    context: Context, source: Source, element: Node, kind: Literal["signal", "message"], say: TopicProperties
-) -> Topic:
+def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "message"], say: TopicProperties) -> Topic:
     """The topic of a signal or message: named by what is referred to, else by the label (FORMATS, rules of reading)."""
-    reference = element.get(f"{kind}Ref")
-    referred = context.root(reference)
+    node, reference = source.node, element.get(f"{kind}Ref")
+    referred = node.context.root(reference)
     if referred is not None and local(referred) != kind:
-        raise context.error(source.element, f"{kind}Ref {reference!r} is a {local(referred)}: expected a {kind}")
-    name = referred.get("name", "").strip() if referred is not None else ""
-    label = source.label
-    if source.extensions.topic:
-        name = source.extensions.topic
-    elif source.around.labels and label:
-        name = label
-    elif name and label and name != label and (say.type or say.payload or source.extensions.original):
-        level: Literal["warning", "note"] = "warning" if source.extensions.original else "note"
-        context.note(source.element, f"the topic is {name!r}, the name of the signal, not the label {label!r}", level)
-    name = name or label
+        raise node.error(f"{kind}Ref {reference!r} is a {local(referred)}: expected a {kind}")
+    name = _topic_name(node, referred, say)
     if not name and reference and referred is None:
-        raise context.error(
-            source.element, f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label"
-        )
+        raise node.error(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
     if not name and kind == "signal":
-        raise context.error(source.element, "the signal has no name: give it one, or the event a label")
+        raise node.error("the signal has no name: give it one, or the event a label")
     return Topic(
-        name=name or source.id,
-        type=say.type or _item_type(context, referred),
+        name=name or node.id,
+        type=say.type or _item_type(node.context, referred),
         payload=say.payload if source.place in THROWS else None,
         queue=say.queue,
         private=say.private,
         qos=say.qos,
         takes=source.takes,
     )
+
+
+def _topic_name(node: HalfRead, referred: Node | None, say: TopicProperties) -> str:
+    name, label = referred.get("name", "").strip() if referred is not None else "", node.label
+    if node.extensions.topic:
+        return node.extensions.topic
+    if node.around.labels and label:
+        return label
+    if name and label and name != label and (say.type or say.payload or node.extensions.original):
+        level: Literal["warning", "note"] = "warning" if node.extensions.original else "note"
+        text = f"the topic is {name!r}, the name of the signal, not the label {label!r}"
+        node.context.note(node.element, text, level)
+    return name or label
 
 
 def _item_type(context: Context, referred: Node | None) -> str | None:
@@ -157,26 +141,24 @@ def _item_type(context: Context, referred: Node | None) -> str | None:
     return text.strip() if is_type(text) else None
 
 
-def _topic(context: Context, source: Source, element: Node, kind: Literal["signal", "message"]) -> Topic:
-    if source.common is None:
-        fame_g0.apply(source.extensions)
-        source.common = topic_properties(context, source.element, source.extensions)
+def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
+    node = source.node
+    if source.say is None:
+        fame_g0.apply(node.extensions)
+        source.say = topic_properties(node.context, node.element, node.extensions)
         if source.place not in THROWS:
-            source.takes += tuple(source.extensions.outputs)
-    say = source.common
-    if len(element) or any(key[0] == "{" for key in attributes(element)):
-        say = _own(context, source, element)
-    return read_topic(context, source, element, kind, say)
+            source.takes += tuple(node.extensions.outputs)
+    has_own = len(element) or any(key[0] == "{" for key in attributes(element))
+    return read_topic(source, element, kind, _own(node, element, source.say) if has_own else source.say)
 
 
-def _own(context: Context, source: Source, element: Node) -> TopicProperties:
+def _own(node: HalfRead, element: Node, common: TopicProperties) -> TopicProperties:
     """What the definition itself says, before what the event says."""
-    assert source.common is not None
-    extensions = extensions_of(context, element)
+    extensions = extensions_of(node.context, element)
     if extensions.refused:
         text = f"{extensions.refused.split(';')[0]}: that is passed over, the message is published"
-        context.note(source.element, text, "warning")
-    own, common = topic_properties(context, element, extensions), source.common
+        node.context.note(element, text, "warning")
+    own = topic_properties(node.context, element, extensions)
     return TopicProperties(
         type=own.type or common.type,
         payload=own.payload or common.payload or _copied(extensions),
@@ -195,13 +177,15 @@ def _copied(extensions: Extensions) -> Expression | None:
     return Expression(f"{{{', '.join(entries)}}}", "payload", extensions.inputs[0].source.line)
 
 
-def _signal(context: Context, source: Source, element: Node) -> SignalDefinition:
-    return SignalDefinition(topic=_topic(context, source, element, "signal"), line=line_of(element))
+def _signal(source: TopicSource, element: Node) -> SignalDefinition:
+    return SignalDefinition(topic=_topic(source, element, "signal"), line=line_of(element))
 
 
-def _message(context: Context, source: Source, element: Node) -> MessageDefinition:
-    topic = _topic(context, source, element, "message")
-    return MessageDefinition(topic=topic, keys=message_keys(context, element.get("messageRef")), line=line_of(element))
+def _message(source: TopicSource, element: Node) -> MessageDefinition:
+    topic = _topic(source, element, "message")
+    return MessageDefinition(
+        topic=topic, keys=message_keys(source.node.context, element.get("messageRef")), line=line_of(element)
+    )
 
 
 def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Expression], ...]:
@@ -228,7 +212,7 @@ def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Ex
     return tuple(found)
 
 
-def _timer(context: Context, source: Source, element: Node) -> TimerDefinition:
+def _timer(source: TopicSource, element: Node) -> TimerDefinition:
     kinds: Mapping[str, Literal["duration", "date", "cycle"]] = {
         "timeDuration": "duration",
         "timeDate": "date",
@@ -236,73 +220,73 @@ def _timer(context: Context, source: Source, element: Node) -> TimerDefinition:
     }
     for tag, kind in kinds.items():
         holder = child(element, tag)
-        expression = template(context, holder) if holder is not None else None
+        expression = template(source.node.context, holder) if holder is not None else None
         if expression is not None:
             return TimerDefinition(kind=kind, expression=expression, line=line_of(element))
-    raise context.error(source.element, "the timer has no time: expected a duration, date or cycle of ISO 8601")
+    raise source.node.error("the timer has no time: expected a duration, date or cycle of ISO 8601")
 
 
-def _conditional(context: Context, source: Source, element: Node) -> ConditionalDefinition:
+def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
     holder = child(element, "condition")
-    condition = body(context, holder) if holder is not None else None
+    condition = body(source.node.context, holder) if holder is not None else None
     if condition is None:
-        raise context.error(source.element, "the conditional event has no condition")
+        raise source.node.error("the conditional event has no condition")
     return ConditionalDefinition(condition=condition, line=line_of(element))
 
 
-def _code(context: Context, source: Source, element: Node, kind: str) -> str | None:
+def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     """The code of an error or escalation. A throw without one goes by its name."""
     reference = element.get(f"{kind}Ref")
-    referred = context.root(reference)
+    referred = source.node.context.root(reference)
     if reference and referred is None:
-        raise context.error(source.element, f"{kind}Ref {reference!r}: the file has no such {kind}")
+        raise source.node.error(f"{kind}Ref {reference!r}: the file has no such {kind}")
     code = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
     if code or source.place not in THROWS:
         return code or None
     if referred is not None:
         return referred.get("name", "").strip() or referred.get("id")
-    return source.label or None
+    return source.node.label or None
 
 
-def _error(context: Context, source: Source, element: Node) -> ErrorDefinition:
-    extensions = extensions_of(context, element)
+def _error(source: TopicSource, element: Node) -> ErrorDefinition:
+    extensions = extensions_of(source.node.context, element)
     return ErrorDefinition(
-        code=_code(context, source, element, "error"),
+        code=_code(source, element, "error"),
         code_variable=extensions.code_variable,
         message_variable=extensions.message_variable,
         line=line_of(element),
     )
 
 
-def _escalation(context: Context, source: Source, element: Node) -> EscalationDefinition:
+def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
     return EscalationDefinition(
-        code=_code(context, source, element, "escalation"),
-        code_variable=extensions_of(context, element).code_variable,
+        code=_code(source, element, "escalation"),
+        code_variable=extensions_of(source.node.context, element).code_variable,
         line=line_of(element),
     )
 
 
-def _link(context: Context, source: Source, element: Node) -> LinkDefinition:
-    name = element.get("name", "").strip() or source.label
+def _link(source: TopicSource, element: Node) -> LinkDefinition:
+    name = element.get("name", "").strip() or source.node.label
     if not name:
-        raise context.error(source.element, "the link has no name: give both of its ends the same one")
+        raise source.node.error("the link has no name: give both of its ends the same one")
     return LinkDefinition(name=name, line=line_of(element))
 
 
-def _terminate(context: Context, source: Source, element: Node) -> TerminateDefinition:
+def _terminate(source: TopicSource, element: Node) -> TerminateDefinition:
     return TerminateDefinition(line=line_of(element))
 
 
-def _compensate(context: Context, source: Source, element: Node) -> CompensateDefinition:
-    wait = boolean(context, element, "waitForCompletion", True)
+def _compensate(source: TopicSource, element: Node) -> CompensateDefinition:
+    wait = boolean(source.node.context, element, "waitForCompletion", True)
     return CompensateDefinition(activity=element.get("activityRef") or None, wait=wait, line=line_of(element))
 
 
-def _cancel(context: Context, source: Source, element: Node) -> CancelDefinition:
+def _cancel(source: TopicSource, element: Node) -> CancelDefinition:
     return CancelDefinition(line=line_of(element))
 
 
-_READERS: Mapping[str, Callable[[Context, Source, Node], EventDefinition]] = {
+_READERS: Mapping[str, Callable[[TopicSource, Node], EventDefinition]] = {
     "signal": _signal,
     "message": _message,
     "timer": _timer,

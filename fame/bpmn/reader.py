@@ -21,13 +21,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
-from fame.bpmn.bodies import documentation, read_body
+from fame.bpmn.bodies import read_body
 from fame.bpmn.context import Context, boolean, find, whole
 from fame.bpmn.data import data_ids
 from fame.bpmn.diagram import read_diagrams
 from fame.bpmn.dialects import extensions_of, fame_g2
-from fame.bpmn.events import Surroundings
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
+from fame.bpmn.nodes import Surroundings, documentation
 from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
 from fame.errors import ModelError
 
@@ -116,13 +116,13 @@ def _process(context: Context, element: Node) -> Process:
     meaning: Literal["standard", "original"] = "standard"
     if semantics is not None and semantics.value.strip() == "original":
         meaning = "original"
-    around = Surroundings(data_ids(element), topics is not None and topics.value.strip() == "labels")
+    around = Surroundings(context, data_ids(element), topics is not None and topics.value.strip() == "labels")
     return Process(
         id=context.claim(element),
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element),
-        body=read_body(context, around, element, parts),
+        body=read_body(around, element, parts),
         executable=boolean(context, element, "isExecutable", True),
         instances=whole(context, element, "instances", instances.value, 1) if instances is not None else None,
         semantics=meaning,

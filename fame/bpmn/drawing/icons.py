@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from fame.bpmn.svg import number, tag
+from fame.bpmn.drawing.svg import number, tag
 
 Ink = tuple[str, str]
 """(stroke, fill)"""

@@ -1,0 +1,209 @@
+"""What one file gives to a file that is put together: copies of processes and of all that belongs to them.
+
+A copy holds the pool (if it is wanted), the processes, what these refer to at the root (signals, messages, errors ...)
+and the diagrams that show them; the types of topics that are said elsewhere are written into the events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+
+from lxml import etree
+
+from fame.bpmn.context import Context, find
+from fame.bpmn.dialects.fame_g2 import unfold
+from fame.bpmn.model import Bounds, Definitions, FlowNode, Participant, Process
+from fame.bpmn.reader import read_tree
+from fame.bpmn.topics import topics_of
+from fame.bpmn.xml import BPMN, BPMNDI, CAMUNDA, Node, parse, text_of
+
+_B = f"{{{BPMN}}}"
+_PROCESS, _COLLABORATION, _DIAGRAM = f"{_B}process", f"{_B}collaboration", f"{{{BPMNDI}}}BPMNDiagram"
+_PLANE = f"{{{BPMNDI}}}BPMNPlane"
+_EXTENSION_ELEMENTS = f"{_B}extensionElements"
+_OF_THE_FILE = {_PROCESS, _COLLABORATION, _DIAGRAM, _EXTENSION_ELEMENTS, f"{_B}documentation", f"{_B}import"}
+_OF_OTHER_POOLS = {
+    f"{_B}{name}"
+    for name in ("participant", "messageFlow", "messageFlowAssociation", "conversation", "conversationLink")
+}
+_ARTIFACTS = {f"{_B}{name}" for name in ("textAnnotation", "group", "association")}
+
+
+@dataclass(slots=True)
+class Piece:
+    """What one file gives to the new one: copies, not yet in it. `ids`: of its processes, there -> in the new file."""
+
+    definitions: Definitions
+    root: Node
+    ids: dict[str, str]
+    collaboration: Node | None = None
+    processes: list[Node] = field(default_factory=list)
+    shared: list[Node] = field(default_factory=list)
+    diagrams: list[Node] = field(default_factory=list)
+
+    def elements(self) -> Iterator[Node]:
+        """Every element of the model in it (not of the drawing)."""
+        if self.collaboration is not None:
+            yield from self.collaboration.iter("*")
+        for one in (*self.processes, *self.shared):
+            yield from one.iter("*")
+
+    def everything(self) -> Iterator[Node]:
+        """Also those of the drawing."""
+        yield from self.elements()
+        for one in self.diagrams:
+            yield from one.iter("*")
+
+
+def copied(
+    definitions: Definitions, processes: Iterable[Process], pool: Participant | None, types: Mapping[str, str]
+) -> Piece:
+    """Copies of what processes of a file are made of, with the types of their topics written down."""
+    root = _tree(definitions)
+    piece = Piece(definitions, root, {process.id: process.id for process in processes})
+    by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
+    for process in processes:
+        piece.processes.append(deepcopy(by_id[process.id]))
+        _write_types(piece.processes[-1], process, types)
+    if pool is not None:
+        piece.collaboration = _collaboration(definitions, root, pool)
+    piece.shared = [deepcopy(one) for one in _needed(root, piece)]
+    kept = {id for one in piece.elements() if (id := one.get("id"))}
+    for diagram in root.iterchildren(_DIAGRAM):
+        copy = _diagram(diagram, kept, piece.processes[0].get("id", ""), root)
+        if copy is not None:
+            piece.diagrams.append(copy)
+    return piece
+
+
+def _collaboration(definitions: Definitions, root: Node, pool: Participant) -> Node | None:
+    for original in root.iterchildren(_COLLABORATION):
+        if any(one.get("id") == pool.id for one in original.iterchildren("*")):
+            copy = deepcopy(original)
+            inside = _inside(definitions, pool.id) | {pool.id}
+            for one in list(copy.iterchildren("*")):
+                of_another = one.tag in _OF_OTHER_POOLS or one.tag in _ARTIFACTS
+                if of_another and one.get("id") not in inside and not _joins(one, definitions, pool, inside):
+                    copy.remove(one)
+            return copy
+    return None
+
+
+def _joins(association: Node, definitions: Definitions, pool: Participant, inside: set[str]) -> bool:
+    """Whether it is an association between things of the pool."""
+    if association.tag != f"{_B}association":
+        return False
+    process = definitions.process(pool.process)
+    own = {node.id for node in process.body.walk()} if process is not None else set()
+    return all(association.get(end, "") in own | inside for end in ("sourceRef", "targetRef"))
+
+
+def _inside(definitions: Definitions, pool: str) -> set[str]:
+    """Ids of the artifacts that are drawn within a pool."""
+    frame = next((shape.bounds for shape in definitions.shapes if shape.element == pool), None)
+    artifacts = {one.id for one in definitions.artifacts}
+    shapes = [shape for shape in definitions.shapes if shape.element in artifacts]
+    return {shape.element for shape in shapes if frame is not None and _holds(frame, shape.bounds)}
+
+
+def _holds(frame: Bounds, bounds: Bounds) -> bool:
+    x, y = bounds.x + bounds.width / 2, bounds.y + bounds.height / 2
+    return frame.x <= x <= frame.x + frame.width and frame.y <= y <= frame.y + frame.height
+
+
+def _needed(root: Node, piece: Piece) -> list[Node]:
+    """What stands at the root and is referred to, directly or through one another; in document order."""
+    roots = [one for one in root.iterchildren("*") if one.tag not in _OF_THE_FILE]
+    homes = {id: one for one in roots for inner in one.iter("*") if (id := inner.get("id"))}
+    homes.update({one.get("id", ""): one for one in roots})
+    found: dict[Node, None] = {}
+    waiting = list(piece.elements())
+    for element in waiting:
+        for reference in _references(element):
+            home = find(homes, reference)
+            if home is not None and home not in found:
+                found[home] = None
+                waiting.extend(home.iter("*"))
+    for one in root.iterchildren(f"{_B}correlationProperty"):
+        if any(find({shared.get("id", ""): 1 for shared in found}, inner.get("messageRef")) for inner in one.iter("*")):
+            found[one] = None
+    return [one for one in root.iterchildren("*") if one in found]
+
+
+def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | None:
+    """The part of a diagram that shows what is kept. The plane of a lost collaboration becomes the process'."""
+    copy = deepcopy(diagram)
+    plane = copy.find(_PLANE)
+    if plane is None:
+        return None
+    for one in list(plane.iterchildren("*")):
+        if one.get("bpmnElement") is not None and find(dict.fromkeys(kept, True), one.get("bpmnElement")) is None:
+            plane.remove(one)
+    shown = plane.get("bpmnElement", "")
+    if shown not in kept:
+        if not any(one.get("id") == shown for one in root.iterchildren(_COLLABORATION)) or not len(plane):
+            return None
+        plane.set("bpmnElement", process)
+    return copy
+
+
+def _tree(definitions: Definitions) -> Node:
+    """The file with all that is in it, and the ids that the reader makes where there is none."""
+    root = parse(definitions.source, definitions.file, keep_all=True)
+    unfold(Context(definitions.file), root)
+    as_read = parse(definitions.source, definitions.file)
+    read_tree(as_read, definitions.source, definitions.file)
+    for element, other in zip(root.iter("*"), as_read.iter("*"), strict=True):
+        id = other.get("id", "")
+        if id and not element.get("id"):
+            element.set("id", id)
+    return root
+
+
+def is_reference(name: str) -> bool:
+    return name in ("default", "bpmnElement") or name.endswith("Ref")
+
+
+def _references(element: Node) -> Iterator[str]:
+    for name, value in element.items():
+        if is_reference(str(name)):
+            yield str(value)
+    if element.tag.endswith(("Ref", "Refs")):
+        yield text_of(element)
+
+
+# ---- types -----------------------------------------------------------------------------------------------------------
+
+
+def _write_types(element: Node, process: Process, types: Mapping[str, str]) -> None:
+    by_id = {one.get("id"): one for one in element.iter("*") if one.tag.startswith(_B)}
+    for node in process.body.walk():
+        topics = [topic for topic, _ in topics_of(node)]
+        if all(topic.type is not None or topic.qualified not in types for topic in topics):
+            continue
+        holders = _holders(by_id[node.id], node, len(topics))
+        for topic, holder in zip(topics, holders, strict=True):
+            if topic.type is None and topic.qualified in types:
+                _add_property(holder, "type", types[topic.qualified])
+
+
+def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
+    """Where the type of each topic of a node is written: on the node if it has one, else on each definition."""
+    if count == 1:
+        return [element]
+    tags = (f"{_B}signalEventDefinition", f"{_B}messageEventDefinition")
+    return [one for one in element.iterchildren("*") if one.tag in tags]
+
+
+def _add_property(element: Node, name: str, value: str) -> None:
+    """A Camunda property, as Camunda Modeler writes it."""
+    extensions = element.find(_EXTENSION_ELEMENTS)
+    if extensions is None:
+        extensions = etree.Element(_EXTENSION_ELEMENTS)
+        element.insert(len(element.findall(f"{_B}documentation")), extensions)
+    properties = extensions.find(f"{{{CAMUNDA}}}properties")
+    if properties is None:
+        properties = etree.SubElement(extensions, f"{{{CAMUNDA}}}properties", nsmap={"camunda": CAMUNDA})
+    etree.SubElement(properties, f"{{{CAMUNDA}}}property", {"name": name, "value": value})

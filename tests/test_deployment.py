@@ -1,0 +1,262 @@
+"""Robots get their processes over topics: all or none, the newest of a burst, the old one kept if the new is wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import fame
+from fame import deployment
+from fame.bpmn.reader import read_text
+from fame.clock import SECOND, Scheduler
+from fame.deployment import Deployment, EngineNode, Report
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+
+BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
+
+
+def process(id: str, content: str, *flows: tuple[str, str]) -> str:
+    arrows = "".join(
+        f'<sequenceFlow id="{id}f{n}" sourceRef="{source}" targetRef="{target}"/>'
+        for n, (source, target) in enumerate(flows)
+    )
+    return f'<process id="{id}" isExecutable="true">{content}{arrows}</process>'
+
+
+def definitions(*content: str) -> str:
+    return f'<definitions xmlns="{BPMN}" targetNamespace="t">{"".join(content)}</definitions>'
+
+
+def patrol(mark: int) -> str:
+    """A process that sets `mark` and then waits for a signal for ever."""
+    return definitions(
+        '<signal id="S" name="stop"/>',
+        process(
+            "p",
+            f'<startEvent id="s"/><scriptTask id="t"><script>mark = {mark}</script></scriptTask>'
+            '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>',
+            ("s", "t"),
+            ("t", "c"),
+        ),
+    )
+
+
+TEAM = definitions(
+    '<signal id="S" name="go"/><collaboration id="c"><participant id="A" name="A" processRef="pa"/>'
+    '<participant id="B" name="B" processRef="pb"/></collaboration>',
+    process(
+        "pa",
+        '<startEvent id="sa"/><intermediateThrowEvent id="throw"><signalEventDefinition signalRef="S"/>'
+        '</intermediateThrowEvent><userTask id="ua"/>',
+        ("sa", "throw"),
+        ("throw", "ua"),
+    ),
+    process(
+        "pb",
+        '<startEvent id="sb"><signalEventDefinition signalRef="S"/></startEvent><userTask id="ub"/>',
+        ("sb", "ub"),
+    ),
+)
+
+
+class Field:
+    """Robots with engines, a plain publisher, and all that the robots have said."""
+
+    def __init__(self, *robots: str) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.engines = {name: EngineNode(name, scheduler=self.scheduler, middleware=self.middleware) for name in robots}
+        self.person = self.middleware.node("person")
+        self.publishers = {name: self.person.publisher(f"/{name}/bpmn_process", deployment.STRING) for name in robots}
+        self.said: list[Report] = []
+        for name in robots:
+            self.person.subscription(f"/{name}/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+
+    def _hear(self, message) -> None:
+        self.said.append(Report(**json.loads(message.data)))
+
+    def send(self, robot: str, text: str) -> None:
+        self.publishers[robot].publish(messages.create(deployment.STRING, text))
+
+    def pass_time(self, seconds: float) -> None:
+        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+    def deploy(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
+        sent = Deployment(
+            read_text(text, file="team.bpmn"),
+            id=id,
+            sequence=sequence,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=lambda deployment: None,
+            **options,
+        )
+        sent.begin()
+        self.pass_time(12)
+        return sent
+
+    def answers(self) -> list[str]:
+        return [report.answer for report in self.said if report.answer]
+
+    def variables(self, robot: str) -> dict:
+        return self.engines[robot].running.instances[-1].variables
+
+
+def test_a_robot_waits_for_its_process_and_says_so_every_second():
+    field = Field("A")
+    field.pass_time(3.5)
+    assert [(report.state, report.time) for report in field.said] == [("waiting", float(n)) for n in range(4)]
+
+
+def test_a_bare_model_from_a_plain_publisher_runs_at_once():
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    assert field.variables("A") == {"mark": 1}
+    assert field.answers() == ["started"]
+    assert field.said[-1].hash == deployment.model_hash(patrol(1).encode())
+    assert field.said[-1].waits[0]["element"] == "c"
+
+
+def test_a_collaboration_starts_when_all_are_ready_and_no_first_message_is_lost():
+    field = Field("A", "B")
+    sent = field.deploy(TEAM)
+    assert (sent.done, sent.failed) == (True, False)
+    assert field.engines["A"].running.instances[0].waiting == ["ua"]
+    assert field.engines["B"].running.instances[0].waiting == ["ub"]
+    assert field.answers() == ["ready", "ready", "started", "started"]
+
+
+def test_if_one_robot_stays_silent_nobody_starts():
+    field = Field("A")
+    sent = field.deploy(TEAM, robots=["A", "B"])
+    assert sent.failed
+    assert "did not answer" in sent.standings["B"].reason or "nobody came" in sent.standings["A"].reason
+    assert field.engines["A"].running is None
+    assert field.engines["A"].state == "waiting"
+
+
+def test_a_topic_whose_other_end_does_not_come_is_named():
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    sent = field.deploy(TEAM, robots=["A", "B"])
+    assert "/go (subscriber)" in sent.standings["A"].reason
+    assert field.variables("A") == {"mark": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("garbage", "neither a .bpmn text nor an envelope"),
+        ("<definitions", "XML"),
+        (f'<!DOCTYPE x [<!ENTITY a "b">]>{patrol(2)}', "DOCTYPE"),
+        (patrol(2).replace("mark = 2", "mark = = 2"), "syntax"),
+    ],
+)
+def test_a_model_that_does_not_check_leaves_the_old_one_running_and_says_so(text, reason):
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    field.send("A", text)
+    field.pass_time(0.1)
+    refusal = field.said[-1]
+    assert (refusal.answer, refusal.state) == ("refused", "running")
+    assert reason.casefold() in refusal.reason.casefold()
+    assert field.variables("A") == {"mark": 1}
+
+
+def test_a_new_model_takes_the_place_of_the_old_one():
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    old = field.engines["A"].running.instances[0]
+    field.send("A", patrol(2))
+    field.pass_time(0.1)
+    assert old.status == "cancelled"
+    assert field.variables("A") == {"mark": 2}
+
+
+def test_of_a_burst_only_the_newest_is_applied():
+    field = Field("A")
+    for mark in range(10):
+        field.send("A", patrol(mark))
+    field.pass_time(0.1)
+    assert field.variables("A") == {"mark": 9}
+    assert field.answers() == ["superseded"] * 9 + ["started"]
+
+
+def test_the_same_deployment_again_is_acknowledged_without_effect():
+    field = Field("A", "B")
+    sent = field.deploy(TEAM)
+    instance = field.engines["A"].running.instances[0]
+    field.send("A", sent.standings["A"].envelope.to_json())
+    field.pass_time(0.1)
+    assert field.said[-1].answer == "started"
+    assert field.engines["A"].running.instances == [instance]
+
+
+def test_a_new_deployment_of_the_same_model_is_a_restart():
+    field = Field("A", "B")
+    field.deploy(TEAM, "d1", 1)
+    first = field.engines["A"].running.instances[0]
+    field.deploy(TEAM, "d2", 2)
+    assert first.status == "cancelled"
+    assert field.engines["A"].running.instances[0].status == "running"
+
+
+def test_an_older_sequence_is_stale():
+    field = Field("A", "B")
+    field.deploy(TEAM, "d2", 2)
+    sent = field.deploy(TEAM, "d1", 1)
+    assert sent.failed
+    assert "stale" in {standing.state for standing in sent.standings.values()}
+    assert field.engines["A"].state == "running"
+
+
+def test_only_some_robots_may_be_sent_to():
+    field = Field("A", "B")
+    field.deploy(TEAM)
+    kept = field.engines["B"].running
+    sent = field.deploy(TEAM, "d2", 2, only=["A"])
+    assert not sent.failed
+    assert list(sent.standings) == ["A"]
+    assert field.engines["B"].running is kept
+    with pytest.raises(fame.DeploymentError, match="named Z"):
+        field.deploy(TEAM, "d3", 3, only=["Z"])
+
+
+def test_an_envelope_for_another_robot_or_with_another_hash_is_refused():
+    field = Field("A", "B")
+    sent = field.deploy(TEAM)
+    field.send("B", sent.standings["A"].envelope.to_json())
+    changed = json.loads(sent.standings["A"].envelope.to_json()) | {"deployment": "d9", "sequence": 9, "hash": "0" * 64}
+    field.send("A", json.dumps(changed))
+    field.pass_time(0.1)
+    reasons = [report.reason for report in field.said if report.answer == "refused"]
+    assert "meant for robot 'A'" in reasons[0]
+    assert "hash" in reasons[1]
+
+
+def test_a_redeployed_robot_leaves_nothing_behind():
+    field = Field("A")
+
+    def ends() -> int:
+        return sum(len(info.publishers) + len(info.subscribers) for info in field.middleware.graph())
+
+    counts = set()
+    for mark in range(30):
+        field.send("A", patrol(mark % 3))
+        field.pass_time(0.5)
+        counts.add((ends(), len(field.scheduler)))
+    assert len({count[0] for count in list(counts)}) == 1
+    assert max(count[1] for count in counts) <= 3
+
+
+def test_the_parts_of_the_example_are_what_the_robots_get():
+    field = Field("REX", "DINGO")
+    sent = field.deploy(Path("models/ground_vehicles.bpmn").read_text())
+    assert not sent.failed
+    assert field.engines["REX"].state == "running"
+    assert field.engines["DINGO"].state == "idle"
