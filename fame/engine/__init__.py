@@ -20,11 +20,12 @@ end     the instance ended; the detail is its status
 
 from fame.engine.compiler import Library, compile_program
 from fame.engine.host import BpmnError, Cancelled, Host
-from fame.engine.interpreter import DEPTH, MOVES, Engine
-from fame.engine.state import Instance, Program
+from fame.engine.interpreter import MOVES, Engine
+from fame.engine.snapshot import restore, snapshot
+from fame.engine.state import DEPTH, Instance, Program
 from fame.engine.variables import UNDEFINED, Variables, plain
 
 __all__ = [
     "DEPTH", "MOVES", "UNDEFINED", "BpmnError", "Cancelled", "Engine", "Host", "Instance", "Library", "Program",
-    "Variables", "compile_program", "plain",
+    "Variables", "compile_program", "plain", "restore", "snapshot",
 ]  # fmt: skip

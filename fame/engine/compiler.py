@@ -7,12 +7,11 @@ flows leave. Sequence flows are nodes only in an observed program. What cannot b
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable
 from typing import NoReturn
 
 from fame.bpmn import model
-from fame.engine import elements, steps
+from fame.engine import activities, elements, gateways, steps
 from fame.engine.host import Compiled, Host
 from fame.engine.state import Body, Node, Program, Step
 from fame.errors import ModelError
@@ -28,24 +27,30 @@ def compile_program(
 
     Raises ModelError (file, line, element) for what cannot be executed.
     """
-    name = hash or hashlib.sha256(repr(process).encode()).hexdigest()
-    compiler = Compiler(Program(process.id, name), host, library, observed)
+    compiler = Compiler(Program(process.id, hash, observed), host, library)
     compiler.original = process.semantics == "original"
     program = compiler.program
+    program.sources.append(process)
     program.instances = process.instances
     program.body = compiler.body(process.id, process.body, file, top=True)
-    for number, node in enumerate(compiler.nodes):
-        node.number = number
-    program.nodes = compiler.nodes
+    number_keys(program.nodes)
     return program
+
+
+def number_keys(nodes: Iterable[Node]) -> None:
+    """Make keys differ: a called process may have ids of its caller's file."""
+    seen: dict[str, int] = {}
+    for node in nodes:
+        seen[node.key] = seen.get(node.key, 0) + 1
+        if seen[node.key] > 1:
+            node.key += f"#{seen[node.key]}"
 
 
 class Compiler:
     """What is shared while one program is compiled."""
 
-    def __init__(self, program: Program, host: Host, library: Library, observed: bool) -> None:
-        self.program, self.host, self.library, self.observed = program, host, library, observed
-        self.nodes: list[Node] = []
+    def __init__(self, program: Program, host: Host, library: Library) -> None:
+        self.program, self.host, self.library, self.observed = program, host, library, program.observed
         self.called: dict[tuple[str, str], Body] = {}
         self.original = False  # whether the process at hand means suspension by interruption (DESIGN section 3)
 
@@ -54,7 +59,7 @@ class Compiler:
     def node(self, element: model.Element, step: Step, file: str, *, part: str = "", counted: bool = False) -> Node:
         """A node of an element. `counted`: to pass it is to complete the element."""
         node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=file)
-        self.nodes.append(node)
+        self.program.nodes.append(node)
         if counted:
             node.index = node.slot = self.slot(element.id)
         return node
@@ -87,6 +92,7 @@ class Compiler:
         key = (home, process.id)
         if key not in self.called:
             self.called[key] = Body(process.id)
+            self.program.sources.append(process)
             outside, self.original = self.original, process.semantics == "original"
             self.body(process.id, process.body, home, body=self.called[key])
             self.original = outside
@@ -120,9 +126,9 @@ class Compiler:
         """Let a body begin with arming what listens as long as it lives."""
         body.opening = begin
         if body.armed or body.queued:
-            body.opening = Node(id, f"{id}/opening", steps.opening)
+            body.opening = Node(id, f"{id}/opening", activities.opening)
             body.opening.next = begin
-            self.nodes.append(body.opening)
+            self.program.nodes.append(body.opening)
 
     def starts(self, content: model.Body, wiring: Wiring, body: Body, file: str) -> None:
         """The start events of the process itself."""
@@ -187,11 +193,11 @@ class Wiring:
         takes = isinstance(element, model.Event) and element.place in ("start", "catch", "boundary")
         before, after = self.values(element.data_inputs), self.values(() if takes else element.data_outputs)
         if before:
-            first = self.compiler.node(element, steps.assign, self.file, part="/inputs")
+            first = self.compiler.node(element, activities.assign, self.file, part="/inputs")
             first.inputs = self.compiler.assignments(before, element, self.file)
             first.next, first.guard, self.entries[element.id] = node, node, first
         if after and self.exits[element.id]:
-            last = self.compiler.node(element, steps.assign, self.file, part="/outputs")
+            last = self.compiler.node(element, activities.assign, self.file, part="/outputs")
             last.inputs = self.compiler.assignments(after, element, self.file)
             last.guard = node
             for exit in self.exits[element.id]:
@@ -214,9 +220,9 @@ class Wiring:
         elif len(flows) == 1 and flows[0].condition is None:
             self.link(exits, self.target(flows[0]))
         else:
-            split = compiler.node(element, steps.fork, self.file, part="/fork")
+            split = compiler.node(element, gateways.fork, self.file, part="/fork")
             if any(flow.condition is not None for flow in flows):
-                split.step, split.guard = steps.inclusive, self.main[element.id]
+                split.step, split.guard = gateways.inclusive, self.main[element.id]
                 self.branch(split, element, flows, default)
             else:
                 split.out = tuple(self.target(flow) for flow in flows)
@@ -233,11 +239,11 @@ class Wiring:
             node.next = self.compiler.node(gateway, steps.end, self.file, part="/end")
         elif gateway.kind == "parallel":
             node.out, node.next = tuple(self.target(flow) for flow in flows), self.target(flows[0])
-            act = steps.fork if len(flows) > 1 else steps.pass_on
+            act = gateways.fork if len(flows) > 1 else steps.pass_on
         elif len(flows) == 1 and flows[0].condition is None:
             node.next = self.target(flows[0])
         else:
-            act = steps.exclusive if gateway.kind == "exclusive" else steps.inclusive
+            act = gateways.exclusive if gateway.kind == "exclusive" else gateways.inclusive
             self.branch(node, gateway, flows, gateway.default)
         node.step = act
         self.compiler.watch(node)
@@ -257,7 +263,7 @@ class Wiring:
         if entry is None:
             refuse(f"a sequence flow cannot lead to {flow.target}", flow, self.file)
         if self.compiler.observed:
-            passing = self.compiler.node(flow, steps.flow, self.file, counted=True)
+            passing = self.compiler.node(flow, steps.flow, self.file)
             passing.next = entry
             return passing
         return entry
@@ -289,7 +295,7 @@ class Wiring:
             raise ModelError("has nothing to begin with: add a start event", file=self.file, element=id)
         if len(first) == 1:
             return self.entries[first[0].id]
-        fork = self.compiler.node(first[0], steps.fork, self.file, part="/begin")
+        fork = self.compiler.node(first[0], gateways.fork, self.file, part="/begin")
         fork.out = tuple(self.entries[node.id] for node in first)
         return fork
 

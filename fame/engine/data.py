@@ -9,10 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.model import DataObject, Topic
 from fame.engine.variables import UNDEFINED, Variables
+
+if TYPE_CHECKING:
+    from fame.engine.state import Node
 
 Take = Callable[[dict[str, Any], Any], None]
 
@@ -78,7 +81,8 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
     """Which field (a path) of the message goes to which of a data object's variables.
 
     A field goes to the variable of its own name (a message inside it too, whole), else to the first that is named
-    ``<field>_...``; a nested field counts by its last name. The value of a wrapper goes to the variable named like the topic, or to the only one.
+    ``<field>_...``; a nested field counts by its last name. The value of a wrapper goes to the variable named like the
+    topic, or to the only one.
     """
     if is_wrapper(message):
         fitting = [name for name in names if name in (topic, "data") or name.startswith("data_")]
@@ -115,3 +119,21 @@ def _descend(message: Any, path: tuple[str, ...]) -> Any:
     for name in path:
         message = message[name] if isinstance(message, Mapping) else getattr(message, name)
     return message
+
+
+def correlates(node: Node, variables: dict[str, Any], message: Any) -> bool:
+    """Whether a message is for who waits at `node` with these variables (standard 8.3.2).
+
+    Each key that has a value already must have that of the message; the others are set by the first message.
+    """
+    if not node.keys:
+        return True
+    inner = Variables(variables, {"msg": message})
+    try:
+        found = [(name, source(inner)) for name, source in node.keys]
+    except (LookupError, AttributeError, NameError):
+        return False
+    if any(name in variables and variables[name] != value for name, value in found):
+        return False
+    variables.update((name, value) for name, value in found if name not in variables)
+    return True

@@ -5,13 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fame.bpmn import model
-from fame.engine import data, steps
+from fame.engine import activities, data, gateways, steps
 from fame.engine.host import Compiled
 from fame.engine.state import Body, Node, Step
 from fame.errors import ModelError
 
 if TYPE_CHECKING:
     from fame.engine.compiler import Wiring
+
+
+OBSERVED: Step = steps.pass_on
+"""The `act` of nodes that no token comes to, to say that observers are told of them."""
 
 
 def make(wiring: Wiring, element: model.FlowNode) -> None:
@@ -40,8 +44,11 @@ def trigger(wiring: Wiring, event: model.Event, definition: model.EventDefinitio
     node = compiler.node(event, steps.wait, wiring.file, part=part)
     node.interrupting = event.interrupting
     match definition:
-        case model.SignalDefinition(topic=topic) | model.MessageDefinition(topic=topic):
-            node.kind = "signal" if isinstance(definition, model.SignalDefinition) else "message"
+        case model.SignalDefinition(topic=topic):
+            node.kind = "signal"
+            listen(wiring, event, node, topic)
+        case model.MessageDefinition(topic=topic, keys=keys):
+            node.kind, node.keys = "message", compiler.assignments(keys, event, wiring.file)
             listen(wiring, event, node, topic)
         case model.TimerDefinition(kind=kind, expression=expression):
             node.kind, node.timer = "timer", kind
@@ -61,9 +68,6 @@ def trigger(wiring: Wiring, event: model.Event, definition: model.EventDefinitio
 def listen(wiring: Wiring, element: model.FlowNode, node: Node, topic: model.Topic) -> None:
     """Let a node wait for a topic, and take what the message brings."""
     node.topic, node.queue = topic.qualified, topic.queue
-    if node.kind == "message":
-        program = wiring.compiler.program
-        program.messages = program.messages | {node.topic}
     objects = [wiring.objects[id] for id in element.data_outputs if id in wiring.objects]
     pairs = [(item.target, item.source) for item in topic.takes]
     node.take = data.receiver(topic, objects, wiring.compiler.assignments(pairs, element, wiring.file))
@@ -104,7 +108,7 @@ def catch(wiring: Wiring, event: model.Event) -> None:
         return None
     if event.parallel:
         raise refuse("parallel multiple events are not executed by this version", event, wiring)
-    choice = compiler.node(event, steps.choose, wiring.file)
+    choice = compiler.node(event, gateways.choose, wiring.file)
     choice.slot = compiler.slot(event.id)
     choice.alternatives = tuple(alternatives(wiring, event, choice, choice.slot))
     compiler.watch(choice)
@@ -116,8 +120,8 @@ def alternatives(wiring: Wiring, event: model.Event, owner: Node, slot: int) -> 
     """One node for each definition of an event; whichever fires is the event."""
     nodes = [trigger(wiring, event, each, f"/{n}@{owner.id}") for n, each in enumerate(event.definitions)]
     for node in nodes:
-        node.fire, node.slot, node.guard = steps.fire_alternative, slot, owner
-        node.act = steps.wait if wiring.compiler.observed else None
+        node.fire, node.slot, node.guard = gateways.fire_alternative, slot, owner
+        node.act = OBSERVED if wiring.compiler.observed else None
         if node.queue:
             wiring.queued.append(node)
     return nodes
@@ -185,7 +189,7 @@ def boundary(wiring: Wiring, event: model.Event) -> None:
     slot = compiler.slot(event.id)
     for node in nodes:
         node.slot, node.fire = slot, steps.fire_boundary
-        node.act = steps.wait if compiler.observed else None
+        node.act = OBSERVED if compiler.observed else None
     wiring.place(event, nodes[0], nodes)
     wiring.boundaries.setdefault(event.attached_to, []).extend(nodes)
 
@@ -211,14 +215,14 @@ def gateway(wiring: Wiring, element: model.Gateway) -> None:
     if element.kind == "event":
         if element.instantiate:
             raise refuse("event-based gateways that start a process are not executed by this version", element, wiring)
-        node.step = steps.choose
+        node.step = gateways.choose
         compiler.watch(node)
         return
     node.index = node.slot
     if element.kind in ("parallel", "inclusive") and len(element.incoming) > 1:
         node.need = len(element.incoming)
         for number, flow in enumerate(element.incoming):
-            step: Step = steps.arrive if element.kind == "parallel" else steps.arrive_inclusive
+            step: Step = gateways.arrive if element.kind == "parallel" else gateways.arrive_inclusive
             port = compiler.node(element, step, wiring.file, part=f"/{number}")
             port.join, port.need = node, number
             wiring.ports[flow] = port
@@ -237,11 +241,12 @@ def link_alternatives(wiring: Wiring, node: Node, element: model.Gateway) -> Non
             choice = wiring.compiler.node(target, steps.wait, wiring.file, part=f"@{element.id}")
             choice.kind = "message"
             listen(wiring, target, choice, target.topic)
-            choice.fire, choice.slot = steps.fire_alternative, slot
+            choice.fire, choice.slot = gateways.fire_alternative, slot
             choices = [choice]
         else:
             raise refuse(f"leads to {target.id}, which is no catching event or receive task", element, wiring)
         for choice in choices:
+            choice.via, choice.act = id, OBSERVED if wiring.compiler.observed else None
             choice.guard = wiring.main[target.id]
             choice.next = wiring.main[target.id].next or wiring.main[target.id].alternatives[0].next
         found.extend(choices)
@@ -251,17 +256,20 @@ def link_alternatives(wiring: Wiring, node: Node, element: model.Gateway) -> Non
 
 
 def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
-    """For each element of a body, which incoming flows of an inclusive join it reaches without passing the join."""
+    """For each element of a body, which incoming flows of an inclusive join it reaches without passing the join.
+
+    So for each sequence flow.
+    """
     before: dict[str, list[str]] = {}
     for flow in content.flows:
-        before.setdefault(flow.target, []).append(flow.source)
+        before.setdefault(flow.target, []).append(flow.id)
+        before[flow.id] = [flow.source]
     for node in content.nodes:
         if isinstance(node, model.Event) and node.place == "boundary":
             before.setdefault(node.id, []).append(node.attached_to)
-    sources = {flow.id: flow.source for flow in content.flows}
     found: dict[str, int] = {"": 0}
     for number, flow_id in enumerate(join.incoming):
-        pending, seen = [sources[flow_id]], {join.id}
+        pending, seen = [flow_id], {join.id}
         while pending:
             id = pending.pop()
             if id not in seen:
@@ -290,7 +298,7 @@ def activity(wiring: Wiring, element: model.Activity) -> None:
     if io is not None:
         own_variables(wiring, element, node, io)
     node.slot = compiler.slot(element.id)
-    if node.step in (steps.pass_on, steps.script, steps.evaluate, steps.send):
+    if node.step in (steps.pass_on, activities.script, activities.evaluate, steps.send):
         node.index = node.slot
     compiler.watch(node)
     wiring.place(element, node)
@@ -303,10 +311,10 @@ def work(wiring: Wiring, element: model.Activity) -> Node:
     if isinstance(element, model.SubProcess):
         if element.kind != "embedded":
             raise refuse(f"{element.kind} sub-processes are not executed by this version", element, wiring)
-        node.step, node.kind = steps.enter, "scope"
+        node.step, node.kind = activities.enter, "scope"
         node.body = compiler.body(element.id, element.body, wiring.file)
     elif isinstance(element, model.CallActivity):
-        node.step, node.kind = steps.enter, "scope"
+        node.step, node.kind = activities.enter, "scope"
         node.body = compiler.call(element, wiring.file)
     else:
         assert isinstance(element, model.Task)
@@ -318,10 +326,10 @@ def task(wiring: Wiring, element: model.Task, node: Node) -> None:
     """What a task does, by its kind."""
     compiler = wiring.compiler
     if element.script is not None and element.script.language in ("python", "javascript"):
-        node.step, node.kind = steps.script, "script"
+        node.step, node.kind = activities.script, "script"
         node.run = compiler.host.compile(element.script, element=element.id, file=wiring.file, script=True)
     elif element.script is not None:
-        node.step, node.kind, node.variable = steps.evaluate, "script", element.result_variable
+        node.step, node.kind, node.variable = activities.evaluate, "script", element.result_variable
         node.run = compiler.expression(element.script, element, wiring.file)
     elif element.kind in ("user", "manual"):
         node.step, node.kind, node.fire = steps.wait, "user", steps.fire_catch
@@ -341,7 +349,7 @@ def task(wiring: Wiring, element: model.Task, node: Node) -> None:
     elif element.kind == "service":
         if not element.operation:
             raise refuse("a service task needs the name of what it calls", element, wiring)
-        node.step, node.kind, node.variable = steps.evaluate, "script", element.result_variable
+        node.step, node.kind, node.variable = activities.evaluate, "script", element.result_variable
         node.run = service(wiring, element)
     elif element.kind == "business_rule":
         raise refuse("business rule tasks are not executed: DMN is not supported", element, wiring)
@@ -355,7 +363,7 @@ def service(wiring: Wiring, element: model.Task) -> Compiled:
 def wrapped(wiring: Wiring, element: model.Activity, inner: Node) -> Node:
     """A task that has variables of its own runs in a scope of its own."""
     compiler = wiring.compiler
-    node = compiler.node(element, steps.enter, wiring.file, part="/own")
+    node = compiler.node(element, activities.enter, wiring.file, part="/own")
     node.kind, node.body = "scope", Body(element.id)
     inner.key += "/inner"
     inner.next = compiler.node(element, steps.end, wiring.file, part="/inner/end")

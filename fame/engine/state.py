@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.errors import MissionError
@@ -23,6 +25,9 @@ Step = Callable[["Engine", "Scope", "Node"], "Node | None"]
 RUNNING, DEAD = 0, -1
 """States of a scope. A positive state counts the suspensions that hold it."""
 
+DEPTH = 1000
+"""How deep calls and sub-processes may nest."""
+
 UNCOUNTED = 0
 """The slot of nodes whose passing is not the completion of an element."""
 
@@ -32,25 +37,26 @@ class Node:
 
     __slots__ = (
         "act", "all_in", "all_out", "alternatives", "armed", "body", "code", "code_variable", "default", "errors",
-        "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting", "join", "key", "kind", "line",
-        "masks", "message_variable", "need", "next", "number", "out", "outputs", "own", "queue", "resume", "run",
-        "shares", "slot", "step", "take", "timer", "topic", "variable",
+        "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting", "join", "key", "keys", "kind",
+        "line", "loop", "masks", "message_variable", "need", "next", "out", "outputs", "own", "queue", "resume", "run",
+        "shares", "slot", "step", "take", "timer", "topic", "variable", "via",
     )  # fmt: skip
 
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
-        self.id, self.key, self.step, self.act = id, key, step, step
+        self.id, self.key, self.step = id, key, step
+        self.act: Step | None = None  # in an observed program: what the step is without telling
         self.line, self.file = line, file
         self.index = self.slot = UNCOUNTED  # of `counts`: added to when a token comes here; when it has completed here
-        self.number = -1  # place in Program.nodes
         self.next: Node | None = None
         self.out: tuple[Any, ...] = ()  # fork: nodes; exclusive: (condition, node)
         self.default: Node | None = None
         self.guard: Node = self  # whose boundary events catch an error here
         self.kind = ""  # what wakes a token that rests here: signal, message, timer, condition, user, script
-        self.fire: Callable[[Engine, Rest, Any], None] | None = None
+        self.fire: Callable[[Engine, Rest], None] | None = None
         self.run: Any = None  # script, payload, condition or timer text, compiled
         self.take: Callable[[dict[str, Any], Any], None] | None = None
         self.topic, self.timer, self.variable, self.queue = "", "", "", 0
+        self.keys: tuple[tuple[str, Any], ...] = ()  # what correlates a message: variable, expression over `msg`
         self.body: Body | None = None
         self.own = False  # whether its body has variables of its own
         self.shares = True  # whether those are chained to the variables outside
@@ -61,12 +67,14 @@ class Node:
         self.errors: tuple[Node, ...] = ()
         self.escalations: tuple[Node, ...] = ()
         self.alternatives: tuple[Node, ...] = ()
+        self.via = ""  # of an alternative: the sequence flow that leads to its event
         self.interrupting, self.resume = True, False
         self.code: str | None = None
         self.code_variable = self.message_variable = ""
         self.join: Node | None = None  # of a port
         self.need = 0  # of a join: how many flows come in; of a port: which it is
-        self.masks: dict[str, int] = {}  # of an inclusive join: node id -> flows of the join that it reaches
+        self.masks: dict[str, int] = {}  # of an inclusive join: id -> flows of the join that it reaches
+        self.loop: Any = None  # of a multi-instance activity or loop: how it repeats
 
     def __repr__(self) -> str:
         return f"<Node {self.key}>"
@@ -89,21 +97,30 @@ class Body:
 class Program:
     """A process, compiled, with everything it calls. Immutable; any number of engines may run it.
 
-    `starts` are its start events by topic, `timers` those with a timer, `begin` is the none start (None if there is
-    none). `elements[slot]` is the id whose completions are counted there. `hash` names the model.
+    `starts` are its start events by topic, `timed` those with a timer, `begin` is the none start (None if there is
+    none). `elements[slot]` is the id whose completions are counted there. `nodes` are found by their keys.
     """
 
-    def __init__(self, process: str, hash: str) -> None:
-        self.process, self.hash = process, hash
+    def __init__(self, process: str, name: str = "", observed: bool = False) -> None:
+        self.process, self.name, self.observed = process, name, observed
+        self.sources: list[Any] = []  # the models of the process and all that it calls
         self.body: Body
         self.nodes: list[Node] = []
         self.elements: list[str] = [""]
         self.starts: dict[str, tuple[Node, ...]] = {}
-        self.messages: frozenset[str] = frozenset()  # topics of BPMN messages: each goes to one catcher
         self.timed: tuple[Node, ...] = ()
-        self.conditional: tuple[Node, ...] = ()
         self.begin: Node | None = None
         self.instances: int | None = None
+
+    @cached_property
+    def hash(self) -> str:
+        """Names what it was compiled from."""
+        return self.name or sha256(repr(self.sources).encode()).hexdigest()
+
+    @cached_property
+    def by_key(self) -> dict[str, Node]:
+        """Its nodes by key."""
+        return {node.key: node for node in self.nodes}
 
 
 class Scope:
@@ -112,13 +129,15 @@ class Scope:
     tokens    those in `ready`, at rest, in child scopes and at joins, together
     children  rests and scopes in it, in the order of entry: what cancellation walks
     arms      boundary events that guard it
-    handles   the event sub-process whose handler it is, if it took the place of the scope that it interrupted
+    handles   event sub-processes that took its place by interrupting it, the first one first
+    suspender the handler that holds everything in it that is older than key `mark`
     leaving   keys of cancelled scripts that what goes on here waits for
     held      nodes of tokens that wait for the end of a suspension
     """
 
     __slots__ = ("arms", "body", "children", "counts", "depth", "handles", "held", "instance", "items", "joins", "key",
-                 "leaving", "mail", "node", "parent", "state", "suspender", "tokens", "variables")  # fmt: skip
+                 "leaving", "mail", "mark", "node", "parent", "state", "suspender", "tokens",
+                 "variables")  # fmt: skip
 
     def __init__(
         self, key: int, parent: Scope | None, node: Node | None, body: Body | None, variables: dict[str, Any]
@@ -129,8 +148,9 @@ class Scope:
         self.arms: list[Rest] = []
         self.joins: dict[Node, list[int]] | None = None
         self.mail: dict[Node, Mailbox] | None = None
-        self.handles: Node | None = None
+        self.handles: tuple[Node, ...] = ()
         self.suspender: Scope | None = None
+        self.mark = 0
         self.leaving: dict[int, None] = {}
         self.held: list[Node] = []
         self.items: Any = None  # of a multi-instance activity or loop: its progress
@@ -140,6 +160,11 @@ class Scope:
         if parent is not None:
             self.instance, self.counts, self.depth = parent.instance, parent.counts, parent.depth + 1
 
+    @property
+    def alive(self) -> bool:
+        """Whether it goes on, be it suspended."""
+        return self.state >= 0
+
 
 class Rest:
     """A resting token, or something armed that holds none (boundary event, start of an event sub-process, alternative).
@@ -148,15 +173,19 @@ class Rest:
     arms    what is armed because of it: boundary events, alternatives
     paused  suspensions that hold it
     due     sequence number at which it came due while it was paused, 0 if it did not
+    started whether a script of it was begun
+    true    of a conditional event: the value at the last look
+    box     messages that it keeps while it is paused, if it has a queue of its own
     """
 
-    __slots__ = ("alive", "arms", "due", "key", "node", "owner", "paused", "scope", "started", "token", "true")
+    __slots__ = ("alive", "arms", "box", "due", "key", "node", "owner", "paused", "scope", "started", "token", "true")
 
     def __init__(self, key: int, node: Node, scope: Scope, token: bool, owner: Scope | Rest | None = None) -> None:
         self.key, self.node, self.scope, self.token, self.owner = key, node, scope, token, owner
         self.alive, self.true, self.started = True, False, False
         self.paused = self.due = 0
         self.arms: list[Rest] = []
+        self.box: Mailbox | None = None
 
 
 class Mailbox:
@@ -218,6 +247,15 @@ class Instance:
     def waiting(self) -> Sequence[str]:
         """Ids of the elements that hold a token at rest."""
         return [rest.node.id for rest in self.rests()]
+
+
+class Departure:
+    """What goes on when scripts that were cancelled are out: a token at `node`."""
+
+    __slots__ = ("node", "pending", "scope")
+
+    def __init__(self, pending: int, node: Node, scope: Scope) -> None:
+        self.pending, self.node, self.scope = pending, node, scope
 
 
 def scopes_of(root: Scope) -> Iterator[Scope]:

@@ -1,0 +1,96 @@
+"""Errors and escalations: how they climb until something catches them (DESIGN section 3; standard 13.5.2).
+
+From the failing activity outwards: its boundary events, then the event sub-process of its scope; then the activity
+that this scope is has failed, through sub-processes and calls alike. What fails in a handler has failed outside the
+scope that it handles.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.engine import scopes, steps
+from fame.engine.host import BpmnError
+from fame.engine.state import Node, Scope
+
+if TYPE_CHECKING:
+    from fame.engine.interpreter import Engine
+
+
+def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None:
+    """An element failed: find who catches it, else the instance fails."""
+    code = error.code if isinstance(error, BpmnError) else "script"
+    text = str(error) or type(error).__name__
+    if node.guard.act is not None:
+        engine.tell(scope.instance.key, scope.key, node.id, "fail", code)
+    failing: Node | None = node.guard
+    place: Scope | None = scope
+    inner: Scope | None = None  # the scope that the failing activity is, if it is one
+    if node.guard.kind == "handler":  # the trigger of an event sub-process is part of it
+        inner, failing, place = scope, scope.node, scope.parent
+    while place is not None and failing is not None:
+        catcher = matching(failing.errors, code)
+        if catcher is not None:
+            note(catcher, place, code, text)
+            scopes.happen(engine, place, catcher)
+            if inner is not None:
+                scopes.kill(engine, inner)
+            assert catcher.next is not None
+            scopes.proceed(engine, catcher.next, place)
+            return
+        handler = matching(place.body.errors, code) if place.body is not None else None
+        if handler is not None:
+            note(handler, place, code, text)
+            steps.open_handler(engine, scopes.replace(engine, place, (*place.handles, handler.guard)), handler)
+            return
+        if place.node is not None and place.node.kind == "handler" and place.parent is not None:
+            place = place.parent  # the scope that it handles fails with it
+        inner, failing, place = place, place.node, place.parent
+    engine.abandon(scope.instance, node, describe(error, code), code, error)
+
+
+def escalate(engine: Engine, scope: Scope, node: Node) -> None:
+    """An escalation climbs likewise; the thrower goes on unless something interrupting caught it."""
+    place: Scope | None = scope
+    while place is not None:
+        handler = matching(place.body.escalations, node.code) if place.body is not None else None
+        if handler is not None and not (handler.resume and place.suspender is not None):
+            note(handler, place, node.code or "", "")
+            steps.begin_handler(engine, place, handler)
+            return
+        if place.node is not None and place.node.kind == "handler" and place.parent is not None:
+            place = place.parent
+        inner, place = place, place.parent
+        catcher = matching(inner.node.escalations, node.code) if inner.node is not None else None
+        if catcher is not None and place is not None:
+            note(catcher, place, node.code or "", "")
+            steps.take_boundary(engine, place, catcher, inner)
+            return
+    engine.host.report(node.id, f"escalation {node.code or 'without code'} was not caught")
+
+
+def matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
+    """The catcher of a code: an exact one beats one that catches all."""
+    for catcher in catchers:
+        if catcher.code == code and code is not None:
+            return catcher
+    for catcher in catchers:
+        if catcher.code is None:
+            return catcher
+    return None
+
+
+def note(catcher: Node, scope: Scope, code: str, text: str) -> None:
+    """Set the variables in which a catching event wants code and text."""
+    if catcher.code_variable:
+        scope.variables[catcher.code_variable] = code
+    if catcher.message_variable:
+        scope.variables[catcher.message_variable] = text
+
+
+def describe(error: BaseException, code: str) -> str:
+    """An uncaught error, in words."""
+    if isinstance(error, BpmnError):
+        said = f": {error.message}" if error.message != code else ""
+        return f"error {code or 'without code'} was not caught{said}"
+    return f"{type(error).__name__}: {error}"

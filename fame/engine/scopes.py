@@ -1,0 +1,201 @@
+"""Scopes: how they open, end, are cancelled and replaced, and what waits for what is cancelled.
+
+Whoever cancels (`kill`, `replace`, `cancel_rest`) says what goes on afterwards through `proceed`: at once, or when the
+last of the cancelled scripts is out.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from fame.engine import activities, suspension, waiting
+from fame.engine.state import DEAD, RUNNING, Body, Departure, Node, Rest, Scope
+
+if TYPE_CHECKING:
+    from fame.engine.interpreter import Engine
+
+
+def child(engine: Engine, parent: Scope, node: Node, body: Body | None, variables: dict[str, Any]) -> Scope:
+    """A new scope inside another."""
+    scope = Scope(engine.new_key(), parent, node, body, variables)
+    parent.children[scope] = None
+    return scope
+
+
+def open_scope(engine: Engine, scope: Scope) -> None:
+    """Arm what listens as long as the scope lives: event sub-processes, and queues of catching events."""
+    body = scope.body
+    if body is None:
+        return
+    if body.queued:
+        scope.mail = {node: waiting.mailbox(engine, node, scope) for node in body.queued}
+    if body.armed:
+        rests = [Rest(engine.new_key(), node, scope, False, scope) for node in body.armed]
+        scope.children.update(dict.fromkeys(rests))
+        for rest in rests:
+            if rest.alive and not rest.paused:  # a condition that is true already ends or suspends the scope
+                waiting.arm(engine, rest)
+
+
+def close_scope(engine: Engine, scope: Scope) -> None:
+    """The opposite, with all that guards it."""
+    scope.state = DEAD
+    if scope.arms:
+        for arm in scope.arms:
+            waiting.disarm(engine, arm)
+        scope.arms = []
+    if scope.children:
+        for inner in scope.children:
+            if inner.__class__ is Rest:
+                waiting.disarm(engine, inner)
+        scope.children = {}
+    if scope.mail:
+        for box in scope.mail.values():
+            waiting.drop(engine, box)
+        scope.mail = None
+    if scope.joins:
+        engine.inclusive.pop(scope, None)
+        scope.joins = None
+
+
+def end_token(engine: Engine, scope: Scope) -> None:
+    """A token ends; with the last one, the scope."""
+    scope.tokens -= 1
+    if not scope.tokens:
+        finish(engine, scope)
+
+
+def finish(engine: Engine, scope: Scope) -> None:
+    """The last token of a scope is gone: the scope ends, and so may those around it."""
+    while True:
+        node, parent = scope.node, scope.parent
+        close_scope(engine, scope)
+        for handler in reversed(scope.handles):
+            count(engine, scope, handler)
+        if parent is None:
+            engine.conclude(scope.instance, "completed")
+            return
+        parent.children.pop(scope, None)
+        assert node is not None
+        if node.kind != "handler":
+            activities.leave(engine, parent, node, scope)
+            return
+        count(engine, scope, node)
+        parent.tokens -= 1
+        if parent.suspender is scope:
+            suspension.resume(engine, parent)
+        if parent.tokens:
+            return
+        scope = parent
+
+
+def count(engine: Engine, scope: Scope, node: Node) -> None:
+    """An element has completed."""
+    scope.counts[node.slot] += 1
+    if node.act is not None:
+        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+
+
+def happen(engine: Engine, scope: Scope, node: Node) -> None:
+    """An event at which no token came has happened: it is entered and left in one."""
+    scope.counts[node.slot] += 1
+    if node.act is not None:
+        engine.tell(scope.instance.key, scope.key, node.id, "enter")
+        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+
+
+def complete(engine: Engine, scope: Scope, node: Node) -> None:
+    """An element at which a token rested has completed: the token goes on."""
+    scope.counts[node.slot] += 1
+    if node.act is not None:
+        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+    engine.ready.append((node.next, scope))
+
+
+# ---- cancellation --------------------------------------------------------------------------------
+
+
+def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
+    """Cancel what goes on in a scope; a new one takes its place, with one token, under the same guards."""
+    parent = scope.parent
+    heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
+    heir.instance, heir.counts, heir.depth = scope.instance, scope.counts, scope.depth
+    heir.handles, heir.items, heir.state = handles, scope.items, RUNNING
+    heir.arms, scope.arms = scope.arms, []
+    for arm in heir.arms:
+        arm.owner = heir
+    kill(engine, scope, told=False)
+    if parent is None:
+        scope.instance.root = heir
+    else:
+        parent.children[heir] = None
+        if parent.suspender is scope:
+            parent.suspender = heir
+    return heir
+
+
+def kill(engine: Engine, scope: Scope, told: bool = True) -> None:
+    """Mark a subtree dead at once; `told`: observers hear that its own element was cancelled, too."""
+    if scope.parent is not None:
+        scope.parent.children.pop(scope, None)
+    if told:
+        tell_cancelled(engine, scope)
+    doomed = subtree(scope)
+    for victim in doomed:
+        engine.departing.extend(victim.leaving)
+        for inner in victim.children:
+            if inner.__class__ is Rest:
+                cancel_rest(engine, inner)
+            else:
+                tell_cancelled(engine, inner)  # type: ignore[arg-type]
+    for victim in doomed:
+        close_scope(engine, victim)
+
+
+def tell_cancelled(engine: Engine, scope: Scope) -> None:
+    """Observers hear that the element of a scope was cancelled."""
+    if scope.node is not None and scope.node.act is not None and scope.parent is not None:
+        engine.tell(scope.instance.key, scope.parent.key, scope.node.id, "cancel")
+
+
+def cancel_rest(engine: Engine, rest: Rest) -> None:
+    """A token at rest is cancelled."""
+    if rest.started and not rest.paused:
+        leave_script(engine, rest)
+    if rest.token and rest.node.act is not None:
+        engine.tell(rest.scope.instance.key, rest.scope.key, rest.node.id, "cancel")
+    waiting.disarm(engine, rest)
+
+
+def leave_script(engine: Engine, rest: Rest) -> None:
+    """Cancel the script of a rest; if it takes its time, `proceed` will wait for it."""
+    if not engine.host.cancel(rest.key):
+        engine.departing.append(rest.key)
+    engine.alert = bool(engine.conditions)  # what it published on its way out is no matter of the token at work
+
+
+def withdraw(engine: Engine, rest: Rest) -> None:
+    """A token leaves its rest, or what was armed fires for the last time."""
+    rest.scope.children.pop(rest, None)
+    waiting.disarm(engine, rest)
+
+
+def proceed(engine: Engine, node: Node, scope: Scope) -> None:
+    """A token goes to `node` when all that was just cancelled is out."""
+    if engine.departing:
+        departure = Departure(len(engine.departing), node, scope)
+        for key in engine.departing:
+            engine.leaving[key] = departure
+            scope.leaving[key] = None
+        engine.departing = []
+    else:
+        engine.ready.append((node, scope))
+
+
+def subtree(scope: Scope) -> list[Scope]:
+    """A scope and all scopes in it, outer ones first."""
+    found, reached = [scope], 0
+    while reached < len(found):
+        found.extend(inner for inner in found[reached].children if isinstance(inner, Scope))
+        reached += 1
+    return found

@@ -1,0 +1,348 @@
+"""An engine's state as data, and the engine again (DESIGN section 3, "State is data").
+
+Scopes, rests and mailboxes are named by their integer keys, nodes by their keys in the program, which is itself named
+by its hash: a state is of use with that program alone. What is no data stays behind: functions, classes and modules
+among the variables. Scripts that wait start again (`Engine.restart`); those that were leaving are taken for gone.
+Timers are the host's: it keeps when the rests that it knows by key are due.
+
+Invariant: ``snapshot(restore(program, snapshot(engine), ...)) == snapshot(engine)``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from types import ModuleType
+from typing import Any
+
+from fame.engine.host import Host
+from fame.engine.interpreter import Engine
+from fame.engine.state import Body, Departure, Instance, Mailbox, Program, Rest, Scope, scopes_of
+from fame.engine.steps import FAILED, FINISH
+from fame.engine.variables import Variables
+from fame.errors import MissionError
+
+Data = dict[str, Any]
+Convert = Callable[[Any], Any]
+_ERROR = ("text", "element", "file", "line", "code")
+
+
+def no_data(value: Any) -> Any:
+    """What there is to do with a value that is no plain data and that nobody converts. Raises MissionError."""
+    raise MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: it is no plain data")
+
+
+# ---- to data -------------------------------------------------------------------------------------
+
+
+def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
+    """The state of an engine between two stimuli, as JSON-able data.
+
+    `dump` makes plain data of values that are none (messages, arrays). Raises MissionError for values that it cannot.
+    """
+    if engine.ready or engine.departing:
+        raise RuntimeError("a snapshot is taken between two stimuli")
+    scopes = all_scopes(engine)
+    rests = all_rests(scopes)
+    boxes = {box.key: box for scope in scopes for box in (scope.mail or {}).values()}
+    boxes |= {rest.box.key: rest.box for rest in rests if rest.box is not None}
+    dicts = _Dicts()
+    homes = {node.body: node.key for node in reversed(engine.program.nodes) if node.body is not None}
+    return {
+        "program": engine.program.hash,
+        "observed": engine.program.observed,
+        "counter": engine.counter,
+        "instances": [_instance(instance, dicts) for instance in engine.instances.values()],
+        "scopes": [_scope(scope, dicts, {**homes, engine.program.body: ""}) for scope in scopes],
+        "rests": [_rest(rest) for rest in rests],
+        "boxes": [_box(box, dump) for box in boxes.values()],
+        "listeners": {topic: [item.key for item in found] for topic, found in engine.listeners.items()},
+        "conditions": [rest.key for rest in engine.conditions],
+        "named": list(engine.rests),
+        "inclusive": [scope.key for scope in engine.inclusive],
+        "departures": [_departure(item) for item in dict.fromkeys(engine.leaving.values())],
+        "starts": {str(key): node.key for key, node in engine.armed_starts.items()},
+        "waiting_starts": {
+            node.key: [[number, encode(message, dump)] for number, message in kept]
+            for node, kept in engine.waiting_starts.items()
+        },
+        "variables": dicts.written(dump),
+    }
+
+
+class _Dicts:
+    """The dicts of variables, by number: scopes share them, and inner ones refer to outer ones."""
+
+    def __init__(self) -> None:
+        self.found: list[dict[str, Any]] = []
+
+    def number(self, variables: dict[str, Any]) -> int:
+        """The number of a dict, those outside it first."""
+        if isinstance(variables, Variables):
+            self.number(variables.outer)
+        for number, known in enumerate(self.found):
+            if known is variables:
+                return number
+        self.found.append(variables)
+        return len(self.found) - 1
+
+    def written(self, dump: Convert) -> list[Data]:
+        """All that are known."""
+        return [
+            {
+                "outer": self.number(item.outer) if isinstance(item, Variables) else None,
+                "own": {name: encode(value, dump) for name, value in item.items() if is_data(name, value)},
+            }
+            for item in self.found
+        ]
+
+
+def is_data(name: str, value: Any) -> bool:
+    """Whether a variable is data, as `fame.engine.variables.plain` has it."""
+    return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
+
+
+def all_scopes(engine: Engine) -> list[Scope]:
+    """Every scope, outer before inner."""
+    return [scope for instance in engine.instances.values() for scope in scopes_of(instance.root)]
+
+
+def all_rests(scopes: list[Scope]) -> list[Rest]:
+    """Every rest in some scopes, owners before what is armed because of them."""
+    found = [child for scope in scopes for child in scope.children if isinstance(child, Rest)]
+    found += [arm for scope in scopes for arm in scope.arms]
+    found += [arm for rest in tuple(found) for arm in rest.arms]
+    return found
+
+
+def _instance(instance: Instance, dicts: _Dicts) -> Data:
+    error = instance.error
+    return {
+        "key": instance.key,
+        "root": instance.root.key,
+        "counts": list(instance.counts),
+        "variables": dicts.number(instance.root_variables),
+        "error": None if error is None else {name: getattr(error, name) for name in _ERROR},
+    }
+
+
+def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str]) -> Data:
+    return {
+        "key": scope.key,
+        "instance": scope.instance.key,
+        "parent": scope.parent and scope.parent.key,
+        "node": scope.node and scope.node.key,
+        "body": None if scope.body is None else homes[scope.body],
+        "variables": dicts.number(scope.variables),
+        "tokens": scope.tokens,
+        "state": scope.state,
+        "depth": scope.depth,
+        "children": [child.key for child in scope.children],
+        "arms": [arm.key for arm in scope.arms],
+        "joins": None if scope.joins is None else {node.key: list(counts) for node, counts in scope.joins.items()},
+        "mail": None if scope.mail is None else [box.key for box in scope.mail.values()],
+        "handles": [node.key for node in scope.handles],
+        "suspender": scope.suspender and scope.suspender.key,
+        "mark": scope.mark,
+        "held": [node.key for node in scope.held],
+        "items": scope.items,
+    }
+
+
+def _rest(rest: Rest) -> Data:
+    return {
+        "key": rest.key,
+        "node": rest.node.key,
+        "scope": rest.scope.key,
+        "owner": rest.owner and rest.owner.key,
+        "token": rest.token,
+        "true": rest.true,
+        "started": rest.started,
+        "paused": rest.paused,
+        "due": rest.due,
+        "arms": [arm.key for arm in rest.arms],
+        "box": rest.box and rest.box.key,
+    }
+
+
+def _box(box: Mailbox, dump: Convert) -> Data:
+    return {
+        "key": box.key,
+        "node": box.node.key,
+        "scope": box.scope.key,
+        "messages": [[number, encode(message, dump)] for number, message in box.messages],
+        "rests": [rest.key for rest in box.rests],
+    }
+
+
+def _departure(departure: Departure) -> Data:
+    return {"node": departure.node.key, "scope": departure.scope.key}
+
+
+def encode(value: Any, dump: Convert = no_data) -> Any:
+    """A value as JSON-able data. What JSON does not know is an object with one key that begins with ``$``."""
+    if value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    if isinstance(value, float):
+        return {"$float": repr(value)}
+    if isinstance(value, bytes):
+        return {"$bytes": value.hex()}
+    if isinstance(value, list):
+        return [encode(item, dump) for item in value]
+    if isinstance(value, tuple | set | frozenset):
+        items = value if isinstance(value, tuple) else sorted(value, key=repr)
+        return {f"${type(value).__name__}": [encode(item, dump) for item in items]}
+    if isinstance(value, dict):
+        if all(isinstance(key, str) and not key.startswith("$") for key in value):
+            return {key: encode(item, dump) for key, item in value.items()}
+        return {"$dict": [[encode(key, dump), encode(item, dump)] for key, item in value.items()]}
+    return {"$object": encode(dump(value), dump)}
+
+
+# ---- from data -----------------------------------------------------------------------------------
+
+
+def restore(
+    program: Program,
+    data: Data,
+    host: Host,
+    new_variables: Callable[[], dict[str, Any]] = dict,
+    *,
+    load: Convert = no_data,
+) -> Engine:
+    """The engine of a snapshot. Nothing moves, and the host is not asked for anything, until `Engine.restart`.
+
+    `load` makes values of what `dump` made. Raises MissionError for the state of another program.
+    """
+    if (data["program"], data["observed"]) != (program.hash, program.observed):
+        raise MissionError(f"the state is one of program {data['program']}, not of {program.hash}")
+    return _Restoring(program, data, host, new_variables, load).engine
+
+
+class _Restoring:
+    """An engine while it is made: first everything by key, then what refers to what."""
+
+    def __init__(
+        self, program: Program, data: Data, host: Host, new_variables: Callable[[], dict[str, Any]], load: Convert
+    ) -> None:
+        self.data, self.load = data, load
+        self.engine = Engine(program, host, new_variables)
+        self.nodes = {**program.by_key, FINISH.key: FINISH, FAILED.key: FAILED}
+        self.dicts = self._variables(new_variables)
+        self.instances = {item["key"]: self._instance(item) for item in data["instances"]}
+        self.scopes: dict[int, Scope] = {}
+        for item in data["scopes"]:
+            self.scopes[item["key"]] = self._scope(item)
+        self.rests = {item["key"]: self._rest(item) for item in data["rests"]}
+        self.boxes = {item["key"]: self._box(item) for item in data["boxes"]}
+        self.everything: dict[int, Any] = {**self.scopes, **self.rests, **self.boxes}
+        for item in data["scopes"]:
+            self._connect_scope(self.scopes[item["key"]], item)
+        for item in data["rests"]:
+            self._connect_rest(self.rests[item["key"]], item)
+        self._tables()
+
+    def _variables(self, new_variables: Callable[[], dict[str, Any]]) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = []
+        for item in self.data["variables"]:
+            own = {name: decode(value, self.load) for name, value in item["own"].items()}
+            if item["outer"] is None:
+                found.append({**new_variables(), **own})
+            else:
+                found.append(Variables(found[item["outer"]], own))
+        return found
+
+    def _instance(self, item: Data) -> Instance:
+        instance = Instance(item["key"], self.engine.program, self.dicts[item["variables"]])
+        instance.counts = item["counts"]
+        if item["error"] is not None:
+            said = dict(item["error"])
+            instance.error = MissionError(said.pop("text"), **said)
+        return instance
+
+    def _scope(self, item: Data) -> Scope:
+        parent = self.scopes.get(item["parent"])
+        node = self.nodes.get(item["node"])
+        scope = Scope(item["key"], parent, node, self._body(item["body"]), self.dicts[item["variables"]])
+        scope.instance = self.instances[item["instance"]]
+        scope.counts = scope.instance.counts
+        if parent is None:
+            scope.instance.root = scope
+        scope.tokens, scope.state, scope.depth, scope.mark = item["tokens"], item["state"], item["depth"], item["mark"]
+        scope.handles = tuple(self.nodes[key] for key in item["handles"])
+        scope.held = [self.nodes[key] for key in item["held"]]
+        scope.items = item["items"]
+        if item["joins"] is not None:
+            scope.joins = {self.nodes[key]: counts for key, counts in item["joins"].items()}
+        return scope
+
+    def _body(self, key: str | None) -> Body | None:
+        if key is None:
+            return None
+        return self.nodes[key].body if key else self.engine.program.body
+
+    def _rest(self, item: Data) -> Rest:
+        rest = Rest(item["key"], self.nodes[item["node"]], self.scopes[item["scope"]], item["token"])
+        rest.true, rest.started, rest.paused, rest.due = item["true"], item["started"], item["paused"], item["due"]
+        return rest
+
+    def _box(self, item: Data) -> Mailbox:
+        box = Mailbox(item["key"], self.nodes[item["node"]], self.scopes[item["scope"]])
+        box.messages.extend((number, decode(message, self.load)) for number, message in item["messages"])
+        box.rests = {self.rests[key]: None for key in item["rests"]}
+        return box
+
+    def _connect_scope(self, scope: Scope, item: Data) -> None:
+        scope.children = {self.everything[key]: None for key in item["children"]}
+        scope.arms = [self.rests[key] for key in item["arms"]]
+        scope.suspender = self.scopes.get(item["suspender"])
+        if item["mail"] is not None:
+            scope.mail = {self.boxes[key].node: self.boxes[key] for key in item["mail"]}
+
+    def _connect_rest(self, rest: Rest, item: Data) -> None:
+        rest.owner = self.everything.get(item["owner"])
+        rest.arms = [self.rests[key] for key in item["arms"]]
+        rest.box = self.boxes.get(item["box"])
+
+    def _tables(self) -> None:
+        engine, data = self.engine, self.data
+        engine.counter = data["counter"]
+        engine.instances = self.instances
+        engine.listeners = {
+            topic: {self.everything[key]: None for key in keys} for topic, keys in data["listeners"].items()
+        }
+        engine.conditions = {self.rests[key]: None for key in data["conditions"]}
+        engine.rests = {key: self.rests[key] for key in data["named"]}
+        engine.inclusive = {self.scopes[key]: None for key in data["inclusive"]}
+        engine.armed_starts = {int(key): self.nodes[node] for key, node in data["starts"].items()}
+        for key, kept in data["waiting_starts"].items():
+            node = self.nodes[key]
+            messages = ((number, decode(message, self.load)) for number, message in kept)
+            engine.waiting_starts[node] = deque(messages, maxlen=node.queue)
+        for item in data["departures"]:
+            engine.ready.append((self.nodes[item["node"]], self.scopes[item["scope"]]))
+
+
+def decode(data: Any, load: Convert = no_data) -> Any:
+    """The opposite of `encode`."""
+    if isinstance(data, list):
+        return [decode(item, load) for item in data]
+    if not isinstance(data, dict):
+        return data
+    if len(data) == 1:
+        ((kind, inner),) = data.items()
+        if kind in _DECODERS:
+            return _DECODERS[kind](inner, load)
+    return {key: decode(item, load) for key, item in data.items()}
+
+
+_DECODERS: dict[str, Callable[[Any, Convert], Any]] = {
+    "$float": lambda inner, load: float(inner),
+    "$bytes": lambda inner, load: bytes.fromhex(inner),
+    "$tuple": lambda inner, load: tuple(decode(inner, load)),
+    "$set": lambda inner, load: set(decode(inner, load)),
+    "$frozenset": lambda inner, load: frozenset(decode(inner, load)),
+    "$dict": lambda inner, load: {decode(key, load): decode(value, load) for key, value in inner},
+    "$object": lambda inner, load: load(decode(inner, load)),
+}

@@ -1,0 +1,94 @@
+"""Suspension: what an event sub-process with ``resume=true`` does to its scope instead of cancelling it.
+
+`suspend` holds everything that goes on in the scope when its handler begins, at any depth: scopes count the
+suspensions that hold them in `state`, rests in `paused`. Tasks are cancelled, to be started again; catches are deaf;
+timers run on and leave a mark in `due`. What begins in the scope while the handler runs (other event sub-processes) is
+younger than the handler, and so not held.
+"""
+
+from __future__ import annotations
+
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+from fame.engine import activities, scopes, waiting
+from fame.engine.state import Rest, Scope
+
+if TYPE_CHECKING:
+    from fame.engine.interpreter import Engine
+
+
+def suspend(engine: Engine, scope: Scope, handler: Scope) -> None:
+    """Hold all that goes on in a scope, but for `handler` and the other event sub-processes that wait there."""
+    scope.suspender, scope.mark = handler, handler.key
+    scope.state += 1
+    for inner in held_scopes(scope):
+        inner.state += 1
+    for resting in held_rests(scope):
+        pause(engine, resting)
+    engine.host.make_safe("suspended")
+
+
+def resume(engine: Engine, scope: Scope) -> None:
+    """The handler has ended normally: all goes on."""
+    scope.suspender = None
+    released, awake = [scope, *held_scopes(scope)], held_rests(scope)
+    for inner in released:
+        inner.state -= 1
+        if not inner.state and inner.held:
+            engine.ready.extend((node, inner) for node in inner.held)
+            inner.held = []
+    for resting in awake:
+        resting.paused -= 1
+    fire_due(engine, awake)
+    for resting in awake:
+        if resting.alive and not resting.paused:
+            revive(engine, resting)
+
+
+def held_scopes(scope: Scope) -> list[Scope]:
+    """The scopes in it, at any depth, that its suspension holds."""
+    older = [inner for inner in scope.children if isinstance(inner, Scope) and inner.key < scope.mark]
+    return [inner for outer in older for inner in scopes.subtree(outer)]
+
+
+def held_rests(scope: Scope) -> list[Rest]:
+    """The rests that its suspension holds, and what is armed because of them, in the order of arming."""
+    found = [inner for inner in scope.children if isinstance(inner, Rest) and (inner.token or inner.node.resume)]
+    for inner in held_scopes(scope):
+        found += inner.arms
+        found += (resting for resting in inner.children if isinstance(resting, Rest))
+    found += [armed for resting in found for armed in resting.arms]
+    return sorted(found, key=attrgetter("key"))
+
+
+def pause(engine: Engine, resting: Rest) -> None:
+    """It stops listening (its queue does not); a running task is cancelled, to be started again."""
+    resting.paused += 1
+    if resting.paused == 1:
+        if resting.started:
+            scopes.leave_script(engine, resting)
+        waiting.deafen(engine, resting)
+
+
+def fire_due(engine: Engine, rests: list[Rest]) -> None:
+    """Let those fire that came due while they were held, in due order."""
+    due = [resting for resting in rests if resting.due and not resting.paused]
+    for resting in sorted(due, key=attrgetter("due")):
+        resting.due = 0
+        waiting.fire(engine, resting)
+
+
+def revive(engine: Engine, resting: Rest) -> None:
+    """A rest that was held waits again; a task starts again; the handler's own trigger is armed anew."""
+    kind = resting.node.kind
+    if kind in ("signal", "message"):
+        waiting.listen(engine, resting)
+    elif kind == "condition":
+        resting.true = False
+        waiting.arm(engine, resting)
+    elif kind == "timer":
+        if resting.node.resume and resting.key not in engine.rests:
+            waiting.set_timer(engine, resting)
+    elif resting.started:
+        activities.restart(engine, resting)

@@ -1,0 +1,72 @@
+"""What a caught message does to the variables (DESIGN section 3, "A caught message")."""
+
+from __future__ import annotations
+
+from conftest import Play
+from engine_models import (
+    boundary,
+    catch,
+    element,
+    error,
+    extensions,
+    handler,
+    path,
+    properties,
+    signal,
+    start,
+    sub,
+    user,
+)
+
+POINT = {"x": 1.0, "y": 2.0}
+
+
+def mapped(name: str, text: str) -> str:
+    output = f'<camunda:outputParameter name="{name}">{text}</camunda:outputParameter>'
+    return f"<camunda:inputOutput>{output}</camunda:inputOutput>"
+
+
+def caught(*inside: str, type: str = "geometry_msgs/msg/Vector3") -> str:
+    said = f'<camunda:properties><camunda:property name="type" value="{type}"/></camunda:properties>'
+    return (
+        start() + catch("c", extensions(said + inside[0] if inside else said), *inside[1:], signal("A")) + path("s c")
+    )
+
+
+def test_without_a_mapping_one_variable_named_like_the_signal_takes_the_message(play: Play) -> None:
+    found = play(caught()).run().signal("A", POINT).variables
+    assert list(found) == ["A"]
+    assert (found["A"].x, found["A"].y) == (1.0, 2.0)
+
+
+def test_of_a_wrapper_it_takes_the_bare_value(play: Play) -> None:
+    assert play(caught(type="std_msgs/msg/String")).run().signal("A", "weed").variables == {"A": "weed"}
+
+
+def test_an_explicit_mapping_decides_alone(play: Play) -> None:
+    mapping = mapped("far", "${msg.x}")
+    assert play(caught(mapping)).run().signal("A", POINT).variables == {"far": 1.0}
+
+
+def test_a_data_object_at_the_event_takes_fields_by_name(play: Play) -> None:
+    written = "<dataOutputAssociation id='o'><targetRef>d</targetRef></dataOutputAssociation>"
+    object = element("dataObjectReference", "d", properties(x="", y=""))
+    run = play(caught("", written) + object).run().signal("A", POINT)
+    assert run.variables == {"x": 1.0, "y": 2.0}
+
+
+def test_a_mapping_that_fails_is_an_error_of_the_event(play: Play) -> None:
+    mapping = mapped("far", "${1 / msg.x}")
+    inner = caught(mapping).replace('id="s"', 'id="t"').replace('"s"', '"t"')
+    content = start() + sub("p", inner) + boundary("b", "p", error()) + path("s p")
+    run = play(content).run().signal("A", {"x": 0.0})
+    assert run.log == "s (p t (c c!script b -p =completed"
+    assert not run.left_behind()
+
+
+def test_a_boundary_event_and_an_event_sub_process_take_messages_too(play: Play) -> None:
+    typed = properties(type="std_msgs/msg/Int32")
+    content = start() + user("u") + boundary("b", "u", typed, signal("A"), interrupting=False) + path("s u")
+    content += handler("h", start("t", signal("B"), interrupting=False).replace("<signal", typed + "<signal"))
+    run = play(content).run().signal("A", 4).signal("B", 5)
+    assert (run.variables["A"], run.variables["B"]) == (4, 5)
