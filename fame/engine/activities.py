@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import faults, scopes, waiting
+from fame.engine import faults, loops, scopes, waiting
 from fame.engine.state import DEPTH, Node, Rest, Scope
 from fame.engine.variables import UNDEFINED, Variables, plain
 
@@ -178,6 +178,8 @@ def opening(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def leave(engine: Engine, scope: Scope, node: Node, inner: Scope) -> None:
     """What `enter` began has ended: its results go out, and the token goes on."""
+    if node.loop is not None:
+        loops.collect(scope, node, inner)
     if node.outputs or node.all_out:
         try:
             results = [(name, source(inner.variables)) for name, source in node.outputs]

@@ -78,6 +78,10 @@ class Compiler:
         """A condition or value, compiled."""
         return self.host.compile(expression, element=element.id, file=file)
 
+    def optional(self, expression: model.Expression | None, element: model.Element, file: str) -> Compiled | None:
+        """The same, where there need be none."""
+        return None if expression is None else self.expression(expression, element, file)
+
     def assignments(
         self, pairs: Iterable[tuple[str, model.Expression]], element: model.Element, file: str
     ) -> tuple[tuple[str, Compiled], ...]:
@@ -106,11 +110,15 @@ class Compiler:
         *,
         top: bool = False,
         body: Body | None = None,
+        outer: Wiring | None = None,
         handler: Wiring | None = None,
     ) -> Body:
-        """Compile what a scope runs. `top`: of the process itself; `handler`: the wiring of an event sub-process."""
+        """Compile what a scope runs.
+
+        `top`: of the process itself; `outer`: the wiring around it; `handler`: its own, if it is an event sub-process.
+        """
         body = body or Body(id)
-        wiring = handler or Wiring(self, content, file)
+        wiring = handler or Wiring(self, content, file, outer)
         wiring.connect()
         body.armed = tuple(node for node in wiring.handlers if node.kind not in ("error", "escalation"))
         body.errors = tuple(node for node in wiring.handlers if node.kind == "error")
@@ -153,11 +161,14 @@ class Wiring:
     sub-processes; `queued` catching events with a queue.
     """
 
-    def __init__(self, compiler: Compiler, content: model.Body, file: str) -> None:
+    def __init__(self, compiler: Compiler, content: model.Body, file: str, outer: Wiring | None = None) -> None:
         self.compiler, self.content, self.file = compiler, content, file
         self.model = {node.id: node for node in content.nodes}
         self.flows = {flow.id: flow for flow in content.flows}
-        self.objects = {item.id: item for item in content.data_objects}
+        self.objects: dict[str, model.DataObject] = {
+            **(outer.objects if outer else {}),
+            **{item.id: item for item in content.data_objects},
+        }
         self.entries: dict[str, Node] = {}
         self.exits: dict[str, list[Node]] = {}
         self.main: dict[str, Node] = {}
@@ -205,7 +216,7 @@ class Wiring:
             self.exits[element.id] = [last]
 
     def values(self, objects: Iterable[str]) -> list[tuple[str, model.Expression]]:
-        """The assignments of data objects, by their ids (those of an outer body hold their variables anyway)."""
+        """The assignments of data objects, by their ids; inner bodies see the objects of outer ones."""
         return [pair for id in objects if id in self.objects for pair in self.objects[id].values]
 
     def lead_on(self, element: model.FlowNode) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from fame.bpmn import model
-from fame.engine import activities, data, gateways, steps
+from fame.engine import activities, data, gateways, loops, steps
 from fame.engine.host import Compiled
 from fame.engine.state import Body, Node, Step
 from fame.errors import ModelError
@@ -289,8 +290,6 @@ def activity(wiring: Wiring, element: model.Activity) -> None:
         raise refuse(element.refused, element, wiring)
     if element.for_compensation:
         raise refuse("compensation is not executed by this version", element, wiring)
-    if element.loop is not None:
-        raise refuse("loops and multi-instance activities are not executed by this version", element, wiring)
     node = work(wiring, element)
     io = element.io
     if io is not None and not isinstance(element, model.SubProcess | model.CallActivity):
@@ -301,7 +300,41 @@ def activity(wiring: Wiring, element: model.Activity) -> None:
     if node.step in (steps.pass_on, activities.script, activities.evaluate, steps.send):
         node.index = node.slot
     compiler.watch(node)
+    if element.loop is not None:
+        node = repeated(wiring, element, element.loop, node)
     wiring.place(element, node)
+
+
+def repeated(
+    wiring: Wiring, element: model.Activity, how: model.MultiInstance | model.StandardLoop, inner: Node
+) -> Node:
+    """An activity that repeats: a scope, in which the activity itself is run for each instance."""
+    compiler = wiring.compiler
+    node = compiler.node(element, loops.begin, wiring.file, part="/loop")
+    instance = compiler.node(element, steps.pass_on, wiring.file, part="/instance")
+    node.kind, instance.kind, node.body = "scope", "instance", Body(element.id)
+    inner.next = compiler.node(element, steps.end, wiring.file, part="/instance/end")
+    compiler.open(element.id, node.body, inner)
+    compiled = partial(compiler.optional, element=element, file=wiring.file)
+    if isinstance(how, model.StandardLoop):
+        if how.condition is None and not how.maximum:
+            raise refuse("a loop needs a condition or a maximum", element, wiring)
+        condition = compiled(how.condition)
+        node.loop = loops.Loop(
+            instance=instance, standard=True, condition=condition, before=how.test_before, maximum=how.maximum
+        )
+    else:
+        node.loop = loops.Loop(
+            instance=instance,
+            sequential=how.sequential,
+            cardinality=compiled(how.cardinality),
+            collection=compiled(how.collection),
+            element=how.element_variable,
+            completion=compiled(how.completion),
+            output=how.output_collection,
+            result=compiled(how.output_element),
+        )
+    return node
 
 
 def work(wiring: Wiring, element: model.Activity) -> Node:
@@ -312,7 +345,7 @@ def work(wiring: Wiring, element: model.Activity) -> Node:
         if element.kind != "embedded":
             raise refuse(f"{element.kind} sub-processes are not executed by this version", element, wiring)
         node.step, node.kind = activities.enter, "scope"
-        node.body = compiler.body(element.id, element.body, wiring.file)
+        node.body = compiler.body(element.id, element.body, wiring.file, outer=wiring)
     elif isinstance(element, model.CallActivity):
         node.step, node.kind = activities.enter, "scope"
         node.body = compiler.call(element, wiring.file)
@@ -387,7 +420,7 @@ def event_sub_process(wiring: Wiring, element: model.SubProcess) -> None:
     handler.kind, handler.slot = "handler", compiler.slot(element.id)
     if compiler.observed:
         handler.act = steps.pass_on
-    inner = type(wiring)(compiler, element.body, wiring.file)
+    inner = type(wiring)(compiler, element.body, wiring.file, wiring)
     handler.body = compiler.body(element.id, element.body, wiring.file, handler=inner)
     starts = [item for item in element.body.nodes if isinstance(item, model.Event) and item.place == "start"]
     triggers = [(event, node) for event in starts for node in inner.triggers.get(event.id, ())]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import activities, suspension, waiting
+from fame.engine import activities, loops, suspension, waiting
 from fame.engine.state import DEAD, RUNNING, Body, Departure, Node, Rest, Scope
 
 if TYPE_CHECKING:
@@ -77,6 +77,9 @@ def finish(engine: Engine, scope: Scope) -> None:
             return
         parent.children.pop(scope, None)
         assert node is not None
+        if node.kind == "instance":
+            loops.end_instance(engine, parent, scope)
+            return
         if node.kind != "handler":
             activities.leave(engine, parent, node, scope)
             return

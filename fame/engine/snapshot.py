@@ -54,7 +54,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
         "observed": engine.program.observed,
         "counter": engine.counter,
         "instances": [_instance(instance, dicts) for instance in engine.instances.values()],
-        "scopes": [_scope(scope, dicts, {**homes, engine.program.body: ""}) for scope in scopes],
+        "scopes": [_scope(scope, dicts, {**homes, engine.program.body: ""}, dump) for scope in scopes],
         "rests": [_rest(rest) for rest in rests],
         "boxes": [_box(box, dump) for box in boxes.values()],
         "listeners": {topic: [item.key for item in found] for topic, found in engine.listeners.items()},
@@ -127,7 +127,7 @@ def _instance(instance: Instance, dicts: _Dicts) -> Data:
     }
 
 
-def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str]) -> Data:
+def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str], dump: Convert) -> Data:
     return {
         "key": scope.key,
         "instance": scope.instance.key,
@@ -146,7 +146,7 @@ def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str]) -> Data:
         "suspender": scope.suspender and scope.suspender.key,
         "mark": scope.mark,
         "held": [node.key for node in scope.held],
-        "items": scope.items,
+        "items": encode(scope.items, dump),
     }
 
 
@@ -272,7 +272,7 @@ class _Restoring:
         scope.tokens, scope.state, scope.depth, scope.mark = item["tokens"], item["state"], item["depth"], item["mark"]
         scope.handles = tuple(self.nodes[key] for key in item["handles"])
         scope.held = [self.nodes[key] for key in item["held"]]
-        scope.items = item["items"]
+        scope.items = decode(item["items"], self.load)
         if item["joins"] is not None:
             scope.joins = {self.nodes[key]: counts for key, counts in item["joins"].items()}
         return scope

@@ -181,9 +181,9 @@ def catch(engine: Engine, resting: Rest, message: Any) -> None:
         except Exception as error:
             give_up(engine, resting, error)
             return
-        if engine.conditions:
-            check_conditions(engine)
     fire(engine, resting)
+    if take is not None and engine.conditions:
+        check_conditions(engine)
 
 
 def fire(engine: Engine, resting: Rest) -> None:

@@ -31,6 +31,7 @@ from fame.node import Event
 
 HEAD = (
     '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
+    ' xmlns:zeebe="http://camunda.org/schema/zeebe/1.0"'
     ' id="D" targetNamespace="http://fame">'
 )
 _REFERENCES = {"signal": "name", "message": "name", "error": "errorCode", "escalation": "escalationCode"}

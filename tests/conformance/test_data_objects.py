@@ -1,0 +1,78 @@
+"""Data objects hold variables (DESIGN section 3)."""
+
+from __future__ import annotations
+
+from conftest import Play
+from engine_models import (
+    boundary,
+    call,
+    catch,
+    element,
+    error,
+    model,
+    path,
+    process,
+    properties,
+    script,
+    signal,
+    start,
+    sub,
+    throw,
+)
+
+READS = "<dataInputAssociation id='i{0}'><sourceRef>{1}</sourceRef></dataInputAssociation>"
+WRITES = "<dataOutputAssociation id='o{0}'><targetRef>{1}</targetRef></dataOutputAssociation>"
+
+
+def data(id: str = "d", **values: str) -> str:
+    return element("dataObjectReference", id, properties(**values))
+
+
+def task(id: str, *content: str) -> str:
+    return element("task", id, *content)
+
+
+def test_an_input_association_assigns_when_the_activity_starts(play: Play) -> None:
+    content = (
+        data(x="1", y="${x + 1}", z="true", name="weed") + start() + task("a", READS.format("", "d")) + path("s a")
+    )
+    run = play(content).run()
+    assert run.log == "s a =completed"
+    assert run.variables == {"x": 1, "y": 2, "z": True, "name": "weed"}
+
+
+def test_names_that_are_not_defined_are_left_unset(play: Play) -> None:
+    content = data(x="${nowhere}", y="2") + start() + task("a", READS.format("", "d")) + path("s a")
+    assert play(content).run().variables == {"y": 2}
+
+
+def test_an_output_association_assigns_when_the_activity_ends(play: Play) -> None:
+    content = data(x="${n}") + start() + element("userTask", "u", WRITES.format("", "d")) + path("s u")
+    run = play(content, {"n": 1}).run()
+    assert run.variables == {"n": 1}
+    assert run.complete("u", {"n": 5}).variables == {"n": 5, "x": 5}
+
+
+def test_a_throwing_event_reads_its_data_first(play: Play) -> None:
+    said = "<dataInputAssociation id='i'><sourceRef>d</sourceRef></dataInputAssociation>"
+    event = throw("t", properties(type="std_msgs/msg/Int32", payload="${x}"), said, signal("A"))
+    content = data(x="7") + start() + catch("c", signal("A")) + event + path("s c") + path("s t")
+    assert play(content).run().variables["A"] == 7
+
+
+def test_data_of_an_outer_scope_is_read_inside_a_sub_process(play: Play) -> None:
+    content = data(x="1") + start() + sub("p", task("a", READS.format("", "d"))) + path("s p")
+    assert play(content).run().variables == {"x": 1}
+
+
+def test_an_assignment_that_fails_is_an_error_of_the_activity(play: Play) -> None:
+    content = (
+        data(x="${1 / n}") + start() + task("a", READS.format("", "d")) + boundary("b", "a", error()) + path("s a")
+    )
+    assert play(content, {"n": 0}).run().log == "s a!script b =completed"
+
+
+def test_a_call_with_shared_variables_assigns_its_input_data_there(play: Play) -> None:
+    called = process(start("t") + script("k", "y = x") + path("t k"), id="Q")
+    content = data(x="4") + start() + call("c", "Q", READS.format("", "d")) + path("s c")
+    assert play(model(content, called)).run().variables == {"x": 4, "y": 4}
