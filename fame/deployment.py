@@ -45,6 +45,7 @@ STATUS_QOS = QoS(durability="transient_local", depth=100)
 """How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
 _POLL = 0.02
 _SIZE = 20_000_000
+_KEPT = 10  # instances that an engine remembers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +71,7 @@ class Report:
     """How a robot stands, and what it answers to which deployment.
 
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``running``, ``idle`` (no instance), ``failed``
+    instances, started, completed, failed      how many run now, have started, completed and failed with this process
     answer  ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``; empty if it is no answer
     """
 
@@ -80,6 +82,9 @@ class Report:
     answer: str = ""
     reason: str = ""
     instances: int = 0
+    started: int = 0
+    completed: int = 0
+    failed: int = 0
     waits: Sequence[Mapping[str, str]] = ()
     error: str = ""
     time: float = 0.0
@@ -180,6 +185,9 @@ class EngineNode:
             answer=answer,
             reason=reason,
             instances=len(node.engine.instances) if node is not None else 0,
+            started=node.started if node is not None else 0,
+            completed=node.completed if node is not None else 0,
+            failed=node.failed if node is not None else 0,
             waits=[{"element": wait.element, "for": wait.text} for wait in node.waits()] if node is not None else [],
             error=str(last) if last is not None else "",
             time=self.scheduler.now / SECOND,
@@ -247,6 +255,8 @@ class EngineNode:
             mission(definitions, process, library=self._library, services=self._services),
             scheduler=self.scheduler,
             middleware=self.middleware,
+            keep=_KEPT,
+            on_end=lambda instance: self.report(),
             **self._options,
         )
         try:

@@ -7,6 +7,7 @@ the robot publishes itself is heard by its own catchers inside the engine, since
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -37,6 +38,9 @@ from fame.scripting import (
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
+
+_EARLY = 1000
+"""How many messages are kept for a process that is loaded and has not been started."""
 
 Service = Callable[[dict[str, Any]], Any]
 """What a service task calls: a function of the variables; gives a result, or a coroutine of awaitable requests."""
@@ -87,21 +91,11 @@ def mission(
     Raises ModelError for calls that lead nowhere and topics without one type.
     """
     library = library or Library()
-    own = topics_of_closure(library.closure(definitions, process))
-    public = {name: use for name, use in (shared or {}).items() if name in own and not name.startswith("~/")}
-    return Mission(
-        definitions=definitions,
-        process=process,
-        library=library,
-        types={**own, **public},
-        services=services or {},
-    )
-
-
-def topics_of_closure(closure: Sequence[tuple[Definitions, Process]]) -> Mapping[str, TopicUse]:
-    """The topics of some processes of some files."""
+    closure = library.closure(definitions, process)
     files = list({file.file: file for file, _ in closure}.values())
-    return topic_table(files, [process.id for _, process in closure])
+    elsewhere = {name: use.declared for name, use in (shared or {}).items() if use.declared and name[0] == "/"}
+    types = topic_table(files, [called.id for _, called in closure], types=elsewhere)
+    return Mission(definitions=definitions, process=process, library=library, types=types, services=services or {})
 
 
 class RobotNode:
@@ -109,7 +103,10 @@ class RobotNode:
 
     observer   gets every `Event`, if given; the program is compiled for it
     safe_state (topic, type, fields) to publish when the robot is to be safe
+    safe_suspended  the same while its mission is suspended, if it is not `safe_state`
     strict     an undefined name in a payload is an error, not a warning
+    keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
+    on_end     called with each instance that has ended
     """
 
     def __init__(
@@ -123,19 +120,26 @@ class RobotNode:
         observer: Callable[[Event], object] | None = None,
         on_report: Callable[[Event], object] | None = None,
         safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
+        safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         strict: bool = False,
         epoch: datetime = EPOCH,
+        keep: int | None = None,
+        on_end: Callable[[Instance], object] = lambda instance: None,
     ) -> None:
         self.name, self.mission, self.scheduler, self.strict = name, mission, scheduler, strict
         self.namespace = name if namespace is None else namespace
         self.middleware = middleware
         self.node = middleware.node("fame_engine", self.namespace)
         self.safe_state, self.epoch = safe_state, epoch
+        self.safe_suspended = safe_state if safe_suspended is None else safe_suspended
         self._observer, self._on_report = observer, on_report or (lambda event: None)
         self.instances: list[Instance] = []
+        self.started = self.completed = self.failed = 0
+        self._keep, self._on_end = keep, on_end
         self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}
         self._publishers: dict[str, tuple[Publisher, str]] = {}
         self._subscriptions: list[Subscription] = []
+        self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
         self._own: dict[str, str] = {}  # full name -> qualified name, of topics that own events catch
         self.runner = Runner(
             scheduler,
@@ -169,17 +173,24 @@ class RobotNode:
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
         for name, use in self.mission.types.items():
-            full = resolve(name, self.namespace)
-            profile = qos.parse(use.qos) if use.qos else SIGNAL
-            if use.throws:
-                self._publisher(full, use.type, profile)
-            if use.catches:
-                self._own[full] = name
-                heard = partial(self._heard, name)
-                self._subscriptions.append(self.node.subscription(full, use.type, heard, profile))
+            try:
+                self._open_ends(name, use)
+            except MessageError as error:
+                end = (*use.throws, *use.catches)[0]
+                raise ModelError(str(error), file=end.file, line=end.node.line, element=end.node.id) from error
         for script in self._scripts():
             for topic in script_topics(script):
                 self._open(topic.name, topic.direction, topic.type)
+
+    def _open_ends(self, name: str, use: TopicUse) -> None:
+        """The endpoints of a topic that events name."""
+        full = resolve(name, self.namespace)
+        profile = qos.parse(use.qos) if use.qos else SIGNAL
+        if use.throws:
+            self._publisher(full, use.type, profile)
+        if use.catches:
+            self._own[full] = name
+            self._subscriptions.append(self.node.subscription(full, use.type, partial(self._heard, name), profile))
 
     def _scripts(self) -> Iterator[Expression]:
         mission = self.mission
@@ -203,6 +214,9 @@ class RobotNode:
         """Let the process begin; `variables` are those of the instance that starts by itself."""
         self.engine.begin(dict(variables or {}))
         self.runner.poll()
+        early, self._early = self._early or (), None
+        for topic, message in early:
+            self._heard(topic, message)
 
     def stop(self) -> None:
         """Cancel all that goes on and bring the robot to its safe state."""
@@ -262,6 +276,9 @@ class RobotNode:
     # ---- stimuli -------------------------------------------------------------------------------------------------
 
     def _heard(self, topic: str, message: Any) -> None:
+        if self._early is not None:
+            self._early.append((topic, message))
+            return
         self.engine.deliver(topic, message)
         self.runner.poll()
 
@@ -278,9 +295,7 @@ class RobotNode:
         self.engine.script_ended(key, error)
 
     def _stepped(self, key: int) -> None:
-        if self.engine.conditions:
-            self.engine.check_conditions()
-        self.engine.run()
+        self.engine.stepped()
 
     # ---- the host ------------------------------------------------------------------------------------------------
 
@@ -337,13 +352,16 @@ class RobotNode:
         return self.runner.cancel(key)
 
     def make_safe(self, reason: str) -> None:
-        for topic, type, fields in self.safe_state:
+        for topic, type, fields in self.safe_suspended if reason == "suspended" else self.safe_state:
             full = resolve(topic, self.namespace)
             self._publisher(full, type).publish(messages.create(type, fields))
 
     def observe(self, instance: int, scope: int, element: str, what: str, detail: Any = None) -> None:
         if what == "start":
+            self.started += 1
             self.instances.append(self.engine.instances[instance])
+            if self._keep is not None:
+                del self.instances[: -self._keep]
         if self._observer is not None:
             self._observer(Event(self.scheduler.now, self.name, instance, scope, element, what, detail))
 
@@ -360,6 +378,9 @@ class RobotNode:
             )
             located.__cause__ = error.__cause__
             instance.error = located
+        self.completed += instance.status == "completed"
+        self.failed += instance.status == "failed"
+        self._on_end(instance)
 
     def _script_line(self, error: MissionError) -> tuple[str, int]:
         """Where in which file a script raised the error; else the line of the element."""

@@ -64,7 +64,10 @@ class RobotResult:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film."""
+    """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
+
+    `ending` says why it was not over when it ended: its time was up, or nothing could move any more.
+    """
 
     status: Status
     seed: int
@@ -72,6 +75,7 @@ class Result:
     simulated: float
     wall: float
     reports: tuple[Event, ...]
+    ending: str
     world: Mapping[str, Any] | None
     record: Record | None = field(default=None, repr=False)
     labels: tuple[tuple[float, str, str], ...] = field(default=(), repr=False)
@@ -86,7 +90,7 @@ class Result:
         """What went wrong, a line each, for people."""
         lines = [str(error) for robot in self.robots for error in robot.errors]
         if self.status == "timeout":
-            lines.append(f"not over after {self.simulated:g} simulated seconds")
+            lines.append(f"{self.ending} after {self.simulated:g} simulated seconds")
         if self.status != "completed":
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
@@ -111,6 +115,10 @@ class Result:
                 for robot in self.robots
             },
             "world": self.world,
+            "reports": [
+                {"time": event.time / SECOND, "robot": event.robot, "element": event.element, "text": event.detail}
+                for event in self.reports
+            ],
             "messages": self.messages,
         }
 
@@ -236,6 +244,18 @@ def _read(path: Path) -> _Said:
     )
 
 
+def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
+    """The world of a scenario file, or of a file that is a world itself, and its seed. Raises ConfigError."""
+    from sim2d.config import read_world
+    from sim2d.reading import read_yaml
+
+    data, _ = read_yaml(path)
+    if isinstance(data, Mapping) and "model" in data:
+        said = _read(path)
+        return said.world, said.seed
+    return read_world(path), 0
+
+
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
     """The same model with all processes of one semantics, ``standard`` or ``original``. Raises ConfigError."""
     if semantics not in ("standard", "original"):
@@ -259,7 +279,7 @@ class _Run:
         self.scenario, self.observer, self.progress = scenario, observer, progress
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
-        self.interrupted = False
+        self.interrupted = self._stuck = False
         self.reports: list[Event] = []
         self.captions = Captions(scenario.closures()) if record or progress else None
         self.world, self.recorder = self._build_world(record)
@@ -274,6 +294,7 @@ class _Run:
                 observer=self._observe if watching else None,
                 on_report=self.reports.append,
                 safe_state=self.world.robots[robot].SAFE_STATE if self.world is not None else (),
+                safe_suspended=self.world.robots[robot].SAFE_SUSPENDED if self.world is not None else (),
                 strict=strict,
             )
             for robot, pool in scenario.cast.items()
@@ -310,11 +331,15 @@ class _Run:
         with self._interruptible(), heartbeat():
             status = self._work(begun)
         simulated = self.scheduler.now / SECOND
-        waits = {node.name: tuple(node.waits()) if node.engine.instances else () for node in self.nodes}
+        waits = {
+            node.name: tuple(node.waits()) if node.engine.instances or not node.started else () for node in self.nodes
+        }
         robots = tuple(_robot_result(node, waits[node.name]) for node in self.nodes)
         if status == "timeout" and any(robot.failed for robot in robots):
             status = "failed"
         world = self.world.summary() if self.world is not None else None
+        if self.recorder is not None:
+            self.recorder.finish(self.world)
         self._stop()
         return Result(
             status=status,
@@ -323,6 +348,7 @@ class _Run:
             simulated=simulated,
             wall=time.monotonic() - begun,
             reports=tuple(self.reports),
+            ending="nothing can move any more" if self._stuck else "not over",
             world=world,
             record=self.recorder.record if self.recorder is not None else None,
             labels=tuple(self.captions.labels) if self.captions is not None else (),
@@ -353,10 +379,12 @@ class _Run:
         for node in self.nodes:
             node.start()
         end, told = round(self.scenario.duration * SECOND), begun
+        slice_ = round((_PROGRESS if isinstance(self.scheduler, WallScheduler) else _SLICE) * SECOND)
         while self.scheduler.now < end and not self._over() and not self.interrupted:
             if self.world is None and self.scheduler.next_time() is None:
+                self._stuck = True
                 break
-            self.scheduler.run(min(end, self.scheduler.now + round(_SLICE * SECOND)))
+            self.scheduler.run(min(end, self.scheduler.now + slice_))
             if self.progress is not None and (now := time.monotonic()) - told >= _PROGRESS:
                 told = now
                 self._tell()

@@ -121,6 +121,8 @@ def _check_node(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode])
             )
         if not isinstance(host, Activity):
             raise error(f"the boundary event is attached to {node.attached_to!r}, which is not an activity")
+        if isinstance(host, SubProcess) and host.triggered_by_event:
+            raise error(f"the boundary event is attached to {node.attached_to!r}, an event sub-process: it has none")
     if isinstance(node, Activity | Gateway) and node.default and node.default not in node.outgoing:
         raise error(f"its default flow {node.default!r} is not one of those that leave it")
 

@@ -53,9 +53,14 @@ class _Gathered:
 
 
 def topic_table(
-    definitions: Definitions | Sequence[Definitions], processes: Iterable[str] | None = None
+    definitions: Definitions | Sequence[Definitions],
+    processes: Iterable[str] | None = None,
+    *,
+    types: Mapping[str, str] = MappingProxyType({}),
 ) -> Mapping[str, TopicUse]:
     """Every topic of some files by qualified name, in the order of first use; of `processes` (ids) alone if given.
+
+    `types` are said elsewhere, by qualified name: they hold for topics of which these processes say none.
 
     A private topic (``~/odom``) is another one on each robot: where types matter, ask for the processes of one robot.
     Raises ModelError if two events of a topic (of a private one: in one process) say different types, or if one sends a
@@ -68,7 +73,7 @@ def topic_table(
         for process in file.processes:
             if wanted is None or process.id in wanted:
                 _gather(file, process, found)
-    return MappingProxyType({name: _use(name, ends) for name, ends in found.items()})
+    return MappingProxyType({name: _use(name, ends, types.get(name)) for name, ends in found.items()})
 
 
 def topics_of(node: FlowNode) -> Iterator[tuple[Topic, bool]]:
@@ -89,21 +94,21 @@ def _gather(file: Definitions, process: Process, found: dict[str, _Gathered]) ->
             (ends.throws if throws else ends.catches).append(end)
 
 
-def _use(name: str, ends: _Gathered) -> TopicUse:
+def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
     everyone = [*ends.throws, *ends.catches]
     said = [end for end in everyone if end.topic.type is not None]
     for end in said[1:]:
         if end.topic.type != said[0].topic.type and (name[0] == "/" or end.process == said[0].process):
             there = f"{said[0].node.id} says {said[0].topic.type}"
             raise _error(end, f"topic {name} has type {end.topic.type} here, but {there}: a topic has one type")
-    if not said:
+    if not said and elsewhere is None:
         for end in ends.throws:
             if end.topic.payload is not None:
                 raise _error(end, f"topic {name} has a payload and no type: give one of its events property type")
     qos: dict[str, str] = {}
     for end in reversed(everyone):
         qos.update(end.topic.qos)
-    declared = said[0].topic.type if said else None
+    declared = said[0].topic.type if said else elsewhere
     return TopicUse(name, declared, tuple(ends.throws), tuple(ends.catches), MappingProxyType(qos))
 
 

@@ -1,0 +1,74 @@
+"""The `fame` command: what a user asks for on the command line, and how it went as exit code and text.
+
+Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Whatever goes wrong is
+said in one line on stderr or, with ``--json``, in the one object on stdout. Each command is a module with `add`, which
+declares it, and a function of its parsed arguments that returns the exit code; heavy parts are imported in there.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from io import TextIOWrapper
+
+from fame.cli import check, deploy, draw, engine, run, split, status, world
+from fame.cli.arguments import Parser, Version
+from fame.cli.output import error_object, print_json
+from fame.errors import FameError
+
+_COMMANDS = (run, split, check, draw, engine, deploy, status, world)
+_BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Do what the arguments say (those of the process by default) and return the exit code."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
+    try:
+        arguments = parser().parse_args(given)
+        code: int = arguments.command(arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read our output has left. What is still buffered would raise again at exit, so it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _BROKEN_PIPE
+    except KeyboardInterrupt as interrupt:
+        return _say(FameError("interrupted"), interrupt, given, _INTERRUPTED)
+    except FameError as error:
+        return _say(error, error, given, error.exit_code)
+    except OSError as error:
+        return _say(FameError(f"{error.filename or 'input or output'}: {error.strerror or error}"), error, given, 2)
+    except Exception as error:
+        text = f"{type(error).__name__}: {error} (this is a bug in FAME; with FAME_DEBUG=1 you see where)"
+        return _say(FameError(text), error, given, 1)
+    return code
+
+
+def parser() -> Parser:
+    """Everything that the command line knows."""
+    top = Parser(
+        prog="fame",
+        description="Run a team of robots from a picture: BPMN 2.0 collaborations, drawn in Camunda Modeler.",
+        epilog="fame COMMAND --help says more. Exit code: 0 done, 1 the mission or a check failed, 2 a wrong request.",
+    )
+    top.add_argument("--version", action=Version, help="show the version and exit")
+    commands = top.add_subparsers(metavar="COMMAND", required=True)
+    for command in _COMMANDS:
+        command.add(commands)
+    return top
+
+
+def _say(error: FameError, cause: BaseException, given: Sequence[str], code: int) -> int:
+    """Tell in one line, or as the one JSON object, what went wrong and return the exit code."""
+    interrupted = code == _INTERRUPTED
+    if os.environ.get("FAME_DEBUG"):
+        import traceback
+
+        traceback.print_exception(cause)
+    if "--json" in given:
+        print_json(error_object(error, cause, "interrupted" if interrupted else "error"))
+    else:
+        print(f"fame: {error}" if interrupted else f"fame: error: {error}", file=sys.stderr)
+    return code

@@ -1,0 +1,82 @@
+"""What is wrong or doubtful in a model, before anything moves.
+
+::
+
+    subject      the processes of a file and all that they call
+    compiling    what the compiler refuses, all of it
+    flow         what tokens never reach, gateways without a way out, joins that wait in vain
+    recursion    calls without end
+    timers       times that are none
+    topics       types, payloads, and who is at the other end
+    texts        what each text reads and writes
+    variables    what is read and never set
+    guidelines   the guidelines of the FaMe paper, as notes
+    findings     what all of them give
+
+A finding is an ``error`` if the model cannot run, a ``warning`` if it hardly means what it says, a ``note`` else.
+What is called is checked too; of other files errors and warnings are told, their notes are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from fame.bpmn.model import Definitions
+from fame.check.compiling import compiler_findings
+from fame.check.findings import Finding, Level, arranged, of_error, summary
+from fame.check.flow import flow_findings
+from fame.check.guidelines import guideline_findings
+from fame.check.recursion import recursion_findings
+from fame.check.subject import Subject, subject
+from fame.check.timers import timer_findings
+from fame.check.topics import topic_findings, types_of
+from fame.check.variables import variable_findings
+from fame.errors import ModelError
+from fame.library import Library
+from fame.splitter import pools_of
+
+__all__ = ["Finding", "Level", "check", "summary"]
+
+
+def check(definitions: Definitions, *, library: Library | None = None, strict: bool = False) -> list[Finding]:
+    """All findings about a file, in the order of its lines; then those about the files that it calls.
+
+    `library` is where called processes are looked for. `strict`: a payload that reads what nothing sets is an error.
+    """
+    about = subject(definitions, library or Library())
+    found = [
+        *_reader_notes(about),
+        *_pool_errors(definitions),
+        *compiler_findings(about),
+        *recursion_findings(about),
+        *flow_findings(about),
+        *timer_findings(about),
+        *topic_findings(about),
+        *variable_findings(about, types_of(about), strict=strict),
+        *guideline_findings(about),
+    ]
+    told = (finding for finding in found if finding.level != "note" or finding.file == definitions.file)
+    return arranged(told, [definitions.file, *(unit.home.file for unit in about.units)])
+
+
+def _reader_notes(about: Subject) -> Iterator[Finding]:
+    """What the reader had to say of each file."""
+    for home in {id(unit.home): unit.home for unit in about.units}.values() or (about.definitions,):
+        for note in home.notes:
+            yield Finding(note.level, note.text, home.file, note.line, note.element)
+
+
+def _pool_errors(definitions: Definitions) -> Iterator[Finding]:
+    """Pools that no robot can be found for; a file of processes alone is a library, and needs none."""
+    pools = definitions.participants
+    while pools or not definitions.processes:
+        try:
+            pools_of(replace(definitions, participants=pools))
+        except ModelError as error:
+            yield of_error(error)
+            remaining = tuple(pool for pool in pools if pool.id != error.element)
+            if len(remaining) < len(pools):
+                pools = remaining
+                continue
+        return

@@ -1,0 +1,121 @@
+"""Where tokens get and where they do not: what is never reached, gateways without a way out, joins that wait in vain.
+
+Only what can be told from the picture alone. A condition may be false whenever it is asked, and a token may come twice,
+so nothing here is an error.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from fame.bpmn.model import Activity, FlowNode, Gateway, SequenceFlow
+from fame.check.findings import Finding
+from fame.check.graph import Graph, graph, is_event, is_handler, link_of
+from fame.check.subject import Subject, Unit
+
+
+def flow_findings(subject: Subject) -> Iterator[Finding]:
+    """Of every scope of every process."""
+    for unit in subject.units:
+        for scope in map(graph, unit.bodies()):
+            yield from _unreached(unit, scope)
+            yield from _loose_ends(unit, scope)
+            for node in scope.body.nodes:
+                yield from _conditions(unit, scope, node)
+                if isinstance(node, Gateway):
+                    yield from _ways_out(unit, scope, node)
+                if len(node.incoming) > 1:
+                    yield from _meeting(unit, scope, node)
+
+
+# ---- what is reached -------------------------------------------------------------------------------------------------
+
+
+def _unreached(unit: Unit, scope: Graph) -> Iterator[Finding]:
+    """The first node of each part that no token gets to."""
+    reached: set[str] = set()
+    scope.reach((node.id for node in scope.beginnings()), reached)
+    apart = [node for node in scope.body.nodes if node.id not in reached and not is_handler(node)]
+    entered = {id for node in apart for id in scope.following[node.id]}
+    for node in sorted(apart, key=lambda one: one.id in entered):  # a circle of nodes has no first: any will do
+        part = scope.reach([node.id], reached)
+        if part:
+            rest = f", nor what follows it ({len(part) - 1})" if len(part) > 1 else ""
+            yield unit.finding("warning", f"is never reached{rest}: no flow leads here from a start", node)
+
+
+def _loose_ends(unit: Unit, scope: Graph) -> Iterator[Finding]:
+    """Where a scope has end events, all flows should lead to one (standard 10.5.3); elsewhere what is last ends it."""
+    if not any(is_event(node, "end") for node in scope.body.nodes):
+        return
+    reached = scope.reach((node.id for node in scope.beginnings()), set())
+    compensation = {id for association in scope.body.associations for id in association}
+    for node in scope.body.nodes:
+        last = not node.outgoing and node.id in reached and node.id not in compensation
+        if last and not (is_event(node, "end") or link_of(node) or is_handler(node) or isinstance(node, Gateway)):
+            yield unit.finding("warning", "nothing follows it, though other flows lead to an end event", node)
+
+
+# ---- gateways --------------------------------------------------------------------------------------------------------
+
+
+def _conditions(unit: Unit, scope: Graph, node: FlowNode) -> Iterator[Finding]:
+    """Conditions that nobody asks."""
+    default = node.default if isinstance(node, Activity | Gateway) else ""
+    blind = isinstance(node, Gateway) and node.kind in ("parallel", "event")
+    for flow in scope.leaving(node):
+        if flow.condition is not None and flow.id == default:
+            yield unit.finding("warning", "is the default flow: its condition is never asked", flow)
+        elif flow.condition is not None and blind:
+            yield unit.finding("warning", f"its condition is never asked: {node.label} takes no conditions", flow)
+
+
+def _ways_out(unit: Unit, scope: Graph, gateway: Gateway) -> Iterator[Finding]:
+    flows = scope.leaving(gateway)
+    if not flows and gateway.kind != "event":  # which the compiler refuses
+        yield unit.finding("warning", "has no way out: the token ends here", gateway)
+    elif flows and gateway.kind in ("exclusive", "inclusive") and not gateway.default:
+        if all(flow.condition is not None for flow in flows):
+            text = "has no way out if none of its conditions is true: mark one of its flows as the default"
+            yield unit.finding("warning", text, gateway)
+        elif len(flows) > 1:
+            yield from _open_flows(unit, gateway, flows)
+
+
+def _open_flows(unit: Unit, gateway: Gateway, flows: list[SequenceFlow]) -> Iterator[Finding]:
+    """Flows of a choice that have no condition, and are not the default."""
+    for flow in flows:
+        if flow.condition is None:
+            text = f"has no condition, so {gateway.label} always takes it: give it one, or mark it as the default"
+            yield unit.finding("warning", text, flow)
+
+
+# ---- where flows meet ------------------------------------------------------------------------------------------------
+
+
+def _meeting(unit: Unit, scope: Graph, node: FlowNode) -> Iterator[Finding]:
+    """Flows that a gateway took apart in one way, and that this node puts together in another."""
+    joins = isinstance(node, Gateway) and node.kind == "parallel"
+    merges = isinstance(node, Activity) or (isinstance(node, Gateway) and node.kind == "exclusive")
+    origins = Counter(_origin(scope, node, flow) for flow in node.incoming)
+    for origin, number in origins.items():
+        gateway = scope.nodes[origin]
+        if number < 2 or not isinstance(gateway, Gateway):
+            continue
+        if joins and gateway.kind in ("exclusive", "event"):
+            text = f"waits for {number} flows from {gateway.label}, which takes only one: it may wait for ever"
+            yield unit.finding("warning", text, node)
+        elif merges and gateway.kind == "parallel":
+            text = f"is reached {number} times from {gateway.label}, and what follows it as often"
+            yield unit.finding("warning", f"{text}: a parallel gateway would wait for all", node)
+
+
+def _origin(scope: Graph, node: FlowNode, flow: str) -> str:
+    """Where a flow comes from, past elements in a row; the node itself if that goes round."""
+    origin = scope.nodes[scope.flows[flow].source]
+    seen = {node.id}
+    while len(origin.incoming) == 1 and len(origin.outgoing) == 1 and origin.id not in seen:
+        seen.add(origin.id)
+        origin = scope.nodes[scope.flows[origin.incoming[0]].source]
+    return origin.id

@@ -1,0 +1,78 @@
+"""A scope as a graph: where tokens begin, and where they may get to from each node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow, SubProcess
+from fame.engine.compiler import begins
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """A body, its nodes and flows by id; `following`: node -> where its tokens may get to in one step.
+
+    By sequence flows, by links, from an activity to its boundary events, from those to compensation handlers.
+    """
+
+    body: Body
+    nodes: Mapping[str, FlowNode]
+    flows: Mapping[str, SequenceFlow]
+    following: Mapping[str, list[str]]
+
+    def leaving(self, node: FlowNode) -> list[SequenceFlow]:
+        """The flows that leave a node, in document order."""
+        return [self.flows[id] for id in node.outgoing]
+
+    def beginnings(self) -> list[FlowNode]:
+        """Where tokens come from: start events, else all that has no incoming flow (standard 13.2)."""
+        starts: list[FlowNode] = [node for node in self.body.nodes if is_event(node, "start")]
+        return starts or [node for node in self.body.nodes if begins(node)]
+
+    def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:
+        """What tokens get to from some nodes, these included, without what has been `seen`; that grows by it."""
+        found: set[str] = set()
+        pending = list(ids)
+        while pending:
+            id = pending.pop()
+            if id not in seen:
+                seen.add(id)
+                found.add(id)
+                pending += self.following[id]
+        return found
+
+
+def graph(body: Body) -> Graph:
+    """The graph of one scope."""
+    following: dict[str, list[str]] = {node.id: [] for node in body.nodes}
+    for flow in body.flows:
+        following[flow.source].append(flow.target)
+    landings: dict[str, list[str]] = {}
+    for node in body.nodes:
+        if is_event(node, "catch"):
+            landings.setdefault(link_of(node), []).append(node.id)
+    for node in body.nodes:
+        if isinstance(node, Event) and node.place == "boundary":
+            following[node.attached_to].append(node.id)
+        elif is_event(node, "throw") and link_of(node):
+            following[node.id] += landings.get(link_of(node), ())
+    for source, target in body.associations:
+        following[source].append(target)
+    return Graph(body, {node.id: node for node in body.nodes}, {flow.id: flow for flow in body.flows}, following)
+
+
+def is_event(node: FlowNode, place: str) -> bool:
+    """Whether it is an event in this place."""
+    return isinstance(node, Event) and node.place == place
+
+
+def is_handler(node: FlowNode) -> bool:
+    """Whether it is an event sub-process."""
+    return isinstance(node, SubProcess) and node.triggered_by_event
+
+
+def link_of(node: FlowNode) -> str:
+    """The name of the link of a link event, else nothing."""
+    links = [one.name for one in node.definitions if isinstance(one, LinkDefinition)] if isinstance(node, Event) else []
+    return links[0] if links else ""

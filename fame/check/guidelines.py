@@ -1,0 +1,173 @@
+"""The guidelines of the FaMe paper (section 3), as notes: how to draw so that others see what a robot does.
+
+G1 robots are pools; G2 the mission is the process of the pool, drawn with a small selection of elements; G3 robots
+talk by signals alone; G4 what decides or is sent is held by data objects.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from fame.bpmn.model import (
+    Activity,
+    ConditionalDefinition,
+    Element,
+    ErrorDefinition,
+    Event,
+    EventDefinition,
+    FlowNode,
+    Gateway,
+    Process,
+    SignalDefinition,
+    SubProcess,
+    Task,
+    TerminateDefinition,
+    TimerDefinition,
+)
+from fame.check.findings import Finding
+from fame.check.subject import Subject, Unit
+from fame.check.texts import texts_of
+
+_SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
+_SELECTED_GATEWAYS = ("exclusive", "parallel", "event")
+_KINDS = {"business_rule": "business rule", "adhoc": "ad-hoc sub-process", "embedded": "embedded sub-process"}
+
+
+def guideline_findings(subject: Subject) -> Iterator[Finding]:
+    """Where the model leaves the guidelines."""
+    yield from _pools(subject)
+    for unit in subject.units:
+        for node in unit.process.body.walk():
+            yield from _selection(unit, node)
+        yield from _undeclared(unit)
+        yield from _original(unit)
+
+
+# ---- G1, G3: the collaboration ---------------------------------------------------------------------------------------
+
+
+def _pools(subject: Subject) -> Iterator[Finding]:
+    definitions = subject.definitions
+    shapes: dict[Any, str] = {}
+    for pool in definitions.participants:
+        process = definitions.process(pool.process) if pool.process else None
+        if process is None:
+            text = "is a black box: no robot plays it, and its signals come from elsewhere"
+            yield Finding("note", text, definitions.file, pool.line, pool.id)
+        elif not pool.multi_instance:
+            twin = shapes.setdefault(_shape(process, _ordinals(process)), pool.label)
+            if twin != pool.label:
+                text = f"does the same as pool {twin}: one multi-instance pool stands for all such robots (G1)"
+                yield Finding("note", text, definitions.file, pool.line, pool.id)
+    for flow in definitions.message_flows:
+        text = "message flows have no effect: robots talk by signals, which are matched by name (G3)"
+        yield Finding("note", text, definitions.file, flow.line, flow.id)
+
+
+def _ordinals(process: Process) -> Mapping[str, str]:
+    """Each id in a process -> which one it is."""
+    found = [process.id]
+    bodies = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
+    for body in bodies:
+        elements: tuple[Element, ...] = (*body.nodes, *body.flows, *body.data_objects)
+        found += [element.id for element in elements]
+    return {id: f"#{number}" for number, id in enumerate(found)}
+
+
+def _shape(value: Any, ids: Mapping[str, str]) -> Any:
+    """What is the same for two processes that do the same: all but ids, labels, lines, documentation and lanes."""
+    if isinstance(value, str):
+        return ids.get(value, value)
+    if isinstance(value, tuple):
+        return tuple(_shape(item, ids) for item in value)
+    if isinstance(value, Mapping):
+        return tuple(value.items())
+    if not is_dataclass(value):
+        return value
+    passed = {"line", "documentation", "lanes"} | ({"id", "name"} if isinstance(value, Element) else set())
+    return (
+        type(value).__name__,
+        *(_shape(getattr(value, one.name), ids) for one in fields(value) if one.name not in passed),
+    )
+
+
+# ---- G2: the selection -----------------------------------------------------------------------------------------------
+
+
+def _selection(unit: Unit, node: FlowNode) -> Iterator[Finding]:
+    if isinstance(node, Task) and node.kind == "plain":
+        yield unit.finding("note", "a plain task does nothing: it completes at once", node)
+        return
+    outside = _outside(node)
+    if outside:
+        yield unit.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)
+    if isinstance(node, Task) and node.kind == "service" and node.operation and node.topic is None:
+        text = f"needs the service {node.operation!r} where it runs: Simulation(services=...)"
+        yield unit.finding("note", text, node)
+
+
+def _outside(node: FlowNode) -> str:
+    """What an element is called if it is none of the selected ones."""
+    if isinstance(node, Task) and node.kind != "script":
+        return f"a {_KINDS.get(node.kind, node.kind)} task"
+    if isinstance(node, SubProcess) and node.kind != "event":
+        return f"{_article(name := _KINDS.get(node.kind, node.kind))} {name}"
+    if isinstance(node, Gateway) and node.kind not in _SELECTED_GATEWAYS:
+        return f"{_article(node.kind)} {node.kind} gateway"
+    if isinstance(node, Event):
+        if len(node.definitions) > 1:
+            return "a multiple event"
+        kind = next((_kind(one) for one in node.definitions if not isinstance(one, _SELECTED_EVENTS)), "")
+        return f"{_article(kind)} {kind} event" if kind else ""
+    if isinstance(node, Activity) and node.loop is not None:
+        return "a loop"
+    return ""
+
+
+def _kind(definition: EventDefinition) -> str:
+    return type(definition).__name__.removesuffix("Definition").lower()
+
+
+def _article(word: str) -> str:
+    return "an" if word[:1] in "aeiou" else "a"
+
+
+# ---- G4: data --------------------------------------------------------------------------------------------------------
+
+
+def _undeclared(unit: Unit) -> Iterator[Finding]:
+    declared = {name for body in unit.bodies() for item in body.data_objects for name in item.names}
+    for body in unit.bodies():
+        for text in texts_of(body):
+            if text.use in ("condition", "payload"):
+                for name in sorted(text.reads - declared):
+                    does = "decides by" if text.use == "condition" else "sends"
+                    found = f"{does} `{name}`, which no data object declares (G4)"
+                    yield unit.finding("note", found, text.element, text.expression.line)
+
+
+# ---- models of the original FaMe -------------------------------------------------------------------------------------
+
+
+def _original(unit: Unit) -> Iterator[Finding]:
+    """Interrupting event sub-processes of a file that looks like one of the original's, which suspended."""
+    if unit.process.semantics == "original" or not _looks_original(unit):
+        return
+    for node in unit.process.body.walk():
+        if isinstance(node, SubProcess) and node.triggered_by_event and not node.resume:
+            starts = [one for one in node.body.nodes if isinstance(one, Event) and one.place == "start"]
+            if any(one.interrupting for one in starts):
+                text = "ends what its scope was doing; the original FaMe went on with it afterwards"
+                yield unit.finding("warning", f"{text}: property semantics=original on the process does that", node)
+
+
+def _looks_original(unit: Unit) -> bool:
+    """Whether it has scripts in JavaScript, or the file elements of its web modeler."""
+    prefix = re.search(rb'xmlns:(\w+)="http://ros"', unit.home.source)
+    if prefix is not None and b"<" + prefix[1] + b":" in unit.home.source:
+        return True
+    tasks = (node for node in unit.process.body.walk() if isinstance(node, Task))
+    return any(task.script is not None and task.script.language == "javascript" for task in tasks)

@@ -1,0 +1,86 @@
+"""What is sent has to fit its type, whatever the variables are: known fields, and constants of their types."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+from fame.bpmn.model import Expression, FlowNode, Task
+from fame.check.findings import Finding
+from fame.check.subject import Unit
+from fame.errors import MessageError, ModelError
+from fame.middleware import messages
+from fame.scripting import UNDEFINED
+from fame.scripting.lexer import ExpressionError
+from fame.scripting.python import parse_python
+from fame.scripting.substitution import payload
+
+
+def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
+    """Of the payload of an event or task. Says nothing of a type that is not known."""
+    computed: list[str] = []
+    try:
+        value = payload(expression.text, lambda path, error: computed.append(path))[0]({})
+    except ExpressionError:  # the compiler tells
+        return
+    except Exception:  # a ${...} of constants that cannot be evaluated: no telling
+        value = UNDEFINED
+    errors = [_misfit(type, value)] if value is not UNDEFINED else []
+    for error in (*(_unknown_field(type, path) for path in computed), *errors):
+        if error is not None:
+            yield unit.finding("error", f"the payload does not fit: {error}", node, expression.line)
+
+
+def publish_findings(unit: Unit) -> Iterator[Finding]:
+    """Of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts: names of fields, and literal values."""
+    for node in unit.process.body.walk():
+        if isinstance(node, Task) and node.script is not None and node.script.language == "python":
+            try:
+                tree = parse_python(node.script)
+            except ModelError:  # the compiler tells
+                continue
+            for call in ast.walk(tree):
+                if isinstance(call, ast.Call) and ast.unparse(call.func) == "robot.publish" and len(call.args) == 2:
+                    yield from _publish(unit, node, call)
+
+
+def _publish(unit: Unit, node: FlowNode, call: ast.Call) -> Iterator[Finding]:
+    type = call.args[1]
+    if not isinstance(type, ast.Constant) or not isinstance(type.value, str):
+        return
+    for keyword in call.keywords:
+        try:
+            error = _misfit(type.value, {str(keyword.arg): ast.literal_eval(keyword.value)})
+        except ValueError:  # not a literal
+            error = _unknown_field(type.value, keyword.arg or "")
+        if error is not None:
+            yield unit.finding("error", f"what is published does not fit: {error}", node, keyword.value.lineno)
+
+
+def _misfit(type: str, value: object) -> MessageError | None:
+    """Why the value makes no message of the type; None if it does, or if there is no such type."""
+    try:
+        messages.fields(type)
+    except MessageError:
+        return None
+    try:
+        messages.create(type, value)
+    except MessageError as error:
+        return error
+    return None
+
+
+def _unknown_field(type: str, path: str) -> MessageError | None:
+    """Why the type has no such field (``pose.position.x``, ``points[0].x``); None if it has."""
+    within = type
+    for name in filter(None, re.sub(r"\[\d+\]", "", path).split(".")):
+        try:
+            known = messages.fields(within) if "/" in within else {}
+        except MessageError:
+            return None
+        if name not in known:
+            text = f"there is no such field; those of {within} are {', '.join(known) or 'none'}"
+            return MessageError(text, type=type, field=path)
+        within = known[name].partition("[")[0]
+    return None

@@ -1,0 +1,107 @@
+"""The texts of a process that are evaluated, and the variables that each of them reads and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from fame.bpmn.model import (
+    Activity,
+    Body,
+    CallActivity,
+    ConditionalDefinition,
+    DataObject,
+    Element,
+    Event,
+    Expression,
+    FlowNode,
+    Gateway,
+    MultiInstance,
+    SequenceFlow,
+    StandardLoop,
+    SubProcess,
+    Task,
+    TimerDefinition,
+)
+from fame.bpmn.topics import topics_of
+from fame.errors import ModelError
+from fame.scripting import script_names
+
+Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
+Found = tuple[Expression | None, Use]
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A text, where it stands and what it is for; the names that it reads from the variables, and writes to them."""
+
+    expression: Expression
+    element: Element
+    use: Use
+    reads: frozenset[str]
+    writes: frozenset[str]
+
+
+def texts_of(body: Body) -> Iterator[Text]:
+    """Every text of a body that sees the variables of its process; its sub-processes are bodies of their own."""
+    elements: list[Element] = [*body.data_objects, *body.flows, *body.nodes]
+    for element in elements:
+        for expression, use in _texts(element):
+            if expression is not None:
+                reads, writes = names_of(expression, use == "script")
+                own = element.names if isinstance(element, DataObject) else ()  # unset ones are left so
+                yield Text(expression, element, use, reads - set(own), writes)
+
+
+def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
+    """The names that a text reads and writes; none if it is wrong, which the compiler tells."""
+    try:
+        return script_names(expression, script=script)
+    except ModelError:
+        return frozenset(), frozenset()
+
+
+def _texts(element: Element) -> Iterator[Found]:
+    if isinstance(element, DataObject):
+        yield from ((expression, "value") for _, expression in element.values)
+    elif isinstance(element, SequenceFlow):
+        yield element.condition, "condition"
+    elif isinstance(element, Gateway):
+        yield element.activation, "condition"
+    elif isinstance(element, Event):
+        yield from _of_event(element)
+    elif isinstance(element, Activity):
+        yield from _of_activity(element)
+    if isinstance(element, FlowNode):
+        yield from ((topic.payload, "payload") for topic, _ in topics_of(element))
+
+
+def _of_event(event: Event) -> Iterator[Found]:
+    for definition in event.definitions:
+        if isinstance(definition, TimerDefinition):
+            yield definition.expression, "timer"
+        elif isinstance(definition, ConditionalDefinition):
+            yield definition.condition, "condition"
+
+
+def _of_activity(activity: Activity) -> Iterator[Found]:
+    if activity.io is not None:
+        yield from ((item.source, "mapping") for item in activity.io.inputs)
+        if not isinstance(activity, CallActivity):  # those of a call see the variables of what was called
+            yield from ((item.source, "mapping") for item in activity.io.outputs)
+    if isinstance(activity, Task):
+        script = activity.script is not None and activity.script.language in ("python", "javascript")
+        yield activity.script, "script" if script else "mapping"
+        if activity.payload is not None and not list(topics_of(activity)):
+            yield activity.payload, "payload"
+    elif isinstance(activity, CallActivity):
+        yield activity.called_expression, "mapping"
+    elif isinstance(activity, SubProcess):
+        yield activity.completion, "condition"
+    if isinstance(activity.loop, StandardLoop):
+        yield activity.loop.condition, "condition"
+    elif isinstance(activity.loop, MultiInstance):
+        loop = activity.loop
+        yield from ((one, "mapping") for one in (loop.cardinality, loop.collection, loop.output_element))
+        yield loop.completion, "condition"

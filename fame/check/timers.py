@@ -1,0 +1,44 @@
+"""Timers: what is literally a time has to be ISO 8601, and to make sense where it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+from fame.bpmn.model import Event, SubProcess, TimerDefinition
+from fame.check.findings import Finding
+from fame.check.subject import Subject, Unit
+from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
+
+_PARSERS: Mapping[str, Callable[[str], object]] = {
+    "duration": parse_duration,
+    "date": parse_datetime,
+    "cycle": parse_cycle,
+}
+
+
+def timer_findings(subject: Subject) -> Iterator[Finding]:
+    """Timers that no clock could keep, and cycles that go round but once."""
+    for unit in subject.units:
+        handled = {
+            node.id
+            for handler in unit.process.body.walk()
+            if isinstance(handler, SubProcess) and handler.triggered_by_event
+            for node in handler.body.nodes
+        }
+        for node in unit.process.body.walk():
+            for timer in node.definitions if isinstance(node, Event) else ():
+                if isinstance(node, Event) and isinstance(timer, TimerDefinition):
+                    yield from _timer(unit, node, timer, node.id in handled)
+
+
+def _timer(unit: Unit, event: Event, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
+    expression = timer.expression
+    if expression.language == "template" and "${" not in expression.text and "#{" not in expression.text:
+        try:
+            _PARSERS[timer.kind](expression.text)
+        except ValueError as error:
+            yield unit.finding("error", f"timer {timer.kind}: {error}", event, expression.line)
+    once = event.place == "catch" or (event.interrupting and (event.place == "boundary" or handler))
+    if timer.kind == "cycle" and once:
+        text = "only the first time of its cycle counts, since it fires once: a duration says so"
+        yield unit.finding("warning", text, event)

@@ -1,0 +1,193 @@
+"""Topics: one known type each, payloads that fit it, and somebody at the other end.
+
+Public topics (``/done``) are one for the whole collaboration; those of a robot (``~/odom``) are judged for each process
+that begins by itself, with all that it calls. Who is at the other end of a robot's own topic is its drivers' affair.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from fame.bpmn.model import Expression, FlowNode, Task, Topic
+from fame.bpmn.topics import EMPTY_TYPE, topics_of
+from fame.check.findings import Finding, Level
+from fame.check.payloads import payload_findings, publish_findings
+from fame.check.subject import Subject, Unit
+from fame.engine.data import match, variable_name
+from fame.errors import MessageError, ModelError
+from fame.middleware import messages
+from fame.scripting import script_topics
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """An element at a topic, and what it says of it. `topic` is None for a script, `line` that of the text."""
+
+    unit: Unit
+    node: FlowNode
+    name: str
+    type: str | None
+    throws: bool
+    line: int
+    topic: Topic | None = None
+    payload: Expression | None = None
+
+    def finding(self, level: Level, text: str) -> Finding:
+        """A finding at this end."""
+        return self.unit.finding(level, text, self.node, self.line)
+
+
+Table = Mapping[str, list[End]]
+"""Ends by the qualified name of their topic, in the order of first use."""
+
+
+def topic_findings(subject: Subject) -> Iterator[Finding]:
+    """Of every topic and ROS service that the processes name."""
+    public = {name: ends for name, ends in table(subject.units).items() if not name.startswith("~/")}
+    for unit in subject.units:
+        yield from _services(unit)
+        yield from publish_findings(unit)
+    yield from _judged(public)
+    for root in subject.roots:
+        yield from _judged({name: ends for name, ends in table(root.closure()).items() if name.startswith("~/")})
+    yield from _alone(subject, public)
+
+
+def types_of(subject: Subject) -> Mapping[str, str]:
+    """The type of each topic of which somebody says it, by qualified name."""
+    said = {name: said_type(ends) for name, ends in table(subject.units).items()}
+    return {name: type for name, type in said.items() if type is not None}
+
+
+def said_type(ends: Iterable[End]) -> str | None:
+    """The type that the first end says that says any."""
+    return next((end.type for end in ends if end.type is not None), None)
+
+
+def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ...]:
+    """The variables of a data object that a caught message of the type sets; all, if the type is not known."""
+    try:
+        return tuple(match(names, variable_name(topic.name), messages.create(type))) if type else tuple(names)
+    except MessageError:
+        return tuple(names)
+
+
+# ---- ends ------------------------------------------------------------------------------------------------------------
+
+
+def table(units: Iterable[Unit]) -> Table:
+    """All topics of some processes: of their events, their tasks, and what scripts name literally."""
+    found: dict[str, list[End]] = {}
+    for unit in units:
+        for node in unit.process.body.walk():
+            for end in (*_drawn(unit, node), *_scripted(unit, node)):
+                found.setdefault(end.name, []).append(end)
+    return found
+
+
+def _drawn(unit: Unit, node: FlowNode) -> Iterator[End]:
+    for topic, throws in topics_of(node):
+        sent = topic.payload or (node.payload if isinstance(node, Task) else None)
+        yield End(unit, node, topic.qualified, topic.type, throws, node.line, topic, sent if throws else None)
+
+
+def _scripted(unit: Unit, node: FlowNode) -> Iterator[End]:
+    if not isinstance(node, Task) or node.script is None:
+        return
+    try:
+        named = script_topics(node.script)
+    except ModelError:  # the compiler tells
+        return
+    for topic in named:
+        if topic.direction != "call":
+            name = topic.name if topic.name.startswith(("/", "~/")) else f"~/{topic.name}"
+            full = topic.type.replace("/", "/msg/") if topic.type and topic.type.count("/") == 1 else topic.type
+            yield End(unit, node, name, full, topic.direction == "publish", topic.line)
+
+
+# ---- types -----------------------------------------------------------------------------------------------------------
+
+
+def _judged(topics: Table) -> Iterator[Finding]:
+    for name, ends in topics.items():
+        type = said_type(ends)
+        yield from _types(name, ends)
+        for end in ends:
+            if end.payload is not None and type is None:
+                text = f"topic {name} has a payload and no type: give one of its events property type"
+                yield end.finding("error", text)
+            elif end.payload is not None and type is not None:
+                yield from payload_findings(end.unit, end.node, end.payload, type)
+            elif not end.throws and end.topic is not None:
+                yield from _taking(end, end.topic, type)
+        drawn = [end for end in ends if end.topic is not None]  # a script may do with what is there when it runs
+        if type is None and name.startswith("~/") and drawn and not any(end.throws for end in ends):
+            yield drawn[0].finding("warning", f"no event says the type of the robot's topic {name}: it has to be known")
+
+
+def _types(name: str, ends: Sequence[End]) -> Iterator[Finding]:
+    said = [end for end in ends if end.type is not None]
+    for end in said:
+        if end.type != said[0].type:
+            there = f"{said[0].node.id} says {said[0].type}"
+            text = f"topic {name} has type {end.type} here, but {there}: a topic has one type"
+            yield end.finding("error", text)
+    for end in said:
+        try:
+            messages.fields(end.type or "")
+        except MessageError as error:
+            yield end.finding("error", f"type {error}")
+
+
+def _taking(end: End, topic: Topic, type: str | None) -> Iterator[Finding]:
+    """Whether a caught message has what is to be taken from it."""
+    objects = [item for body in end.unit.bodies() for item in body.data_objects if item.id in end.node.data_outputs]
+    names = [name for item in objects for name in item.names]
+    wanted = ", ".join([item.target for item in topic.takes] or names)
+    if wanted and type is None:
+        text = f"no event says the type of topic {end.name}, so it carries {EMPTY_TYPE}, which has nothing for {wanted}"
+        yield end.finding("warning", text)
+    elif type is not None and names and not topic.takes and not fields_taken(names, topic, type):
+        fields = ", ".join(messages.fields(type)) or "none"
+        text = f"{type} has no field for {wanted}: name them like its fields ({fields}), or <field>_..."
+        yield end.finding("warning", text)
+
+
+def _services(unit: Unit) -> Iterator[Finding]:
+    """The ROS services that service tasks call."""
+    for node in unit.process.body.walk():
+        service = node.topic if isinstance(node, Task) and node.kind == "service" else None
+        if service is not None and service.type:
+            try:
+                request, _ = messages.service(service.type)
+            except MessageError as error:
+                yield unit.finding("error", f"type {error}", node)
+            else:
+                if service.payload is not None:
+                    yield from payload_findings(unit, node, service.payload, request)
+
+
+# ---- who is at the other end -----------------------------------------------------------------------------------------
+
+
+def _alone(subject: Subject, public: Table) -> Iterator[Finding]:
+    """Signals that only go out, or only come in. A warning where the file has all robots; else others may be there."""
+    pools = subject.definitions.participants
+    level: Level = "warning" if len(pools) > 1 and all(pool.process for pool in pools) else "note"
+    robots = {" ".join(pool.name.split()).casefold() for pool in pools}
+    for name, ends in public.items():
+        space = re.sub(r"_\d+$", "", name.split("/")[1].casefold())
+        throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
+        drawn = next((end for end in ends if end.topic is not None), None)
+        if drawn is None or (throws and catches) or (space in robots and name.count("/") > 1):
+            continue
+        if throws:
+            yield drawn.finding(level, f"throws {name}, which nobody in {_file(subject)} catches")
+        else:
+            yield drawn.finding(level, f"waits for {name}, which nobody in {_file(subject)} throws")
+
+
+def _file(subject: Subject) -> str:
+    return subject.definitions.file or "the file"

@@ -1,0 +1,231 @@
+"""Variables: what is read and never set, and what hides a name that scripts need.
+
+Called processes share the variables of their caller, unless a mapping gives them variables of their own. So what counts
+is a space: a process and all that it calls without a mapping. In a space every name that anything sets is set; the
+order of things is not looked at. A space in which people, services or JavaScript set variables is not judged.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from fame.bpmn.model import (
+    Activity,
+    CallActivity,
+    DataObject,
+    Element,
+    ErrorDefinition,
+    EscalationDefinition,
+    Event,
+    Expression,
+    FlowNode,
+    MultiInstance,
+    Task,
+    Topic,
+)
+from fame.bpmn.topics import topics_of
+from fame.check.findings import Finding, Level
+from fame.check.subject import Subject, Unit
+from fame.check.texts import Text, names_of, texts_of
+from fame.check.topics import fields_taken
+from fame.engine.data import variable_name
+from fame.scripting.interface import NAMES
+
+
+@dataclass(slots=True)
+class Uses:
+    """What one process does to variables. `declared` by data objects; `sets`: name -> first element that sets it.
+
+    `opaque`: something in it may set whatever it likes.
+    """
+
+    texts: list[Text] = field(default_factory=list)
+    declared: set[str] = field(default_factory=set)
+    sets: dict[str, Element] = field(default_factory=dict)
+    opaque: bool = False
+
+
+def variable_findings(subject: Subject, types: Mapping[str, str], *, strict: bool = False) -> Iterator[Finding]:
+    """`types` are those of the topics, by qualified name. `strict`: a name that a payload lacks is an error."""
+    uses = {unit: uses_of(unit, types) for unit in subject.units}
+    for unit in subject.units:
+        yield from _hidden(unit, uses[unit])
+        yield from _idle_data(unit)
+    for root in subject.roots:
+        given = set[str]()
+        if not subject.has_pool(root):  # whoever calls it sets what its data objects declare
+            given = {name for unit in _sharing(root) for name in uses[unit].declared}
+        for space in _spaces(root, given, uses):
+            yield from _unset(space, uses, strict)
+
+
+# ---- one process -----------------------------------------------------------------------------------------------------
+
+
+def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
+    """What a process does to variables."""
+    uses, assigned = Uses(), _assigned(unit)
+    for body in unit.bodies():
+        uses.declared |= {name for item in body.data_objects for name in item.names}
+        objects = {item.id: item for item in body.data_objects}
+        for text in texts_of(body):
+            uses.texts.append(text)
+            for name in text.writes:
+                uses.sets.setdefault(name, text.element)
+            uses.opaque |= text.use == "script" and text.expression.language == "javascript"
+        for node in body.nodes:
+            for name in (*_set_by(node), *_caught(node, objects, types)):
+                uses.sets.setdefault(name, node)
+            uses.opaque |= isinstance(node, Task) and node.kind in ("user", "manual", "service", "business_rule")
+        for item in body.data_objects:
+            for name, expression in item.values:
+                if item.id in assigned and _sets_something(name, expression):
+                    uses.sets.setdefault(name, item)
+    return uses
+
+
+def _set_by(node: FlowNode) -> Iterator[str]:
+    """The variables that an element names as those that it sets."""
+    for definition in node.definitions if isinstance(node, Event) else ():
+        if isinstance(definition, ErrorDefinition | EscalationDefinition):
+            yield from filter(None, (definition.code_variable, getattr(definition, "message_variable", None)))
+    if isinstance(node, Activity):
+        io, inside = node.io, not isinstance(node, CallActivity)
+        yield from (item.target for item in (*io.outputs, *(io.inputs if inside else ()))) if io else ()
+        if isinstance(node.loop, MultiInstance):
+            yield from filter(None, (node.loop.element_variable, node.loop.output_collection))
+    if isinstance(node, Task) and node.result_variable:
+        yield node.result_variable
+
+
+def _caught(node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
+    """The variables that a caught message sets."""
+    for topic, throws in topics_of(node):
+        if not throws:
+            yield from _taken(node, topic, objects, types)
+
+
+def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
+    names = tuple(name for id in node.data_outputs if id in objects for name in objects[id].names)
+    if topic.takes:
+        yield from (item.target for item in topic.takes)
+    elif names:
+        yield from fields_taken(names, topic, types.get(topic.qualified, ""))
+    else:
+        yield variable_name(topic.name)
+
+
+def _assigned(unit: Unit) -> set[str]:
+    """The data objects (ids) whose values are assigned when an element starts or ends; a caught message has its own."""
+    found: set[str] = set()
+    for node in unit.process.body.walk():
+        catches = isinstance(node, Event) and node.place in ("start", "catch", "boundary")
+        found.update(node.data_inputs, () if catches else node.data_outputs)
+    return found
+
+
+def _sets_something(name: str, expression: Expression) -> bool:
+    """Whether a value is more than the declaration of a name: ``x`` or ``x: ${x}``."""
+    return bool(expression.text.strip()) and names_of(expression)[0] != {name}
+
+
+def _hidden(unit: Unit, uses: Uses) -> Iterator[Finding]:
+    for name in NAMES:
+        if name in uses.sets:
+            text = f"sets a variable `{name}`, which hides {name} of the script interface: name it otherwise"
+            yield unit.finding("warning", text, uses.sets[name])
+
+
+def _idle_data(unit: Unit) -> Iterator[Finding]:
+    used = {id for node in unit.process.body.walk() for id in (*node.data_inputs, *node.data_outputs)}
+    for body in unit.bodies():
+        for item in body.data_objects:
+            values = [name for name, expression in item.values if _sets_something(name, expression)]
+            if values and item.id not in used:
+                text = f"no element is connected to it, so that nothing ever sets {', '.join(values)}"
+                yield unit.finding("warning", text, item)
+
+
+# ---- spaces ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Space:
+    """A process and all that shares its variables.
+
+    members  each with the call of the first one by which it is entered (None: the first itself)
+    known    the names that anything sets
+    opaque   something in it may set whatever it likes
+    call     the call with a mapping that made it, and whose it is
+    """
+
+    members: Mapping[Unit, CallActivity | None]
+    known: frozenset[str]
+    opaque: bool
+    call: tuple[Unit, CallActivity] | None = None
+
+
+def _sharing(root: Unit) -> dict[Unit, CallActivity | None]:
+    """The units that have the variables of `root`."""
+    found: dict[Unit, CallActivity | None] = {root: None}
+    pending = [root]
+    for unit in pending:
+        for call, callee in unit.calls:
+            if callee is not None and call.io is None and callee not in found:
+                found[callee] = found[unit] or call
+                pending.append(callee)
+    return found
+
+
+def _spaces(root: Unit, given: set[str], uses: Mapping[Unit, Uses]) -> Iterator[_Space]:
+    """The space that a process begins, and those of the mapped calls in it."""
+    pending = [_space(root, given, False, None, uses)]
+    seen: set[tuple[Unit, frozenset[str]]] = set()
+    for space in pending:
+        yield space
+        for unit in space.members:
+            for call, callee in unit.calls:
+                if call.io is None or callee is None:
+                    continue
+                inside = {item.target for item in call.io.inputs} | (space.known if call.io.all_in else set())
+                key = (callee, frozenset(inside))
+                if key not in seen:
+                    seen.add(key)
+                    opaque = call.io.all_in and space.opaque
+                    pending.append(_space(callee, inside, opaque, (unit, call), uses))
+
+
+def _space(
+    root: Unit, given: set[str], opaque: bool, call: tuple[Unit, CallActivity] | None, uses: Mapping[Unit, Uses]
+) -> _Space:
+    members = _sharing(root)
+    setting = list(members)
+    for unit in members:
+        for inner, callee in unit.calls:
+            if callee is None:
+                opaque |= inner.io is None or inner.io.all_out
+            elif inner.io is not None and inner.io.all_out:
+                setting += callee.closure()
+    known = frozenset(given.union(*(uses[unit].sets for unit in setting)))
+    return _Space(members, known, opaque or any(uses[unit].opaque for unit in setting), call)
+
+
+def _unset(space: _Space, uses: Mapping[Unit, Uses], strict: bool) -> Iterator[Finding]:
+    """Where names are read that nothing sets. What a callee lacks is told where it is called."""
+    for unit, entered in space.members.items() if not space.opaque else ():
+        for text in uses[unit].texts:
+            for name in sorted(text.reads - space.known):
+                level: Level = "error" if strict and text.use == "payload" else "warning"
+                similar = difflib.get_close_matches(name, sorted(space.known), 1)
+                found = f"reads `{name}`, which nothing sets" + (f"; did you mean `{similar[0]}`?" if similar else "")
+                if space.call is not None:
+                    caller, call = space.call
+                    advice = "" if similar else ": give it in the mapping"
+                    yield caller.finding(level, f"{unit.process.id} {found}{advice}", call)
+                elif entered is not None:
+                    root = next(iter(space.members))
+                    yield root.finding(level, f"{unit.process.id} {found}", entered)
+                else:
+                    yield unit.finding(level, found, text.element, text.expression.line)

@@ -1,0 +1,83 @@
+"""What commands declare their arguments with: a parser with errors of FAME, and arguments that several share."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeAlias
+
+from fame.errors import FameError
+
+Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
+"""What commands are added to."""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that raises FameError instead of leaving the process."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise FameError(f"{message} (see {self.prog} --help)")
+
+
+class Version(argparse.Action):
+    """``--version``: looked up only when asked for, since the package index is slow to open."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(nargs=0, default=argparse.SUPPRESS, **options)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"fame {version('fame-robots')}")
+        except PackageNotFoundError:
+            print("fame, run from its sources without being installed")
+        parser.exit()
+
+
+def command(
+    commands: Commands, name: str, function: Callable[[argparse.Namespace], int], *, help: str, examples: Sequence[str]
+) -> Parser:
+    """Add a command that calls `function`. `help` is a sentence, `examples` are whole command lines."""
+    lines = "\n".join(f"  {example}" for example in examples)
+    made = commands.add_parser(
+        name, help=help, description=f"{help[0].upper()}{help[1:]}.", epilog=f"examples:\n{lines}"
+    )
+    made.set_defaults(command=function)
+    return made
+
+
+def natural(text: str) -> int:
+    """A whole number from 0 on."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"found {text!r}, a whole number from 0 on would be right")
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"found {text!r}, a number above 0 would be right")
+    return number
+
+
+def add_library(parser: Parser) -> None:
+    """``--library DIR``, any number of times."""
+    parser.add_argument(
+        "--library", action="append", default=[], type=Path, metavar="DIR",
+        help="folder with called processes; may be given several times",
+    )  # fmt: skip
+
+
+def add_json(parser: Parser) -> None:
+    """``--json``."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object, also if something goes wrong")

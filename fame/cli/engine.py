@@ -1,0 +1,75 @@
+"""``fame engine``: one robot's engine, waiting for its process on the topic."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Commands, add_library, command
+from fame.cli.network import add_network
+from fame.errors import ConfigError, FameError
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.deployment import EngineNode
+    from fame.middleware.interface import Middleware
+    from fame.node import Event
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "engine", run, examples=("fame engine REX --type car", "fame engine Tractor_1 --type tractor"),
+        help="run one robot's engine: it waits for its process on /NAME/bpmn_process",
+    )  # fmt: skip
+    parser.add_argument("name", metavar="NAME", help="the robot's name and namespace")
+    parser.add_argument("--type", metavar="TYPE", help="kind of robot, whose safe state is used: car ...")
+    parser.add_argument("--insecure", action="store_true", help="take processes from a network that is not loopback")
+    add_network(parser)
+    add_library(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Serve until interrupted."""
+    from fame.clock import SECOND
+    from fame.deployment import EngineNode, engines
+    from fame.library import Library
+    from fame.remote import serve
+
+    if arguments.network is not None and not arguments.insecure:
+        raise FameError("a topic that carries code must not be open by accident: give --insecure to take any process")
+    safe = _safe_state(arguments.type)
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
+        scheduler.run(scheduler.now + SECOND // 2)  # until others are found
+        if arguments.name in engines(middleware):
+            raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
+        return EngineNode(
+            arguments.name,
+            scheduler=scheduler,
+            middleware=middleware,
+            library=Library(arguments.library),
+            on_report=_say,
+            safe_state=safe,
+        )
+
+    serve(arguments.middleware, arguments.network, build)
+    return 0
+
+
+def _safe_state(kind: str | None) -> Sequence[Any]:
+    """What brings a robot of a kind to rest."""
+    if kind is None:
+        return ()
+    from robots import ROBOTS
+
+    if kind not in ROBOTS:
+        raise ConfigError(f"no robot type {kind!r}; there are {', '.join(ROBOTS)}")
+    return ROBOTS[kind].SAFE_STATE
+
+
+def _say(event: Event) -> None:
+    place = f"{event.robot}: {event.element}" if event.element else event.robot
+    print(f"{event.time / 1e9:9.1f} s   {place}: {event.detail}", file=sys.stderr, flush=True)

@@ -1,0 +1,67 @@
+"""What the commands print: JSON objects, tables, and the line that shows how far a run is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TextIO
+
+from fame.errors import FameError
+
+if TYPE_CHECKING:
+    from fame.scenario import Progress
+
+_WIPE = "\r\x1b[2K"
+
+
+def print_json(value: Mapping[str, Any]) -> None:
+    """The one object on stdout that ``--json`` promises."""
+    print(json.dumps(value, indent=2))  # in ASCII: no locale can spoil it
+
+
+def error_object(error: FameError, cause: BaseException, status: str = "error") -> dict[str, Any]:
+    """An error as JSON: the class of its cause, its line of text, and where it is as far as it knows."""
+    where = ("file", "line", "element", "robot", "code", "type", "field")
+    known = {name: value for name in where if (value := getattr(error, name, None))}
+    return {"status": status, "error": {"class": type(cause).__name__, "text": str(error), **known}}
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
+    """Columns as wide as their longest cell, numbers to the right."""
+    widths = [max(len(str(row[column])) for row in (heads, *rows)) for column in range(len(heads))]
+    right = [bool(rows) and isinstance(cell, int) for cell in (rows[0] if rows else heads)]
+    lines = (
+        "  ".join(
+            str(cell).rjust(width) if number else str(cell).ljust(width)
+            for cell, width, number in zip(row, widths, right, strict=True)
+        )
+        for row in (heads, *rows)
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
+@contextmanager
+def progress_line(stream: TextIO, *, wanted: bool = True) -> Iterator[Callable[[Progress], object] | None]:
+    """A function that shows how far a run is in one line, again and again; None if nobody sees it."""
+    if not (wanted and stream.isatty()):
+        yield None
+        return
+
+    def show(progress: Progress) -> None:
+        width = shutil.get_terminal_size().columns - 1
+        stream.write(_WIPE + progress_text(progress)[:width])
+        stream.flush()
+
+    try:
+        yield show
+    finally:
+        stream.write(_WIPE)
+        stream.flush()
+
+
+def progress_text(progress: Progress) -> str:
+    """How far a run is: the simulated time, and what each robot is at."""
+    robots = "   ".join(f"{name}: {text}" for name, text in progress.robots.items() if text)
+    return f"{progress.simulated:7.1f} s   {robots}"

@@ -1,0 +1,196 @@
+"""``fame run``: a scenario, or a model alone, in one process."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
+from fame.cli.output import print_json, progress_line, table
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fame.log import Write
+    from fame.node import Event
+    from fame.scenario import Result, RobotResult, Scenario
+
+_EXAMPLES = (
+    "fame run examples/ground_vehicles.yaml",
+    "fame run examples/ground_vehicles.yaml --seed 7 --animate out/run.gif",
+    "fame run mission.bpmn --duration 60 --log out/run.jsonl --log out/run.xes",
+)
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "run", run, examples=_EXAMPLES,
+        help="run a scenario (world, robots and model) or a model alone, in simulated time",
+    )  # fmt: skip
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
+    parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
+    parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which the run ends")
+    parser.add_argument(
+        "--middleware", choices=("local", "dds", "ros"), default="local",
+        help="local: all in one process; else the world and each engine in processes of their own, in real time",
+    )  # fmt: skip
+    parser.add_argument("--real-time", action="store_true", help="as slow as reality, not as fast as possible")
+    parser.add_argument(
+        "--semantics", choices=("standard", "original"),
+        help="of interrupting event sub-processes; original: they suspend and resume",
+    )  # fmt: skip
+    parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
+    parser.add_argument(
+        "--log", action="append", default=[], type=Path, metavar="FILE",
+        help="write the events to a .jsonl, .csv or .xes file; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the ways of the robots")
+    parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
+    add_library(parser)
+    add_json(parser)
+    parser.add_argument("--quiet", action="store_true", help="print nothing if all goes well")
+
+
+def run(arguments: Namespace) -> int:
+    """Run it and say how it went."""
+    from fame.scenario import Scenario
+
+    scenario = Scenario.load(
+        arguments.scenario,
+        seed=arguments.seed,
+        duration=arguments.duration,
+        semantics=arguments.semantics,
+        library=arguments.library,
+    )
+    if arguments.middleware != "local":
+        return _run_team(arguments, scenario)
+    _check_drawings(arguments, scenario)
+    quiet = arguments.quiet or arguments.json
+    with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as show:
+        result = scenario.run(
+            real_time=arguments.real_time,
+            observer=_together(writes) if writes else None,
+            progress=show,
+            record=arguments.picture is not None or arguments.animate is not None,
+            strict=arguments.strict,
+        )
+    _draw(arguments, result)
+    if arguments.json:
+        print_json(result.to_json())
+    else:
+        _tell(result, quiet=arguments.quiet)
+    return result.exit_code
+
+
+def _run_team(arguments: Namespace, scenario: Scenario) -> int:
+    """World and engines in processes of their own."""
+    from fame.remote import Team
+
+    wanted = {"--log": arguments.log, "--picture": arguments.picture, "--animate": arguments.animate}
+    for option, value in wanted.items():
+        if value:
+            raise ConfigError(f"{option} needs --middleware local: the events are in other processes")
+    quiet = arguments.quiet or arguments.json
+    with progress_line(sys.stderr, wanted=not quiet) as show:
+        result = Team(scenario, arguments.middleware, show or (lambda progress: None)).run()
+    if arguments.json:
+        print_json(result.to_json())
+        return result.exit_code
+    if not quiet:
+        rows = [(name, said.started, said.state) for name, said in sorted(result.reports.items())]
+        print(table(("robot", "instances", "state"), rows), end="\n\n")
+        print(f"{result.status}: {result.seconds:.1f} s", flush=True)
+    for message in result.messages:
+        print(f"fame: {message}", file=sys.stderr)
+    return result.exit_code
+
+
+@contextmanager
+def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Write]]:
+    """What writes to the logs that were asked for, as long as the block lasts."""
+    if not paths:
+        yield []
+        return
+    from fame.log import logging_to
+
+    files = scenario.closures()
+    with ExitStack() as stack:
+        yield [stack.enter_context(logging_to(path, files)) for path in paths]
+
+
+def _together(writes: Sequence[Write]) -> Write:
+    """One observer that calls all of them."""
+    if len(writes) == 1:
+        return writes[0]
+
+    def observe(event: Event) -> None:
+        for write in writes:
+            write(event)
+
+    return observe
+
+
+# ---- drawings --------------------------------------------------------------------------------------------------------
+
+
+def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
+    """Complain about drawings before the run, not after it."""
+    wanted = ((arguments.picture, (".png",)), (arguments.animate, (".gif", ".mp4")))
+    for path, endings in wanted:
+        if path is not None and path.suffix.lower() not in endings:
+            raise ConfigError(
+                f"found the ending {path.suffix!r}; {' or '.join(endings)} would be right", file=str(path)
+            )
+        if path is not None and scenario.world is None:
+            raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
+
+
+def _draw(arguments: Namespace, result: Result) -> None:
+    if result.record is None:
+        return
+    title = arguments.scenario.stem.replace("_", " ").capitalize()
+    if arguments.picture is not None:
+        from sim2d.picture import picture
+
+        picture(result.record, arguments.picture, title=title)
+    if arguments.animate is not None:
+        from sim2d.animation import animate
+
+        animate(result.record, arguments.animate, labels=result.labels, title=title)
+
+
+# ---- text ------------------------------------------------------------------------------------------------------------
+
+
+def _tell(result: Result, *, quiet: bool) -> None:
+    """The summary on stdout; what scripts and robots reported, and what went wrong, on stderr."""
+    if not quiet:
+        for event in result.reports:
+            place = f"{event.robot}: {event.element}" if event.element else event.robot
+            print(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}", file=sys.stderr)
+        rows = [(robot.name, robot.instances, robot.elements, _standing(robot)) for robot in result.robots]
+        print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
+        print(f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}", flush=True)
+    if result.status != "completed":
+        for message in result.messages:
+            print(f"fame: {message}", file=sys.stderr)
+
+
+def _speed(result: Result) -> str:
+    """How fast it ran, if that can be told."""
+    faster = result.simulated / result.wall if result.wall > 0 else 0
+    return f", {faster:.0f} times real time" if faster >= 2 else ""
+
+
+def _standing(robot: RobotResult) -> str:
+    """How it is with one robot, in words."""
+    running = robot.instances - robot.completed - robot.failed
+    if not robot.instances:
+        return "never started"
+    counts = ((robot.failed, "failed"), (running, "running"), (robot.completed, "completed"))
+    said = [(count, word) for count, word in counts if count]
+    return said[0][1] if len(said) == 1 else ", ".join(f"{count} {word}" for count, word in said)

@@ -1,0 +1,279 @@
+"""A scenario's parts in processes of their own: how one is started, watched and ended, and what each of them does.
+
+`serve` is what such a process does: its scheduler on the wall clock, its middleware, and a part that is built on both
+and runs until somebody stops it (SIGINT, SIGTERM). `Team` starts them all, deploys the model, and watches what they
+say.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from fame.clock import SECOND, Kind, WallScheduler
+from fame.deployment import STATUS_QOS, STRING, Deployment, Report
+from fame.errors import ConfigError, DeploymentError, UnavailableError
+from fame.middleware.interface import LATCHED, Middleware
+from fame.scenario import Progress
+
+if TYPE_CHECKING:
+    from fame.scenario import Scenario
+
+BACKENDS = ("dds", "ros")
+WORLD_STATE = "/world_state"
+"""Topic of how things stand in a simulated world: std_msgs/msg/String, JSON as `sim2d.world.World.summary` gives."""
+
+_ENDING = 5.0  # s that a process may take to end
+_APPEARING = 15.0  # s until all engines have to be there
+
+
+class Part(Protocol):
+    """What a process holds: closed before it leaves."""
+
+    def close(self) -> None: ...
+
+
+def connect(backend: str, scheduler: WallScheduler, network: str | None = None) -> Middleware:
+    """The middleware of a process. Raises UnavailableError for one that is not installed."""
+    if backend == "dds":
+        from fame.middleware.dds import DdsMiddleware
+
+        return DdsMiddleware(scheduler, network=network)
+    if backend == "ros":
+        raise UnavailableError("the rclpy backend is not part of this version; --middleware dds speaks to ROS 2 nodes")
+    raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
+
+
+def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:
+    """Build a part and let it live until SIGINT or SIGTERM; then close it safely."""
+    scheduler = WallScheduler()
+    middleware = connect(backend, scheduler, network)
+    try:
+        part = build(scheduler, middleware)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: scheduler.stop())
+        try:
+            scheduler.run()
+        finally:
+            part.close()
+            scheduler.run(scheduler.now + SECOND // 10)  # what was said last still goes out
+    finally:
+        middleware.close()
+
+
+# ---- all of them -----------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class TeamResult:
+    """How a run in many processes went. `reports` are the last words of the robots, `world` those of the world."""
+
+    status: str
+    reports: dict[str, Report] = field(default_factory=dict)
+    world: Mapping[str, Any] | None = None
+    seconds: float = 0.0
+    messages: list[str] = field(default_factory=list)
+
+    @property
+    def exit_code(self) -> int:
+        """That of the command."""
+        return {"completed": 0, "interrupted": 130}.get(self.status, 1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Fit for JSON."""
+        from dataclasses import asdict
+
+        return {
+            "status": self.status,
+            "seconds": round(self.seconds, 3),
+            "robots": {name: asdict(report) for name, report in self.reports.items()},
+            "world": self.world,
+            "messages": self.messages,
+        }
+
+
+class Team:
+    """A scenario in many processes: the world, and one engine per robot. `watch` is told how far it is."""
+
+    def __init__(self, scenario: Scenario, backend: str, watch: Callable[[Progress], object]) -> None:
+        self.scenario, self.backend, self._watch = scenario, backend, watch
+        self.scheduler = WallScheduler()
+        self.middleware = connect(backend, self.scheduler)
+        self.reports: dict[str, Report] = {}
+        self.world: Mapping[str, Any] | None = None
+        self.result = TeamResult("timeout")
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._deployment: Deployment | None = None
+
+    def run(self) -> TeamResult:
+        """Start all, deploy, wait until nothing runs any more or the duration is over, end all."""
+        begun = time.monotonic()
+        try:
+            self._start()
+            self._listen()
+            self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
+            self.scheduler.after(round((self.scenario.duration + _APPEARING) * SECOND), self.scheduler.stop, Kind.TIMER)
+            signal.signal(signal.SIGINT, self._interrupt)
+            self.scheduler.run()
+        finally:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            self._end()
+            self.middleware.close()
+        self.result.reports, self.result.world = self.reports, self.world
+        self.result.seconds = time.monotonic() - begun
+        return self.result
+
+    def _interrupt(self, *_: object) -> None:
+        self.result.status = "interrupted"
+        self.scheduler.stop()
+
+    def _start(self) -> None:
+        fame = [sys.executable, "-m", "fame"]
+        tail = ["--middleware", self.backend]
+        types = {robot.name: robot.type for robot in self.scenario.world.robots} if self.scenario.world else {}
+        if self.scenario.world is not None:
+            command = [*fame, "world", self.scenario.file, "--seed", str(self.scenario.seed), *tail]
+            self._processes["world"] = _spawn(command)
+        for robot in self.scenario.cast:
+            kind = ["--type", types[robot]] if robot in types else []
+            self._processes[robot] = _spawn([*fame, "engine", robot, *kind, *tail])
+
+    def _listen(self) -> None:
+        node = self.middleware.node("fame_team")
+        for robot in self.scenario.cast:
+            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._heard, robot), STATUS_QOS)
+        node.subscription(WORLD_STATE, STRING, self._seen, LATCHED)
+
+    def _seen(self, message: Any) -> None:
+        with suppress(ValueError):
+            self.world = json.loads(message.data)
+
+    def _heard(self, robot: str, message: Any) -> None:
+        report = Report.from_json(message.data)
+        if report is None:
+            return
+        self.reports[robot] = report
+        at = {name: _standing(self.reports[name]) for name in self.scenario.cast if name in self.reports}
+        self._watch(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
+        if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
+            self._deploy()
+        elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
+            self._over()
+
+    def _world_is_there(self) -> bool:
+        return self.scenario.world is None or self.world is not None
+
+    def _deploy(self) -> None:
+        self._deployment = Deployment(
+            self.scenario.definitions,
+            id=f"run-{os.getpid()}",
+            sequence=1,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=self._deployed,
+            robots=list(self.scenario.cast),
+            library=self.scenario.library,
+        )
+        self._deployment.begin()
+
+    def _deployed(self, deployment: Deployment) -> None:
+        if deployment.failed:
+            self.result.status = "failed"
+            self.result.messages = [
+                f"{each.robot}: {each.state}: {each.reason}" for each in deployment.standings.values()
+            ]
+            self.scheduler.stop()
+
+    def _over(self) -> None:
+        """Something has run, and nothing runs any more."""
+        reports = self.reports.values()
+        if any(report.started for report in reports) and not any(report.instances for report in reports):
+            self.result.status = "failed" if any(report.failed for report in reports) else "completed"
+            self.result.messages = [report.error for report in reports if report.error]
+            # What one robot said last may be on its way to another: look again when it must have arrived.
+            self.scheduler.after(SECOND // 2, self._really_over, Kind.TIMER)
+
+    def _really_over(self) -> None:
+        if not any(report.instances for report in self.reports.values()):
+            self.scheduler.stop()
+        else:
+            self.result.status = "timeout"
+
+    def _expect_all(self) -> None:
+        missing = [robot for robot in self.scenario.cast if robot not in self.reports]
+        if missing or not self._world_is_there():
+            names = ", ".join([*missing, *([] if self._world_is_there() else ["the world"])])
+            self.result.status = "failed"
+            self.result.messages = [f"{names} did not appear within {_APPEARING:g} s"]
+            self.scheduler.stop()
+
+    def _end(self) -> None:
+        for process in self._processes.values():
+            with suppress(ProcessLookupError):
+                process.send_signal(signal.SIGINT)
+        until = time.monotonic() + _ENDING
+        for name, process in self._processes.items():
+            try:
+                process.wait(max(0.1, until - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                self.result.messages.append(f"{name} did not end by itself within {_ENDING:g} s")
+
+
+def _standing(report: Report) -> str:
+    """How a robot stands, in a few words."""
+    waits = ", ".join(wait["element"] for wait in report.waits)
+    return f"{report.state} at {waits}" if waits and report.instances else report.state
+
+
+def _spawn(command: Sequence[str]) -> subprocess.Popen[bytes]:
+    """A process of FAME that a Ctrl-C in the terminal does not reach: it is ended by us, in order."""
+    root = Path(__file__).resolve().parent.parent
+    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True)
+
+
+def deploy(
+    definitions: Any,
+    middleware: Middleware,
+    scheduler: WallScheduler,
+    *,
+    only: Sequence[str],
+    library: Any,
+    patience: float,
+) -> Deployment:
+    """Deploy a model to the engines that are there, and wait. Raises DeploymentError if there is none."""
+    from fame.deployment import engines
+
+    until = scheduler.now + round(patience * SECOND)
+    while not engines(middleware) and scheduler.now < until:
+        scheduler.run(scheduler.now + SECOND // 20)
+    scheduler.run(scheduler.now + SECOND // 2)  # for those who are found a little later
+    if not engines(middleware):
+        raise DeploymentError(f"no engine was found within {patience:g} s; start one with: fame engine NAME")
+    deployment = Deployment(
+        definitions,
+        id=f"deploy-{os.getpid()}-{time.time_ns()}",
+        sequence=time.time_ns() // 1000,
+        scheduler=scheduler,
+        middleware=middleware,
+        ended=lambda _: scheduler.stop(),
+        only=only,
+        library=library,
+        patience=patience,
+    )
+    deployment.begin()
+    scheduler.run()
+    return deployment

@@ -1,0 +1,116 @@
+"""The `fame` command as a whole: help, version, and how it ends when something is in its way."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fame.cli import _COMMANDS, main
+from fame.cli import run as run_command
+
+ROOT = Path(__file__).parent.parent
+COMMANDS = tuple(module.__name__.rsplit(".", 1)[1] for module in _COMMANDS)
+
+
+def fame(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    """The real command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "fame", *arguments], cwd=ROOT, text=True, stderr=subprocess.PIPE, check=False, **options
+    )
+
+
+def test_help_lists_exactly_the_commands_there_are(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.split("COMMAND\n")[1].split("\n\n")[0].splitlines()
+    assert tuple(line.split()[0] for line in lines if line.startswith("    ") and line[4] != " ") == COMMANDS
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_explains_itself_with_examples(command: str, capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([command, "--help"])
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    assert out.startswith(f"usage: fame {command} ")
+    assert f"\nexamples:\n  fame {command}" in out
+
+
+def test_the_version_is_one_line(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("fame")
+
+
+@pytest.mark.processes
+def test_a_reader_that_leaves_early_ends_the_command_in_silence() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = fame("check", "models/ground_vehicles.bpmn", stdout=writing)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.processes
+def test_a_name_that_the_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
+    text = (ROOT / "models" / "ground_vehicles.bpmn").read_text().replace('name="REX"', 'name="Mäher"')
+    (tmp_path / "mission.bpmn").write_text(text, encoding="utf-8")
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = fame("split", str(tmp_path / "mission.bpmn"), "-o", str(tmp_path), stdout=subprocess.PIPE, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[0].endswith("M\\xe4her.bpmn")
+
+
+class Broken(Exception):
+    """A bug."""
+
+
+@pytest.fixture
+def bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command with a bug in it."""
+
+    def run(arguments: object) -> int:
+        raise Broken("what was never thought of")
+
+    monkeypatch.setattr(run_command, "run", run)
+
+
+@pytest.mark.usefixtures("bug")
+def test_a_bug_is_one_line_that_says_so(capsys) -> None:
+    assert main(["run", "x.yaml"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("fame: error: Broken: what was never thought of (this is a bug")
+
+
+@pytest.mark.usefixtures("bug")
+def test_a_bug_shows_where_it_is_if_asked(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setenv("FAME_DEBUG", "1")
+    assert main(["run", "x.yaml"]) == 1
+    err = capsys.readouterr().err
+    assert "Traceback" in err
+    assert __file__ in err
+
+
+@pytest.mark.usefixtures("bug")
+def test_a_bug_with_json_is_one_object_too(capsys) -> None:
+    assert main(["run", "x.yaml", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert (told["status"], told["error"]["class"]) == ("error", "Broken")
+
+
+def test_an_interruption_is_told_and_has_its_code(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def run(arguments: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_command, "run", run)
+    assert main(["run", "x.yaml"]) == 130
+    assert capsys.readouterr().err == "fame: interrupted\n"
+    assert main(["run", "x.yaml", "--json"]) == 130
+    assert json.loads(capsys.readouterr().out)["status"] == "interrupted"

@@ -1,0 +1,211 @@
+"""What is wrong with a file or a mission is said in one clear line, with the exit code that fits, and no traceback."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from bpmn_text import document, process, properties
+
+from fame.cli import main
+
+START, END = '<startEvent id="s"/>', '<endEvent id="e"/>'
+
+
+def flow(source: str, target: str) -> str:
+    return f'<sequenceFlow id="{source}_{target}" sourceRef="{source}" targetRef="{target}"/>'
+
+
+def task(content: str, tag: str = "scriptTask", attributes: str = "") -> str:
+    """A process of one activity between start and end."""
+    activity = f'<{tag} id="t" {attributes}>{content}</{tag}>'
+    return process(f"{START}{activity}{END}{flow('s', 't')}{flow('t', 'e')}")
+
+
+def script(text: str) -> str:
+    return task(f"<script>{text}</script>")
+
+
+def throw(payload: str) -> str:
+    event = f'<intermediateThrowEvent id="t">{properties(type="std_msgs/msg/Bool", payload=payload)}'
+    event += '<signalEventDefinition signalRef="S"/></intermediateThrowEvent>'
+    return process(f"{START}{event}{END}{flow('s', 't')}{flow('t', 'e')}", root='<signal id="S" name="done"/>')
+
+
+class Bad(NamedTuple):
+    """A bad file: its text, the exit code, and what has to be said of it."""
+
+    text: str
+    code: int
+    said: tuple[str, ...]
+
+
+MODELS = {
+    "not XML": Bad("robots, please go", 2, ("mission.bpmn:1", "XML")),
+    "empty": Bad("", 2, ("mission.bpmn", "XML")),
+    "truncated": Bad(script("x = 1")[:-60], 2, ("mission.bpmn", "XML")),
+    "a DTD": Bad("<!DOCTYPE d [<!ENTITY x 'y'>]>" + script("x = 1"), 2, ("mission.bpmn", "document type")),
+    "another namespace": Bad('<definitions xmlns="http://example.org/other"/>', 2, ("mission.bpmn:1", "namespace")),
+    "a flow to nowhere": Bad(process(f"{START}{flow('s', 'gone')}"), 2, ("mission.bpmn:3", "s_gone", "gone")),
+    "a boundary event on nothing": Bad(
+        process(f'{START}<boundaryEvent id="b" attachedToRef="gone"><errorEventDefinition/></boundaryEvent>'),
+        2,
+        ("mission.bpmn:3", "b", "gone"),
+    ),
+    "a process that calls itself": Bad(task("", "callActivity", 'calledElement="P"'), 1, ("t", "deep")),
+    "a called process that is not there": Bad(
+        task("", "callActivity", 'calledElement="Fly"'), 2, ("mission.bpmn:3", "t", "Fly", "library")
+    ),
+    "a syntax error": Bad(script("x = 1\ny = = 2"), 2, ("mission.bpmn:4", "t", "syntax")),
+    "an unknown language": Bad(
+        task("<script>1</script>", attributes='scriptFormat="cobol"'), 2, ("mission.bpmn:3", "t", "cobol", "python")
+    ),
+    "a payload that does not fit": Bad(throw("{x: 1}"), 1, ("P", "t", "std_msgs/msg/Bool")),
+    "an unknown message type": Bad(throw("1").replace("/Bool", "/Bolo"), 2, ("std_msgs/msg/Bolo",)),
+    "a script that raises": Bad(script("x = 1\nx / 0"), 1, ("P: t", "mission.bpmn:4", "ZeroDivisionError")),
+    "an error nobody catches": Bad(script("raise BpmnError('blade_blocked')"), 1, ("P", "t", "blade_blocked")),
+    "a script without an end": Bad(script("while True: pass"), 1, ("P", "t", "budget")),
+    "a loop without rest": Bad(
+        process(f'{START}<exclusiveGateway id="g"/><task id="t"/>{flow("s", "g")}{flow("g", "t")}{flow("t", "g")}'),
+        1,
+        ("P: ", "without rest", "loop over"),
+    ),
+    "nothing to run": Bad(
+        document('<collaboration id="C"><participant id="X" name="REX"/></collaboration>'), 2, ("black boxes", "REX")
+    ),
+    "two pools of one name": Bad(
+        document(
+            '<collaboration id="C"><participant id="X" name="REX" processRef="P"/>'
+            '<participant id="Y" name="Rex" processRef="Q"/></collaboration>'
+            f'<process id="P">{START}</process><process id="Q">{START}</process>'.replace('"s"', '"s1"', 1)
+        ),
+        2,
+        ("Y", "two pools"),
+    ),
+}
+SLOW = ("a script without an end", "a loop without rest")
+
+
+def one_line(capsys: pytest.CaptureFixture[str], code: int, *said: str) -> str:
+    """The one line on stderr, which says all of this."""
+    err = capsys.readouterr().err
+    lines = err.splitlines()
+    assert lines, "nothing was said"
+    assert lines[0].startswith("fame: ")
+    assert "Traceback" not in err
+    assert "bug" not in err
+    assert code == 1 or len(lines) == 1
+    for text in said:
+        assert text.lower() in lines[0].lower()
+    return lines[0]
+
+
+@pytest.mark.parametrize("bad", MODELS.values(), ids=MODELS)
+def test_a_bad_model_is_refused_or_fails_in_one_line(bad: Bad, tmp_path: Path, capsys) -> None:
+    (tmp_path / "mission.bpmn").write_text(bad.text)
+    assert main(["run", str(tmp_path / "mission.bpmn"), "--quiet"]) == bad.code
+    one_line(capsys, bad.code, *bad.said)
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name not in SLOW])
+def test_with_json_it_is_one_object(name: str, tmp_path: Path, capsys) -> None:
+    bad = MODELS[name]
+    (tmp_path / "mission.bpmn").write_text(bad.text)
+    assert main(["run", str(tmp_path / "mission.bpmn"), "--json"]) == bad.code
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert err == ""
+    assert told["status"] == ("failed" if bad.code == 1 else "error")
+    lines = told["messages"] if bad.code == 1 else [told["error"]["text"]]
+    assert all(text.lower() in lines[0].lower() for text in bad.said)
+
+
+def test_a_huge_file_is_refused_without_being_read(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "huge.bpmn"
+    with path.open("wb") as stream:
+        stream.truncate(200_000_000)
+    assert main(["run", str(path)]) == 2
+    one_line(capsys, 2, "huge.bpmn", "MB")
+
+
+def test_a_topic_that_nobody_publishes_ends_the_run_at_its_duration(tmp_path: Path, capsys) -> None:
+    (tmp_path / "mission.bpmn").write_text(script('await receive("battery", "std_msgs/msg/Bool")\n'))
+    (tmp_path / "s.yaml").write_text(
+        "model: mission.bpmn\nduration: 3\nworld: {size: [2, 2], robots: {P: {type: car, at: [1, 1]}}}\n"
+    )
+    assert main(["run", str(tmp_path / "s.yaml"), "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert (told["status"], told["simulated"]) == ("timeout", 3.0)
+    assert any("P waits at t" in line and "battery" in line for line in told["messages"])
+
+
+WORLD = "{{size: [4, 4], obstacles: [{{name: rock, at: [3, 3], radius: 0.5}}], robots: {{{robots}}}}}"
+SCENARIOS = {
+    "no YAML": ("model: [", ("s.yaml:1",)),
+    "not a mapping": ("- model", ("s.yaml",)),
+    "no model": ("seed: 1", ("s.yaml", "model")),
+    "a model that is not there": ("model: gone.bpmn", ("gone.bpmn",)),
+    "an unknown key": ("model: mission.bpmn\nsed: 3", ("s.yaml:2", "sed", "seed")),
+    "a wrong value": ("model: mission.bpmn\nseed: early", ("s.yaml:2", "seed", "early")),
+    "a robot that no pool knows": (
+        "model: mission.bpmn\nworld: " + WORLD.format(robots="P: {type: car, at: [1, 1]}, Q: {type: car, at: [2, 2]}"),
+        ("s.yaml", "'Q'", "P"),
+    ),
+    "a pool without a robot": ("model: mission.bpmn\nworld: " + WORLD.format(robots=""), ("s.yaml", "'P'")),
+    "a robot inside an obstacle": (
+        "model: mission.bpmn\nworld: " + WORLD.format(robots="P: {type: car, at: [3, 3.1]}"),
+        ("s.yaml:2", "P", "rock"),
+    ),
+    "a robot of an unknown type": (
+        "model: mission.bpmn\nworld: " + WORLD.format(robots="P: {type: submarine, at: [1, 1]}"),
+        ("s.yaml:2", "P", "submarine", "car"),
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), SCENARIOS.values(), ids=SCENARIOS)
+def test_a_bad_scenario_is_refused_in_one_line(text: str, said: tuple[str, ...], tmp_path: Path, capsys) -> None:
+    (tmp_path / "mission.bpmn").write_text(script("x = 1"))
+    (tmp_path / "s.yaml").write_text(text)
+    assert main(["run", str(tmp_path / "s.yaml")]) == 2
+    one_line(capsys, 2, *said)
+
+
+REQUESTS = {
+    "no command": ([], ("command",)),
+    "an unknown command": (["fly"], ("fly", "run")),
+    "an unknown option": (["run", "x.bpmn", "--fast"], ("--fast",)),
+    "no file": (["run"], ("scenario",)),
+    "a file that is not there": (["run", "gone.bpmn"], ("gone.bpmn", "no such file")),
+    "a scenario that is not there": (["run", "gone.yaml"], ("gone.yaml", "no such file")),
+    "a folder": (["run", "."], (".yaml", ".bpmn")),
+    "a file of another kind": (["run", "mission.txt"], ("mission.txt", ".yaml", ".bpmn")),
+    "a wrong seed": (["run", "mission.bpmn", "--seed", "-1"], ("--seed", "-1")),
+    "a wrong duration": (["run", "mission.bpmn", "--duration", "nan"], ("--duration", "nan", "above 0")),
+    "a log of unknown form": (["run", "mission.bpmn", "--log", "run.txt"], ("run.txt", ".jsonl", ".csv", ".xes")),
+    "a log nobody can write": (["run", "mission.bpmn", "--log", "mission.bpmn/run.csv"], ("run.csv", "written")),
+    "a picture without a world": (["run", "mission.bpmn", "--picture", "out.png"], ("out.png", "no world")),
+    "a picture of unknown form": (["run", "mission.bpmn", "--picture", "out.tiff"], ("out.tiff", ".png")),
+    "a film of unknown form": (["run", "mission.bpmn", "--animate", "out.avi"], ("out.avi", ".gif", ".mp4")),
+    "nowhere to split to": (["split", "mission.bpmn"], ("--output",)),
+    "splitting into a file": (["split", "mission.bpmn", "-o", "mission.bpmn"], ("mission.bpmn", "exists")),
+    "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
+    "no diagram to draw": (["draw", "mission.bpmn", "-o", "out.svg"], ("mission.bpmn", "no diagram")),
+    "checking what is not there": (["check", "mission.bpmn", "gone.bpmn"], ("gone.bpmn", "no such file")),
+}
+
+
+@pytest.mark.parametrize(("arguments", "said"), REQUESTS.values(), ids=REQUESTS)
+def test_a_wrong_request_is_refused_in_one_line(
+    arguments: list[str], said: tuple[str, ...], tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mission.bpmn").write_text(script("x = 1"))
+    assert main(arguments) == 2
+    assert one_line(capsys, 2, *said).startswith("fame: error: ")
+    assert main([*arguments, "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert all(text in json.loads(out)["error"]["text"].lower() for text in said)

@@ -1,0 +1,187 @@
+"""``fame run``: what it prints, writes and returns."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from bpmn_text import process
+
+from fame.cli import main
+from fame.cli.output import progress_text, table
+from fame.scenario import Progress
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = str(ROOT / "examples" / "ground_vehicles.yaml")
+WAITS = process(
+    """<startEvent id="s"/><scriptTask id="t" name="Wait"><script>log("waiting")
+await sleep(3600)</script></scriptTask><sequenceFlow id="f" sourceRef="s" targetRef="t"/>""",
+    attributes='name="REX"',
+)
+ENDS = WAITS.replace("3600", "2")
+
+
+@pytest.fixture
+def waits(tmp_path: Path) -> str:
+    """A model that waits for an hour."""
+    path = tmp_path / "waits.bpmn"
+    path.write_text(WAITS)
+    return str(path)
+
+
+@pytest.fixture
+def ends(tmp_path: Path) -> str:
+    """A model that is over after two seconds."""
+    path = tmp_path / "ends.bpmn"
+    path.write_text(ENDS)
+    return str(path)
+
+
+def test_the_mission_as_json_with_all_that_can_be_written(tmp_path: Path, capsys) -> None:
+    files = [tmp_path / "out" / name for name in ("run.jsonl", "run.csv", "run.xes", "run.png", "run.gif")]
+    logs = [text for file in files[:3] for text in ("--log", str(file))]
+    assert main(["run", EXAMPLE, "--json", *logs, "--picture", str(files[3]), "--animate", str(files[4])]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert (told["status"], err) == ("completed", "")
+    assert told["world"]["robots"]["DINGO"]["distances"]["target"] < 0.3
+    assert told["world"]["robots"]["DINGO"]["led"] == "red"
+    assert files[3].read_bytes().startswith(b"\x89PNG")
+    assert files[4].read_bytes().startswith(b"GIF89a")
+    assert all(file.stat().st_size > 10_000 for file in files)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path: Path) -> None:
+    def log(name: str, seed: str) -> list[bytes]:
+        files = [tmp_path / f"{name}.{ending}" for ending in ("jsonl", "csv", "xes")]
+        logs = [text for file in files for text in ("--log", str(file))]
+        assert main(["run", EXAMPLE, "--quiet", "--seed", seed, *logs]) == 0
+        return [file.read_bytes() for file in files]
+
+    first = log("a", "7")
+    assert log("b", "7") == first
+    assert all(one != other for one, other in zip(log("c", "8"), first, strict=True))
+
+
+def test_the_summary_has_a_row_per_robot_and_the_times(capsys) -> None:
+    assert main(["run", EXAMPLE]) == 0
+    head, rex, dingo, blank, last = capsys.readouterr().out.splitlines()
+    assert head.split() == ["robot", "instances", "elements", "status"]
+    assert (rex.split()[0], rex.split()[1], rex.split()[3]) == ("REX", "1", "completed")
+    assert (dingo.split()[0], dingo.split()[1], dingo.split()[3]) == ("DINGO", "1", "completed")
+    assert blank == ""
+    assert last.startswith("completed: ")
+    assert " s simulated in " in last
+
+
+def test_a_model_runs_without_a_world(ends: str, capsys) -> None:
+    assert main(["run", ends]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1].startswith("completed: 2.0 s simulated in ")
+    assert "0.0 s   REX: waiting" in err
+
+
+def test_quiet_prints_nothing_if_all_goes_well(ends: str, capsys) -> None:
+    assert main(["run", ends, "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_quiet_still_says_what_went_wrong(waits: str, capsys) -> None:
+    assert main(["run", waits, "--quiet", "--duration", "5"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert all(line.startswith("fame: ") for line in err.splitlines())
+    assert "REX waits at t" in err
+
+
+def test_the_duration_ends_the_run_and_it_says_who_waits(waits: str, capsys) -> None:
+    assert main(["run", waits, "--duration", "7.5"]) == 1
+    out, err = capsys.readouterr()
+    assert "running" in out
+    assert "timeout: 7.5 s simulated" in out
+    assert "REX waits at t for sleep" in err
+
+
+def test_the_log_is_whole_when_the_mission_fails(tmp_path: Path, capsys) -> None:
+    model, log = tmp_path / "fails.bpmn", tmp_path / "run.jsonl"
+    model.write_text(ENDS.replace("await sleep(2)", "raise BpmnError('blocked')"))
+    assert main(["run", str(model), "--log", str(log)]) == 1
+    last = json.loads(log.read_text().splitlines()[-1])
+    assert (last["what"], last["detail"]) == ("end", "failed")
+    assert "blocked" in capsys.readouterr().err
+
+
+def test_strict_makes_an_undefined_name_in_a_payload_an_error(tmp_path: Path, capsys) -> None:
+    model = tmp_path / "strict.bpmn"
+    model.write_text(
+        process(
+            """<startEvent id="s"/><endEvent id="e"><extensionElements><camunda:properties>
+            <camunda:property name="type" value="std_msgs/msg/Bool"/>
+            <camunda:property name="payload" value="${nobody_set_it}"/></camunda:properties></extensionElements>
+            <signalEventDefinition signalRef="S"/></endEvent><sequenceFlow id="f" sourceRef="s" targetRef="e"/>""",
+            root='<signal id="S" name="done"/>',
+        )
+    )
+    assert main(["run", str(model)]) == 0
+    assert "nobody_set_it" in capsys.readouterr().err
+    assert main(["run", str(model), "--strict"]) == 1
+    assert "nobody_set_it" in capsys.readouterr().err
+
+
+def test_a_library_folder_holds_called_processes(tmp_path: Path, ends: str) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "Wait.bpmn").write_text(Path(ends).read_text().replace('id="P"', 'id="Wait"'))
+    caller = tmp_path / "caller.bpmn"
+    caller.write_text(
+        process(
+            '<startEvent id="s"/><callActivity id="c" calledElement="Wait"/>'
+            '<sequenceFlow id="f" sourceRef="s" targetRef="c"/>'
+        )
+    )
+    assert main(["run", str(caller), "--quiet"]) == 2
+    assert main(["run", str(caller), "--quiet", "--library", str(tmp_path / "mine")]) == 0
+
+
+# ---- the terminal ----------------------------------------------------------------------------------------------------
+
+
+def test_a_table_aligns_words_to_the_left_and_numbers_to_the_right() -> None:
+    assert table(("robot", "n"), [("REX", 5), ("DINGO_2", 10)]).splitlines() == [
+        "robot     n",
+        "REX       5",
+        "DINGO_2  10",
+    ]
+
+
+def test_the_progress_says_what_each_robot_is_at() -> None:
+    text = progress_text(Progress(12.34, 60.0, {"REX": "Explore: Look", "DINGO": ""}))
+    assert text == "   12.3 s   REX: Explore: Look"
+
+
+@pytest.mark.processes
+def test_on_a_terminal_the_progress_is_one_line_and_control_c_ends_the_run(waits: str) -> None:
+    """The real command on a real pseudo-terminal: it shows where it is, and stops in order when it is interrupted."""
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-m", "fame", "run", waits, "--real-time"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=theirs, text=True) as run:
+        os.close(theirs)
+        shown = b""
+        while b"REX: Wait" not in shown:
+            shown += os.read(ours, 4096)
+        run.send_signal(signal.SIGINT)
+        out = run.stdout.read()  # type: ignore[union-attr]
+        with suppress(OSError):  # that is how a terminal tells that the other end is closed
+            while more := os.read(ours, 4096):
+                shown += more
+    os.close(ours)
+    assert run.returncode == 130
+    assert "interrupted: " in out
+    before = shown[: shown.rindex(b"REX: Wait")]
+    assert b"\n" not in before  # it overwrites its line
+    assert b"Traceback" not in shown

@@ -1,0 +1,144 @@
+"""The floors of the house (DESIGN section 1): who may import whom, and what stays light."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FLOORS = (
+    ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors"),
+    ("fame.engine",),
+    ("fame.middleware", "fame.scripting"),
+    ("fame.library", "fame.node", "fame.splitter"),
+    ("fame.simulation", "fame.check", "fame.log", "fame.xes", "fame.deployment", "fame.pipeline", "fame.anomaly"),
+    ("sim2d", "robots"),
+    ("fame.cli", "fame.scenario", "fame.remote", "fame", "fame.__main__"),
+)
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+HEAVY = {
+    "PIL",
+    "cyclonedds",
+    "lxml",
+    "matplotlib",
+    "numpy",
+    "pymunk",
+    "quickjs",
+    "rclpy",
+    "rosbags",
+    "sklearn",
+    "skops",
+}
+
+
+class Import(NamedTuple):
+    """One import: who, whom (modules), where, and whether it is done when the module is loaded."""
+
+    source: str
+    target: str
+    line: int
+    at_load: bool
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.line} imports {self.target}"
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for folder in ("fame", "robots", "sim2d") for path in (ROOT / folder).rglob("*.py")}
+
+
+def statements(tree: ast.AST, at_load: bool = True) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool]]:
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node, at_load
+            continue
+        for_types = isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        yield from statements(node, at_load and not for_types and not inside)
+
+
+def imports_of(module: str) -> Iterator[Import]:
+    for node, at_load in statements(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+        else:
+            assert node.level == 0, f"{module}:{node.lineno}: imports here name the whole module"
+            whole = [f"{node.module}.{alias.name}" for alias in node.names]
+            targets = [name if name in MODULES else str(node.module) for name in whole]
+        for target in targets:
+            yield Import(module, target, node.lineno, at_load)
+
+
+IMPORTS = [item for module in MODULES for item in imports_of(module)]
+
+
+def room(module: str) -> str:
+    """``fame.bpmn`` of ``fame.bpmn.reader``, ``sim2d`` of ``sim2d.world``."""
+    parts = module.split(".")
+    return ".".join(parts[:2] if parts[0] == "fame" else parts[:1])
+
+
+def ours(module: str) -> bool:
+    return module.split(".")[0] in ("fame", "robots", "sim2d")
+
+
+def test_every_module_has_its_floor() -> None:
+    assert {room(module) for module in MODULES} - FLOOR.keys() == set()
+
+
+def test_imports_run_downhill_only() -> None:
+    own = [item for item in IMPORTS if ours(item.target) and room(item.source) != "fame"]
+    uphill = [str(item) for item in own if FLOOR[room(item.target)] > FLOOR[room(item.source)]]
+    assert uphill == []
+    assert len(own) > 100  # or nothing was looked at
+
+
+def test_the_engine_knows_nothing_but_the_model() -> None:
+    allowed = {"fame.bpmn.model", "fame.errors"}
+    outside = [item for item in IMPORTS if room(item.source) == "fame.engine" != room(item.target)]
+    assert [str(item) for item in outside if ours(item.target) and item.target not in allowed] == []
+    foreign = [item for item in outside if not ours(item.target)]
+    assert [str(item) for item in foreign if item.target.split(".")[0] not in sys.stdlib_module_names] == []
+
+
+def test_only_scenario_and_command_line_know_robots_and_world() -> None:
+    users = {room(item.source) for item in IMPORTS if room(item.target) in ("robots", "sim2d")}
+    # remote is the scenario in many processes
+    assert users - {"robots", "sim2d"} <= {"fame.scenario", "fame.remote", "fame.cli"}
+
+
+def test_only_reader_and_writer_know_xml() -> None:
+    assert {room(item.source) for item in IMPORTS if item.target.split(".")[0] == "lxml"} == {"fame.bpmn"}
+
+
+def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
+    loaded = [item for item in IMPORTS if item.at_load and room(item.source) == "fame.cli" and ours(item.target)]
+    assert {room(item.target) for item in loaded} == {"fame.cli", "fame.errors"}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import fame",
+        "import fame.cli; fame.cli.parser().format_help()",
+        "import sys, runpy; sys.argv[1:] = ['--help']\ntry: runpy.run_module('fame')\nexcept SystemExit: pass",
+    ],
+    ids=["import fame", "parser", "fame --help"],
+)
+def test_nothing_heavy_is_loaded(code: str) -> None:
+    shown = "import sys; print(*{name.split('.')[0] for name in sys.modules}, file=sys.stderr)"
+    command = [sys.executable, "-c", f"{code}\n{shown}"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = set(done.stderr.split())
+    assert "fame" in loaded
+    assert loaded & HEAVY == set()

@@ -1,0 +1,256 @@
+"""Logs of a run: what is written of each event, in each form, and that equal runs give equal bytes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from bpmn_text import process
+
+import fame
+from fame.bpmn import read_text
+from fame.bpmn.model import Definitions
+from fame.errors import ConfigError
+from fame.log import COLUMNS, kind, logging_to, names, visits
+from fame.node import Event
+from fame.scenario import Scenario
+
+XES = "{http://www.xes-standard.org/}"
+SMALL = process(
+    """<startEvent id="s" name="mission
+    starts"/>
+    <scriptTask id="look" name="Look"><script>await sleep(1.5)</script></scriptTask>
+    <subProcess id="search" name="Search">
+      <startEvent id="s2"/><userTask id="ask" name="Ask"/>
+      <sequenceFlow id="f4" sourceRef="s2" targetRef="ask"/>
+    </subProcess>
+    <boundaryEvent id="late" attachedToRef="search">
+      <timerEventDefinition><timeDuration>PT2S</timeDuration></timerEventDefinition>
+    </boundaryEvent>
+    <endEvent id="e"/>
+    <sequenceFlow id="f1" sourceRef="s" targetRef="look"/><sequenceFlow id="f2" sourceRef="look" targetRef="search"/>
+    <sequenceFlow id="f3" sourceRef="late" targetRef="e"/>""",
+    attributes='name="Patrol"',
+)
+"""Looks for 1.5 s, then searches in vain for 2 s, since nobody answers."""
+
+
+def logged(path: Path, text: str = SMALL, robot: str = "REX", until: float | None = None) -> str:
+    """The log of a run."""
+    definitions = read_text(text, file="patrol.bpmn")
+    with logging_to(path, [definitions]) as write:
+        fame.Simulation(definitions, observer=write, robot=robot).run(until)
+    return path.read_text(encoding="utf-8")
+
+
+def test_a_json_line_tells_one_event(tmp_path: Path) -> None:
+    lines = logged(tmp_path / "run.jsonl").splitlines()
+    assert json.loads(lines[1]) == {
+        "time": 0.0, "robot": "REX", "instance": 1, "scope": 2, "element": "s", "name": "mission starts",
+        "kind": "startEvent", "what": "enter",
+    }  # fmt: skip
+    assert json.loads(lines[-1])["detail"] == "completed"
+    told = [json.loads(line)["what"] for line in lines if '"kind": "boundaryEvent"' in line]
+    assert told == ["enter", "leave"]
+
+
+def test_times_are_exact_simulated_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    with logging_to(path, []) as write:
+        write(Event(3_600_000_000_000_001, "REX", 1, 2, "P", "start"))
+    assert path.read_text().startswith('{"time": 3600000.000000001, ')
+
+
+def test_a_table_tells_the_same(tmp_path: Path) -> None:
+    logged(tmp_path / "run.csv")
+    logged(tmp_path / "run.jsonl")
+    with (tmp_path / "run.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert tuple(rows[0]) == COLUMNS
+    told = [json.loads(line) for line in (tmp_path / "run.jsonl").read_text().splitlines()]
+    assert rows == [{name: str(line.get(name, "")) for name in COLUMNS} for line in told]
+
+
+def activities(trace: ET.Element) -> list[tuple[str, str, str, str]]:
+    """(name, transition, number, second) of each event."""
+    found = []
+    for event in trace.iter(f"{XES}event"):
+        values = {attribute.get("key"): attribute.get("value", "") for attribute in event}
+        second = values["time:timestamp"].removeprefix("1970-01-01T00:").removesuffix("+00:00")
+        found.append((values["concept:name"], values["lifecycle:transition"], values["concept:instance"], second))
+    return found
+
+
+def test_xes_has_a_trace_per_instance_with_start_and_end_of_every_activity(tmp_path: Path) -> None:
+    root = ET.fromstring(logged(tmp_path / "run.xes"))
+    (trace,) = root.iter(f"{XES}trace")
+    said = {attribute.get("key"): attribute.get("value") for attribute in trace.iterfind(f"{XES}string")}
+    assert said == {"concept:name": "REX/1", "process": "Patrol", "robot": "REX", "status": "completed"}
+    assert sorted(activities(trace)) == [
+        ("Ask", "ate_abort", "3", "00:03.500000"),
+        ("Ask", "start", "3", "00:01.500000"),
+        ("Look", "complete", "1", "00:01.500000"),
+        ("Look", "start", "1", "00:00.000000"),
+        ("Search", "ate_abort", "2", "00:03.500000"),
+        ("Search", "start", "2", "00:01.500000"),
+    ]
+    assert {event.find(f"{XES}string[@key='org:resource']").get("value") for event in trace.iter(f"{XES}event")} == {
+        "REX"
+    }
+
+
+def test_executions_of_one_activity_at_a_time_have_numbers_of_their_own(tmp_path: Path) -> None:
+    twice = process(
+        """<startEvent id="s"/><scriptTask id="t"><script>await sleep(1)</script></scriptTask>
+        <sequenceFlow id="a" sourceRef="s" targetRef="t"/><sequenceFlow id="b" sourceRef="s" targetRef="t"/>"""
+    )
+    (trace,) = ET.fromstring(logged(tmp_path / "run.xes", twice)).iter(f"{XES}trace")
+    by_number = Counter((number, transition) for _, transition, number, _ in activities(trace))
+    assert by_number == {(number, which): 1 for number in "12" for which in ("start", "complete")}
+
+
+def test_a_failed_activity_is_aborted_with_its_error(tmp_path: Path) -> None:
+    failing = process(
+        """<startEvent id="s"/><scriptTask id="t"><script>raise BpmnError("blocked \\x00 &lt;")</script></scriptTask>
+        <sequenceFlow id="a" sourceRef="s" targetRef="t"/>"""
+    )
+    root = ET.fromstring(logged(tmp_path / "run.xes", failing, robot="<R&D>"))
+    assert root.find(f".//{XES}trace/{XES}string[@key='status']").get("value") == "failed"
+    assert root.find(f".//{XES}string[@key='error']").get("value") == "blocked \ufffd <"
+    assert root.find(f".//{XES}event/{XES}string[@key='org:resource']").get("value") == "<R&D>"
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "xes"])
+def test_the_file_is_whole_when_the_run_breaks_off(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run.{ending}"
+
+    def break_off() -> None:
+        definitions = read_text(SMALL, file="patrol.bpmn")
+        with logging_to(path, [definitions]) as write:
+            fame.Simulation(definitions, observer=write).run(until=1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        break_off()
+    text = path.read_text()
+    assert text.endswith("\n")
+    if ending == "xes":
+        status = ET.fromstring(text).find(f".//{XES}trace/{XES}string[@key='status']")
+        assert status.get("value") == "running"
+    else:
+        assert visits(path)["look"] == 1
+
+
+def test_a_log_in_a_folder_that_is_not_there_makes_it(tmp_path: Path) -> None:
+    logged(tmp_path / "deep" / "down" / "run.CSV")
+
+
+def test_an_unknown_ending_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"'\.txt'; \.jsonl, \.csv, \.xes would be right"):
+        logged(tmp_path / "run.txt")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- names -----------------------------------------------------------------------------------------------------------
+
+
+def test_kinds_are_the_tags_of_bpmn() -> None:
+    tags = [
+        "task", "userTask", "manualTask", "serviceTask", "sendTask", "receiveTask", "businessRuleTask", "callActivity",
+        "exclusiveGateway", "parallelGateway", "inclusiveGateway", "complexGateway", "eventBasedGateway",
+        "intermediateThrowEvent", "endEvent", "startEvent", "subProcess", "transaction", "adHocSubProcess",
+    ]  # fmt: skip
+    text = process("".join(f'<{tag} id="{tag}"/>' for tag in tags))
+    nodes = read_text(text, file="tags.bpmn").processes[0].body.nodes
+    assert [kind(node) for node in nodes] == tags
+
+
+def test_of_equal_ids_in_several_files_the_first_counts() -> None:
+    first, second = (read_text(process(f'<task id="t" name="{name}"/>'), file=name) for name in ("one", "two"))
+    assert names([first, second])["t"].name == "one"
+
+
+# ---- reading ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv"])
+def test_visits_tell_where_the_run_went(ending: str, tmp_path: Path) -> None:
+    logged(tmp_path / f"run.{ending}")
+    went = {"s": 1, "f1": 1, "look": 1, "f2": 1, "search": 1, "s2": 1, "f4": 1, "ask": 1, "late": 1, "f3": 1, "e": 1}
+    assert visits(tmp_path / f"run.{ending}") == went
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.jsonl", "no JSON"),
+        ("b.jsonl", "[1]\n"),
+        ("c.jsonl", '{"element": "x"}'),
+        ("d.csv", "a,b\n1,2\n"),
+        ("e.xes", ""),
+    ],
+)
+def test_what_is_no_log_is_refused(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ConfigError, match=name):
+        visits(tmp_path / name)
+
+
+# ---- a whole mission -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Definitions]]:
+    """The logs of the ground-vehicle mission, in all forms."""
+    folder = tmp_path_factory.mktemp("logs")
+    scenario = Scenario.load(Path(__file__).parent.parent / "examples" / "ground_vehicles.yaml")
+    files = scenario.closures()
+    with (
+        logging_to(folder / "run.jsonl", files) as lines,
+        logging_to(folder / "run.csv", files) as rows,
+        logging_to(folder / "run.xes", files) as traces,
+    ):
+        result = scenario.run(observer=lambda event: (lines(event), rows(event), traces(event)))
+    assert result.status == "completed"
+    return folder, files
+
+
+def test_every_activity_of_the_mission_has_an_end_for_each_start(mission) -> None:
+    root = ET.parse(mission[0] / "run.xes").getroot()
+    traces = list(root.iter(f"{XES}trace"))
+    assert len(traces) == 2
+    for trace in traces:
+        found = activities(trace)
+        started = {number for _, transition, number, _ in found if transition == "start"}
+        ended = [number for _, transition, number, _ in found if transition != "start"]
+        assert sorted(ended) == sorted(started)
+        assert [second for *_, second in found] == sorted(second for *_, second in found)
+
+
+@pytest.mark.skipif(find_spec("pm4py") is None, reason="pm4py is not installed")
+def test_process_mining_reads_the_mission(mission) -> None:
+    code = """if True:
+        import sys, pm4py
+        log = pm4py.read_xes(sys.argv[1])
+        print("cases", *sorted(log["case:concept:name"].unique()))
+        print("resources", *sorted(log["org:resource"].unique()))
+        print("transitions", *sorted(log["lifecycle:transition"].unique()))
+        print("types", log["time:timestamp"].dtype.kind)
+        steps = log[log["case:robot"] == "DINGO"].sort_values("time:timestamp", kind="stable")
+        print("dingo", *steps[steps["kind"] == "callActivity"]["lifecycle:transition"], steps["concept:name"].iloc[-1])
+    """
+    command = [sys.executable, "-W", "ignore", "-c", code, str(mission[0] / "run.xes")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    told = dict(line.split(" ", 1) for line in done.stdout.splitlines() if " " in line)
+    assert told["cases"] == "DINGO/1 REX/1"
+    assert told["resources"] == "DINGO REX"
+    assert told["transitions"] == "ate_abort complete start"
+    assert told["types"] == "M"
+    assert told["dingo"] == "start complete Fire"

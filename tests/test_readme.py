@@ -1,0 +1,132 @@
+"""What the README says is true: its commands exist, its Python runs, its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from fame.cli import _COMMANDS, parser
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = sorted([ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*.md")])
+
+
+def blocks(language: str) -> list[str]:
+    """The code blocks at the margin of the page."""
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    return [text for kind, text in found if kind == language]
+
+
+def commands() -> list[str]:
+    lines = [line.strip() for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) for line in block.splitlines()]
+    return [re.sub(r" +#.*", "", line).replace(".venv/bin/", "") for line in lines if "fame " in line]
+
+
+def test_the_commands_are_those_that_exist() -> None:
+    assert len(commands()) >= 3
+    for command in commands():
+        assert parser().parse_args(shlex.split(command)[1:]).command
+
+
+def test_the_reference_lists_every_command_and_every_option_of_run() -> None:
+    (listed,) = [block for block in blocks("") if block.startswith("fame run")]
+    told = [line.split()[1] for line in listed.splitlines()]
+    assert told == [module.__name__.removeprefix("fame.cli.") for module in _COMMANDS]
+    usage = parser().parse_args(["run", "x.bpmn"])
+    told = set(re.findall(r"^\| `--([a-z-]+)", README, re.MULTILINE)) | {"json", "quiet"}
+    assert told == {name.replace("_", "-") for name in vars(usage)} - {"command", "scenario"}
+
+
+def test_the_python_of_the_readme_runs_and_gives_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    (code,) = blocks("python")
+    names: dict = {}
+    exec(compile(code, "README.md", "exec"), names)
+    (instance,) = names["sim"].instances
+    assert (instance.status, instance.error, names["sim"].now) == ("running", None, 0.0)
+    assert instance.variables["x_target"] == 2.0
+    assert list(instance.waiting) == ["Event_Plan"]
+    assert names["result"].status == "completed"
+
+
+def test_the_tree_of_errors_is_that_of_the_code() -> None:
+    import fame.errors
+
+    (tree,) = [block for block in blocks("") if block.startswith("FameError")]
+    assert tree.splitlines() == [
+        line.strip() for line in (fame.errors.__doc__ or "").split("::\n\n")[1].splitlines()[:7]
+    ]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert target.startswith("https://") or (page.parent / target).exists(), target
+
+
+def test_the_mission_that_the_readme_draws_completes(tmp_path: Path) -> None:
+    """The files that somebody gets who follows its steps."""
+    from fame.cli import main
+
+    (scenario,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
+    (tmp_path / "patrol.yaml").write_text(re.sub(r"^   ", "", scenario, flags=re.MULTILINE))
+    (tmp_path / "patrol.bpmn").write_text(PATROL)
+    assert main(["check", str(tmp_path / "patrol.bpmn")]) == 0
+    assert main(["run", str(tmp_path / "patrol.yaml"), "--quiet"]) == 0
+
+
+PATROL = """\
+<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL"
+             xmlns:camunda="http://camunda.org/schema/1.0/bpmn" id="D" targetNamespace="http://bpmn.io/schema/bpmn">
+  <collaboration id="C">
+    <participant id="Scout" name="SCOUT" processRef="A"/><participant id="Helper" name="HELPER" processRef="B"/>
+  </collaboration>
+  <process id="A" isExecutable="true">
+    <startEvent id="a1"/>
+    <callActivity id="a2" name="Go To" calledElement="GoTo">
+      <property id="a2p" name="__targetRef_placeholder"/>
+      <dataInputAssociation id="a2i"><sourceRef>a5</sourceRef><targetRef>a2p</targetRef></dataInputAssociation>
+    </callActivity>
+    <scriptTask id="a3" name="Beep" scriptFormat="python">
+      <script>robot.publish("led", "std_msgs/msg/ColorRGBA", g=1.0)</script>
+    </scriptTask>
+    <endEvent id="a4" name="arrived">
+      <extensionElements><camunda:properties>
+        <camunda:property name="type" value="geometry_msgs/msg/Vector3"/>
+        <camunda:property name="payload" value="{x: ${x_goal}, y: ${y_goal}}"/>
+      </camunda:properties></extensionElements>
+      <signalEventDefinition id="a4s" signalRef="S"/>
+    </endEvent>
+    <sequenceFlow id="a12" sourceRef="a1" targetRef="a2"/>
+    <sequenceFlow id="a23" sourceRef="a2" targetRef="a3"/>
+    <sequenceFlow id="a34" sourceRef="a3" targetRef="a4"/>
+    <dataObjectReference id="a5" name="goal" dataObjectRef="a6">
+      <extensionElements><camunda:properties>
+        <camunda:property name="x_goal" value="4.5"/><camunda:property name="y_goal" value="1.0"/>
+      </camunda:properties></extensionElements>
+    </dataObjectReference>
+    <dataObject id="a6"/>
+  </process>
+  <process id="B" isExecutable="true">
+    <startEvent id="b1" name="arrived">
+      <dataOutputAssociation id="b1o"><targetRef>b4</targetRef></dataOutputAssociation>
+      <signalEventDefinition id="b1s" signalRef="S"/>
+    </startEvent>
+    <callActivity id="b2" name="Go To" calledElement="GoTo"/>
+    <endEvent id="b3"/>
+    <sequenceFlow id="b12" sourceRef="b1" targetRef="b2"/>
+    <sequenceFlow id="b23" sourceRef="b2" targetRef="b3"/>
+    <dataObjectReference id="b4" name="goal" dataObjectRef="b5">
+      <extensionElements><camunda:properties>
+        <camunda:property name="x_goal"/><camunda:property name="y_goal"/>
+      </camunda:properties></extensionElements>
+    </dataObjectReference>
+    <dataObject id="b5"/>
+  </process>
+  <signal id="S" name="arrived"/>
+</definitions>
+"""
