@@ -143,14 +143,18 @@ def kill(engine: Engine, scope: Scope, told: bool = True) -> None:
         scope.parent.children.pop(scope, None)
     if told:
         tell_cancelled(engine, scope)
-    doomed = subtree(scope)
-    for victim in doomed:
-        engine.departing.extend(victim.leaving)
+    doomed = [scope]
+    for victim in doomed:  # which grows
+        if victim.leaving:
+            engine.departing.extend(victim.leaving)
         for inner in victim.children:
             if inner.__class__ is Rest:
                 cancel_rest(engine, inner)
             else:
-                tell_cancelled(engine, inner)  # type: ignore[arg-type]
+                assert isinstance(inner, Scope)
+                tell_cancelled(engine, inner)
+                doomed.append(inner)
+        victim.children = {}
     for victim in doomed:
         close_scope(engine, victim)
 
