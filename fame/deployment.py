@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -27,6 +28,7 @@ from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware, QoS
 from fame.node import Event, RobotNode, Service, mission
+from fame.signing import sign, verify
 from fame.splitter import Pool, bind, pools_of, shared_topics, split
 
 STRING = "std_msgs/msg/String"
@@ -51,7 +53,7 @@ _KEPT = 10  # instances that an engine remembers
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
     """What a robot is told. `promises`: public topics at which others have the opposite end, as ``publisher`` or
-    ``subscriber``."""
+    ``subscriber``. `issued` (s since 1970) and `signature` are there where keys are used (`fame.signing`)."""
 
     deployment: str
     sequence: int
@@ -60,6 +62,8 @@ class Envelope:
     hash: str = ""
     model: str = ""
     promises: Mapping[str, str] = field(default_factory=dict)
+    issued: float = 0.0
+    signature: str = ""
 
     def to_json(self) -> str:
         """As it is sent."""
@@ -130,7 +134,8 @@ def read_envelope(text: str, robot: str) -> Envelope:
 class EngineNode:
     """One robot's end: it takes a process, runs it, and takes the next one.
 
-    `observer` and `safe_state` as of `fame.node.RobotNode`. `close` brings the robot to its safe state and leaves.
+    `observer` and `safe_state` as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one of them
+    signed; `wall_time` gives s since 1970. `close` brings the robot to its safe state and leaves.
     """
 
     def __init__(
@@ -144,7 +149,10 @@ class EngineNode:
         observer: Callable[[Event], object] | None = None,
         on_report: Callable[[Event], object] | None = None,
         safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
+        trusted: Sequence[Any] = (),
+        wall_time: Callable[[], float] = time.time,
     ) -> None:
+        self._trusted, self._wall_time = trusted, wall_time
         self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
         self._library, self._services = library, services
         self._options: dict[str, Any] = {"observer": observer, "on_report": on_report, "safe_state": safe_state}
@@ -201,10 +209,14 @@ class EngineNode:
     # ---- what it is told -------------------------------------------------------------------------------------------
 
     def _heard(self, message: Any) -> None:
+        said = ""
         try:
             envelope = read_envelope(message.data, self.robot)
+            said = envelope.deployment
+            if self._trusted:
+                verify(asdict(envelope), self._trusted, self._wall_time())
         except DeploymentError as error:
-            self.report("refused", reason=str(error))
+            self.report("refused", said, str(error))
             return
         if envelope.phase in ("start", "abort"):
             self._decide(envelope)
@@ -357,8 +369,9 @@ class Standing:
 class Deployment:
     """One model, sent to its robots: all start, or none does.
 
-    `robots` are the namespaces to play it (by default all that have an engine); `only` restricts it to some of them.
-    `ended` is called once, when all have started or it is known that they will not; `standings` then tell the rest.
+    `robots` are the namespaces to play it (by default all that have an engine); `only` restricts it to some of them;
+    `key` signs what is sent. `ended` is called once, when all have started or it is known that they will not;
+    `standings` then tell the rest.
     """
 
     def __init__(
@@ -374,7 +387,10 @@ class Deployment:
         only: Sequence[str] = (),
         library: Library | None = None,
         patience: float = PATIENCE,
+        key: Any = None,
+        wall_time: Callable[[], float] = time.time,
     ) -> None:
+        self._key, self._wall_time = key, wall_time
         self.id, self.sequence, self.scheduler, self.middleware = id, sequence, scheduler, middleware
         self._ended, self._patience = ended, patience
         library = library or Library()
@@ -431,6 +447,9 @@ class Deployment:
         self._again = self.scheduler.after(round(AGAIN * SECOND), self._ask, Kind.TIMER)
 
     def _send(self, robot: str, envelope: Envelope) -> None:
+        if self._key is not None:
+            envelope = replace(envelope, issued=self._wall_time())
+            envelope = replace(envelope, signature=sign(asdict(envelope), self._key))
         self._out[robot].publish(messages.create(STRING, envelope.to_json()))
 
     def _heard(self, robot: str, message: Any) -> None:

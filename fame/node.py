@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -35,6 +36,7 @@ from fame.scripting import (
     interface,
     script_topics,
 )
+from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
@@ -137,7 +139,8 @@ class RobotNode:
         self.started = self.completed = self.failed = 0
         self._keep, self._on_end = keep, on_end
         self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}
-        self._publishers: dict[str, tuple[Publisher, str]] = {}
+        self._publishers: dict[str, Publisher] = {}  # by full name
+        self._throws: dict[str, Publisher] = {}  # of events, by qualified name
         self._subscriptions: list[Subscription] = []
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
         self._own: dict[str, str] = {}  # full name -> qualified name, of topics that own events catch
@@ -149,6 +152,7 @@ class RobotNode:
             report=self._script_report,
             types=self._type,
         )
+        self.javascript = self._surroundings()
         self.engine = Engine(self._compile(), self, self._variables)
 
     # ---- life ----------------------------------------------------------------------------------------------------
@@ -180,14 +184,15 @@ class RobotNode:
                 raise ModelError(str(error), file=end.file, line=end.node.line, element=end.node.id) from error
         for script in self._scripts():
             for topic in script_topics(script):
-                self._open(topic.name, topic.direction, topic.type)
+                with suppress(*([MessageError] if script.language == "javascript" else [])):  # it will say so itself
+                    self._open(topic.name, topic.direction, topic.type)
 
     def _open_ends(self, name: str, use: TopicUse) -> None:
         """The endpoints of a topic that events name."""
         full = resolve(name, self.namespace)
         profile = qos.parse(use.qos) if use.qos else SIGNAL
         if use.throws:
-            self._publisher(full, use.type, profile)
+            self._throws[name] = self._publisher(full, use.type, profile)
         if use.catches:
             self._own[full] = name
             self._subscriptions.append(self.node.subscription(full, use.type, partial(self._heard, name), profile))
@@ -196,7 +201,7 @@ class RobotNode:
         mission = self.mission
         for _, process in mission.library.closure(mission.definitions, mission.process):
             for node in process.body.walk():
-                if isinstance(node, Task) and node.script is not None and node.script.language == "python":
+                if isinstance(node, Task) and node.script is not None:
                     yield node.script
 
     def _open(self, topic: str, direction: str, type: str | None) -> None:
@@ -224,6 +229,7 @@ class RobotNode:
 
     def close(self) -> None:
         """Leave: scripts are closed, timers forgotten, endpoints gone."""
+        self.javascript.close()
         self.runner.close()
         for entry, _, _ in self._timers.values():
             entry.cancel()
@@ -315,11 +321,10 @@ class RobotNode:
         return services[operation]
 
     def publish(self, topic: str, value: Any) -> Any:
-        full = resolve(topic, self.namespace)
-        publisher, type = self._publishers[full]
-        message = messages.create(type, value)
+        publisher = self._throws[topic]
+        message = messages.create(publisher.type, value)
         publisher.publish(message)
-        self.runner.inbox.deliver(full, message)
+        self.runner.inbox.deliver(publisher.topic, message)
         return message
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
@@ -378,6 +383,7 @@ class RobotNode:
             )
             located.__cause__ = error.__cause__
             instance.error = located
+        self.javascript.sweep()
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
         self._on_end(instance)
@@ -396,7 +402,30 @@ class RobotNode:
 
     def _variables(self) -> dict[str, Any]:
         robot = Robot(self.name, self.namespace, self._script_publish, self.runner.inbox)
-        return {"__builtins__": interface(robot=robot, signal=self._script_signal, log=self._log)}
+        names = interface(robot=robot, signal=self._script_signal, log=self._log)
+        names[SURROUNDINGS] = self.javascript
+        return {"__builtins__": names}
+
+    def _surroundings(self) -> Surroundings:
+        """What scripts in JavaScript have around them."""
+        return Surroundings(
+            name=self.name,
+            namespace=self.namespace,
+            epoch=self.epoch.timestamp() * 1000,
+            scheduler=self.scheduler,
+            inbox=self.runner.inbox,
+            advertise=lambda topic, type: self._publisher(resolve(topic, self.namespace), type),
+            publish=self._script_publish,
+            log=self._log,
+            report=self.report,
+            stepped=self._called_back,
+            failed=lambda variables, element, error: aftermath.fail(self.engine, variables, element, error),
+            alive=lambda variables: aftermath.is_alive(self.engine, variables),
+        )
+
+    def _called_back(self) -> None:
+        self.engine.stepped()
+        self.runner.poll()
 
     def _log(self, level: str, text: str) -> None:
         event = Event(self.scheduler.now, self.name, 0, 0, "", "log", f"{level}: {text}" if level != "info" else text)
@@ -425,8 +454,8 @@ class RobotNode:
 
     def _publisher(self, full: str, type: str, profile: Any = SIGNAL) -> Publisher:
         if full not in self._publishers:
-            self._publishers[full] = (self.node.publisher(full, type, profile), type)
-        return self._publishers[full][0]
+            self._publishers[full] = self.node.publisher(full, type, profile)
+        return self._publishers[full]
 
     def _type(self, full: str) -> str | None:
         """The type of a topic, from the model, else from whoever is at its other end."""

@@ -253,6 +253,7 @@ def deploy(
     only: Sequence[str],
     library: Any,
     patience: float,
+    key: Any = None,
 ) -> Deployment:
     """Deploy a model to the engines that are there, and wait. Raises DeploymentError if there is none."""
     from fame.deployment import engines
@@ -273,6 +274,7 @@ def deploy(
         only=only,
         library=library,
         patience=patience,
+        key=key,
     )
     deployment.begin()
     scheduler.run()

@@ -67,6 +67,9 @@ class Field:
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
         self.engines = {name: EngineNode(name, scheduler=self.scheduler, middleware=self.middleware) for name in robots}
+        self.listen(*robots)
+
+    def listen(self, *robots: str) -> None:
         self.person = self.middleware.node("person")
         self.publishers = {name: self.person.publisher(f"/{name}/bpmn_process", deployment.STRING) for name in robots}
         self.said: list[Report] = []

@@ -17,7 +17,7 @@ FLOORS = (
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
     ("fame.library", "fame.node", "fame.splitter"),
-    ("fame.simulation", "fame.check", "fame.log", "fame.xes", "fame.deployment", "fame.pipeline", "fame.anomaly"),
+    ("fame.simulation", "fame.check", "fame.log", "fame.xes", "fame.deployment", "fame.signing", "fame.pipeline", "fame.anomaly"),
     ("sim2d", "robots"),
     ("fame.cli", "fame.scenario", "fame.remote", "fame", "fame.__main__"),
 )

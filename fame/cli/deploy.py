@@ -20,6 +20,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
     parser.add_argument("--to", action="append", default=[], metavar="ROBOT", help="only to this robot; repeatable")
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
     add_network(parser)
     add_library(parser)
     add_json(parser)
@@ -30,11 +31,13 @@ def run(arguments: Namespace) -> int:
     from fame.bpmn.reader import read
     from fame.library import Library
     from fame.remote import deploy
+    from fame.signing import read_private
 
     definitions, library = read(arguments.model), Library(arguments.library)
+    key = read_private(arguments.key) if arguments.key is not None else None
     with connected(arguments) as (scheduler, middleware):
         deployment = deploy(
-            definitions, middleware, scheduler, only=arguments.to, library=library, patience=arguments.wait
+            definitions, middleware, scheduler, only=arguments.to, library=library, patience=arguments.wait, key=key
         )
     standings = deployment.standings.values()
     if arguments.json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command
@@ -26,6 +27,10 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("name", metavar="NAME", help="the robot's name and namespace")
     parser.add_argument("--type", metavar="TYPE", help="kind of robot, whose safe state is used: car ...")
+    parser.add_argument(
+        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
+        help="run only what this key signed; repeatable (see fame keys)",
+    )  # fmt: skip
     parser.add_argument("--insecure", action="store_true", help="take processes from a network that is not loopback")
     add_network(parser)
     add_library(parser)
@@ -37,9 +42,13 @@ def run(arguments: Namespace) -> int:
     from fame.deployment import EngineNode, engines
     from fame.library import Library
     from fame.remote import serve
+    from fame.signing import read_trusted
 
-    if arguments.network is not None and not arguments.insecure:
-        raise FameError("a topic that carries code must not be open by accident: give --insecure to take any process")
+    if arguments.network is not None and not (arguments.trust or arguments.insecure):
+        raise FameError(
+            "a topic that carries code must not be open by accident: give --trust FILE.pub, or --insecure to take any"
+        )
+    trusted = read_trusted(arguments.trust) if arguments.trust else ()
     safe = _safe_state(arguments.type)
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
@@ -53,6 +62,7 @@ def run(arguments: Namespace) -> int:
             library=Library(arguments.library),
             on_report=_say,
             safe_state=safe,
+            trusted=trusted,
         )
 
     serve(arguments.middleware, arguments.network, build)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import faults, loops, scopes, waiting
-from fame.engine.state import DEPTH, Node, Rest, Scope
+from fame.engine import compensation, faults, loops, scopes, waiting
+from fame.engine.state import DEPTH, Node, Record, Rest, Scope
 from fame.engine.variables import UNDEFINED, Variables, plain
 
 if TYPE_CHECKING:
@@ -178,6 +178,8 @@ def opening(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def leave(engine: Engine, scope: Scope, node: Node, inner: Scope) -> None:
     """What `enter` began has ended: its results go out, and the token goes on."""
+    if inner.done or (node.undo or (inner.body is not None and inner.body.undo)) is not None:
+        compensation.remember(scope, Record(node, inner.variables, inner.done or []))
     if node.loop is not None:
         loops.collect(scope, node, inner)
     if node.outputs or node.all_out:

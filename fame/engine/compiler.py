@@ -123,7 +123,7 @@ class Compiler:
         body.armed = tuple(node for node in wiring.handlers if node.kind not in ("error", "escalation"))
         body.errors = tuple(node for node in wiring.handlers if node.kind == "error")
         body.escalations = tuple(node for node in wiring.handlers if node.kind == "escalation")
-        body.queued = tuple(wiring.queued)
+        body.queued, body.undo = tuple(wiring.queued), wiring.undo
         if top:
             self.starts(content, wiring, body, file)
         elif handler is None:
@@ -142,14 +142,19 @@ class Compiler:
         """The start events of the process itself."""
         program = self.program
         for event in content.nodes:
+            ways: list[Node] = []
             if isinstance(event, model.Event) and event.place == "start":
-                for node in wiring.triggers.get(event.id, ()):
-                    if node.topic:
-                        program.starts[node.topic] = (*program.starts.get(node.topic, ()), node)
-                    elif node.kind == "timer":
-                        program.timed = (*program.timed, node)
-                    else:
-                        refuse(f"a {node.kind} cannot start a process", event, file)
+                ways = wiring.triggers.get(event.id, [])
+            elif isinstance(event, model.Gateway) and event.instantiate:
+                ways = elements.instantiating(wiring, event)
+            for node in ways:
+                if node.topic:
+                    program.starts[node.topic] = (*program.starts.get(node.topic, ()), node)
+                elif node.kind == "timer":
+                    program.timed = (*program.timed, node)
+                else:
+                    kind = "parallel multiple event" if node.kind == "all" else node.kind
+                    refuse(f"a {kind} cannot start a process", event, file)
         if (not program.starts and not program.timed) or wiring.none_starts():
             program.begin = wiring.begin(program.process)
 
@@ -158,7 +163,8 @@ class Wiring:
     """One body, while its nodes are made and linked.
 
     `entries`, `exits` by element; `triggers` the trigger nodes of a start event; `handlers` the starts of event
-    sub-processes; `queued` catching events with a queue.
+    sub-processes, `undo` that of one for compensation; `undos` compensation events with activity and handler; `queued`
+    catching events with a queue.
     """
 
     def __init__(self, compiler: Compiler, content: model.Body, file: str, outer: Wiring | None = None) -> None:
@@ -179,6 +185,8 @@ class Wiring:
         self.alternatives: list[tuple[Node, model.Gateway]] = []
         self.boundaries: dict[str, list[Node]] = {}
         self.links: list[tuple[Node, str]] = []
+        self.undos: list[tuple[str, Node, str]] = []
+        self.undo: Node | None = None
 
     def connect(self) -> None:
         """Make all nodes, then link them."""
@@ -186,6 +194,8 @@ class Wiring:
             elements.make(self, element)
         for activity, nodes in self.boundaries.items():
             elements.attach(self.main[activity], nodes)
+        for activity, node, handler in self.undos:
+            elements.attach_undo(self, activity, node, handler)
         for element in self.content.nodes:
             if element.id in self.exits:
                 self.lead_on(element)

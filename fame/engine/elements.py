@@ -6,9 +6,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from fame.bpmn import model
-from fame.engine import activities, data, gateways, loops, steps
+from fame.engine import activities, compensation, data, gateways, loops, steps
 from fame.engine.host import Compiled
-from fame.engine.state import Body, Node, Step
+from fame.engine.state import UNCOUNTED, Body, Node, Step
 from fame.errors import ModelError
 
 if TYPE_CHECKING:
@@ -60,10 +60,27 @@ def trigger(wiring: Wiring, event: model.Event, definition: model.EventDefinitio
             node.kind = "error" if isinstance(definition, model.ErrorDefinition) else "escalation"
             node.code, node.code_variable = definition.code, definition.code_variable or ""
             node.message_variable = getattr(definition, "message_variable", None) or ""
+        case model.CancelDefinition() | model.CompensateDefinition():
+            node.kind = "cancel" if isinstance(definition, model.CancelDefinition) else "compensate"
         case _:
             name = type(definition).__name__.removesuffix("Definition").lower()
             raise refuse(f"{name} events are not executed by this version", event, wiring)
     return node
+
+
+def triggers_of(wiring: Wiring, event: model.Event) -> list[Node]:
+    """A node for each trigger of an event; one for all of them if it is a parallel multiple event."""
+    several = len(event.definitions) > 1
+    nodes = [trigger(wiring, event, each, f"/{n}" if several else "") for n, each in enumerate(event.definitions)]
+    if not (several and event.parallel):
+        return nodes
+    for node in nodes:
+        if node.kind in ("error", "escalation", "cancel", "compensate"):
+            raise refuse(f"a parallel multiple event cannot wait for an {node.kind}", event, wiring)
+        node.fire = gateways.fire_part
+    whole = wiring.compiler.node(event, steps.wait, wiring.file)
+    whole.kind, whole.alternatives, whole.interrupting = "all", tuple(nodes), event.interrupting
+    return [whole]
 
 
 def listen(wiring: Wiring, element: model.FlowNode, node: Node, topic: model.Topic) -> None:
@@ -79,9 +96,7 @@ def start(wiring: Wiring, event: model.Event) -> None:
     node = wiring.compiler.node(event, steps.pass_on, wiring.file, counted=True)
     wiring.compiler.watch(node)
     wiring.place(event, node)
-    if len(event.definitions) > 1 and event.parallel:
-        raise refuse("parallel multiple events are not executed by this version", event, wiring)
-    triggers = [trigger(wiring, event, each, f"/{n}") for n, each in enumerate(event.definitions)]
+    triggers = triggers_of(wiring, event)
     for each in triggers:
         each.step = steps.pass_on
         wiring.exits[event.id].append(each)
@@ -97,18 +112,15 @@ def catch(wiring: Wiring, event: model.Event) -> None:
         return passing(wiring, event)
     if not event.definitions:
         return passing(wiring, event)
-    if len(event.definitions) == 1:
-        node = trigger(wiring, event, event.definitions[0])
+    if len(event.definitions) == 1 or event.parallel:
+        (node,) = triggers_of(wiring, event)
         node.slot, node.fire = compiler.slot(event.id), steps.fire_catch
         if node.kind in ("error", "escalation"):
             raise refuse(f"an intermediate event cannot catch an {node.kind}; use a boundary event", event, wiring)
         compiler.watch(node)
         wiring.place(event, node)
-        if node.queue:
-            wiring.queued.append(node)
+        wiring.queued += [each for each in (node, *node.alternatives) if each.queue]
         return None
-    if event.parallel:
-        raise refuse("parallel multiple events are not executed by this version", event, wiring)
     choice = compiler.node(event, gateways.choose, wiring.file)
     choice.slot = compiler.slot(event.id)
     choice.alternatives = tuple(alternatives(wiring, event, choice, choice.slot))
@@ -137,32 +149,52 @@ def passing(wiring: Wiring, element: model.FlowNode) -> None:
 
 def throwing(wiring: Wiring, event: model.Event) -> None:
     """An intermediate throwing event, or an end event: the same, but for what follows."""
-    compiler, ends = wiring.compiler, event.place == "end"
-    if len(event.definitions) > 1:
-        raise refuse("events that throw several things are not executed by this version", event, wiring)
-    definition = event.definitions[0] if event.definitions else None
-    step: Step = steps.end if ends else steps.pass_on
-    node = compiler.node(event, step, wiring.file, counted=True)
+    compiler = wiring.compiler
+    ends: Step = steps.end if event.place == "end" else steps.pass_on
+    if len(event.definitions) < 2:
+        node = compiler.node(event, ends, wiring.file, counted=True)
+        if event.definitions:
+            thrown(wiring, event, event.definitions[0], node)
+        compiler.watch(node, ends=node.step in ENDING)
+        wiring.place(event, node)
+        return
+    first = last = compiler.node(event, steps.pass_on, wiring.file, counted=True)
+    compiler.watch(first)
+    for number, definition in enumerate(event.definitions):
+        if last.step in ENDING:
+            raise refuse("nothing can be thrown after what ends the token: put it last", event, wiring)
+        last.next = compiler.node(event, steps.pass_on, wiring.file, part=f"/{number}")
+        last = last.next
+        thrown(wiring, event, definition, last)
+    wiring.place(event, first, [last])
+
+
+ENDING = (steps.end, steps.terminate, steps.raise_error, compensation.cancel)
+"""Steps at which a token ends, whatever follows."""
+
+
+def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition, node: Node) -> None:
+    """Let a node throw what an event definition says."""
     match definition:
         case model.SignalDefinition(topic=topic) | model.MessageDefinition(topic=topic):
             signal = isinstance(definition, model.SignalDefinition)
             node.step, node.topic = steps.throw if signal else steps.send, topic.qualified
-            node.run = compiler.expression(topic.payload, event, wiring.file) if topic.payload else None
+            node.run = wiring.compiler.optional(topic.payload, event, wiring.file)
         case model.ErrorDefinition(code=code):
             node.step, node.code = steps.raise_error, code
         case model.EscalationDefinition(code=code):
             node.step, node.code = steps.escalate, code
         case model.TerminateDefinition():
             node.step = steps.terminate
+        case model.CompensateDefinition(activity=activity_id):
+            node.step, node.kind, node.code = compensation.compensate, "scope", activity_id
+            node.index = UNCOUNTED
+        case model.CancelDefinition():
+            node.step = compensation.cancel
         case model.LinkDefinition(name=name):
             link(wiring, event, node, name)
-        case None:
-            pass
         case _:
-            name = type(definition).__name__.removesuffix("Definition").lower()
-            raise refuse(f"{name} events are not executed by this version", event, wiring)
-    compiler.watch(node, ends=node.step in (steps.end, steps.terminate, steps.raise_error))
-    wiring.place(event, node)
+            raise refuse("cannot be thrown", event, wiring)
 
 
 def link(wiring: Wiring, event: model.Event, node: Node, name: str) -> None:
@@ -182,22 +214,45 @@ def link(wiring: Wiring, event: model.Event, node: Node, name: str) -> None:
 def boundary(wiring: Wiring, event: model.Event) -> None:
     """A boundary event: one node for each of its definitions, known to its activity once that is made."""
     compiler = wiring.compiler
-    if event.parallel and len(event.definitions) > 1:
-        raise refuse("parallel multiple events are not executed by this version", event, wiring)
     if not event.definitions:
         raise refuse("a boundary event needs a trigger", event, wiring)
-    nodes = [trigger(wiring, event, each, f"/{n}") for n, each in enumerate(event.definitions)]
+    if isinstance(event.definitions[0], model.CompensateDefinition):
+        return compensable(wiring, event)
+    nodes = triggers_of(wiring, event)
     slot = compiler.slot(event.id)
     for node in nodes:
         node.slot, node.fire = slot, steps.fire_boundary
         node.act = OBSERVED if compiler.observed else None
     wiring.place(event, nodes[0], nodes)
     wiring.boundaries.setdefault(event.attached_to, []).extend(nodes)
+    return None
+
+
+def compensable(wiring: Wiring, event: model.Event) -> None:
+    """A compensation event at the boundary of an activity, and the handler associated with it."""
+    handlers = [target for source, target in wiring.content.associations if source == event.id]
+    if len(handlers) != 1 or len(event.definitions) > 1:
+        raise refuse(f"a compensation event needs one handler; it has {len(handlers)}", event, wiring)
+    node = wiring.compiler.node(event, steps.pass_on, wiring.file, counted=True)
+    wiring.compiler.watch(node)
+    wiring.undos.append((event.attached_to, node, handlers[0]))
+
+
+def attach_undo(wiring: Wiring, activity: str, node: Node, handler: str) -> None:
+    """Let an activity be compensated; what is no scope of its own says by a node behind it that it has completed."""
+    main = wiring.main[activity]
+    main.undo, node.next = node, wiring.entries[handler]
+    if main.kind != "scope":
+        last = wiring.compiler.node(wiring.model[activity], compensation.completed, wiring.file, part="/completed")
+        last.guard = main
+        wiring.link(wiring.exits[activity], last)
+        wiring.exits[activity] = [last]
 
 
 def attach(activity: Node, nodes: list[Node]) -> None:
     """Let an activity know its boundary events."""
-    activity.armed = tuple(node for node in nodes if node.kind not in ("error", "escalation"))
+    activity.armed = tuple(node for node in nodes if node.kind not in ("error", "escalation", "cancel"))
+    activity.cancels = tuple(node for node in nodes if node.kind == "cancel")
     activity.errors = tuple(node for node in nodes if node.kind == "error")
     activity.escalations = tuple(node for node in nodes if node.kind == "escalation")
 
@@ -214,8 +269,8 @@ def gateway(wiring: Wiring, element: model.Gateway) -> None:
     node.slot = compiler.slot(element.id)
     wiring.place(element, node)
     if element.kind == "event":
-        if element.instantiate:
-            raise refuse("event-based gateways that start a process are not executed by this version", element, wiring)
+        if element.instantiate and element.all_events:
+            raise refuse("gateways that start a process by all of several events are not executed", element, wiring)
         node.step = gateways.choose
         compiler.watch(node)
         return
@@ -256,6 +311,23 @@ def link_alternatives(wiring: Wiring, node: Node, element: model.Gateway) -> Non
     node.alternatives = tuple(found)
 
 
+def instantiating(wiring: Wiring, element: model.Gateway) -> list[Node]:
+    """The ways in through an event-based gateway that starts a process: the gateway, then the event that came."""
+    found = []
+    for choice in wiring.main[element.id].alternatives:
+        begin = wiring.compiler.node(element, steps.pass_on, wiring.file, part=f"/start/{choice.id}")
+        begin.kind, begin.topic, begin.take, begin.queue = choice.kind, choice.topic, choice.take, choice.queue
+        begin.keys, begin.timer, begin.run = choice.keys, choice.timer, choice.run
+        begin.index = begin.slot = wiring.main[element.id].slot
+        event = wiring.compiler.node(wiring.model[choice.id], steps.pass_on, wiring.file, part=f"/start/{element.id}")
+        event.index = event.slot = choice.slot
+        begin.next, event.next = event, choice.next
+        wiring.compiler.watch(begin)
+        wiring.compiler.watch(event)
+        found.append(begin)
+    return found
+
+
 def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
     """For each element of a body, which incoming flows of an inclusive join it reaches without passing the join.
 
@@ -288,8 +360,6 @@ def activity(wiring: Wiring, element: model.Activity) -> None:
     compiler = wiring.compiler
     if element.refused:
         raise refuse(element.refused, element, wiring)
-    if element.for_compensation:
-        raise refuse("compensation is not executed by this version", element, wiring)
     node = work(wiring, element)
     io = element.io
     if io is not None and not isinstance(element, model.SubProcess | model.CallActivity):
@@ -342,7 +412,7 @@ def work(wiring: Wiring, element: model.Activity) -> Node:
     compiler = wiring.compiler
     node = compiler.node(element, steps.pass_on, wiring.file)
     if isinstance(element, model.SubProcess):
-        if element.kind != "embedded":
+        if element.kind not in ("embedded", "transaction"):
             raise refuse(f"{element.kind} sub-processes are not executed by this version", element, wiring)
         node.step, node.kind = activities.enter, "scope"
         node.body = compiler.body(element.id, element.body, wiring.file, outer=wiring)
@@ -427,6 +497,9 @@ def event_sub_process(wiring: Wiring, element: model.SubProcess) -> None:
     if not triggers:
         raise refuse("an event sub-process needs a start event with a trigger", element, wiring)
     for event, node in triggers:
+        if node.kind == "compensate":
+            node.guard, wiring.undo = handler, node
+            continue
         node.fire, node.guard, node.index = steps.fire_handler, handler, 0
         node.resume = (element.resume or compiler.original) and event.interrupting
         node.step = steps.pass_on

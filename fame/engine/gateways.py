@@ -159,6 +159,18 @@ def choose(engine: Engine, scope: Scope, node: Node) -> None:
         waiting.guard(engine, node.alternatives, scope, rest)
 
 
+def fire_part(engine: Engine, rest: Rest) -> None:
+    """One of the triggers of a parallel multiple event has come; with the last of them, the event."""
+    event = rest.owner
+    assert isinstance(event, Rest)
+    event.arms.remove(rest)
+    waiting.disarm(engine, rest)
+    if not event.arms:
+        waiting.fire(engine, event)
+        if event.alive and not event.paused:  # it does not interrupt: it waits for all of them again
+            waiting.arm(engine, event)
+
+
 def fire_alternative(engine: Engine, rest: Rest) -> None:
     """One of the alternatives has come."""
     gateway = rest.owner

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import faults, scopes, steps, waiting
+from fame.engine import compensation, faults, scopes, steps, waiting
 from fame.engine.host import Compiled
 from fame.engine.state import Node, Scope
 from fame.engine.variables import UNDEFINED, Variables
@@ -114,6 +114,8 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
     loop: Loop = node.loop
     items["done"] += 1
     whole.tokens -= 1
+    if instance.done:
+        compensation.remember(whole, *instance.done)
     if loop.standard:
         go_round(engine, whole, node, first=False)
         return

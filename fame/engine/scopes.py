@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import activities, loops, suspension, waiting
+from fame.engine import activities, compensation, loops, suspension, waiting
 from fame.engine.state import DEAD, RUNNING, Body, Departure, Node, Rest, Scope
 
 if TYPE_CHECKING:
@@ -80,6 +80,9 @@ def finish(engine: Engine, scope: Scope) -> None:
         if node.kind == "instance":
             loops.end_instance(engine, parent, scope)
             return
+        if node.kind == "undo":
+            compensation.undo_next(engine, parent)
+            return
         if node.kind != "handler":
             activities.leave(engine, parent, node, scope)
             return
@@ -123,7 +126,7 @@ def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
     parent = scope.parent
     heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
     heir.instance, heir.counts, heir.depth = scope.instance, scope.counts, scope.depth
-    heir.handles, heir.items, heir.state = handles, scope.items, RUNNING
+    heir.handles, heir.items, heir.done, heir.state = handles, scope.items, scope.done, RUNNING
     heir.arms, scope.arms = scope.arms, []
     for arm in heir.arms:
         arm.owner = heir

@@ -16,15 +16,18 @@ from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any
 
+from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
-from fame.engine.state import Body, Departure, Instance, Mailbox, Program, Rest, Scope, scopes_of
+from fame.engine.state import Body, Departure, Instance, Mailbox, Node, Program, Record, Rest, Scope, scopes_of
 from fame.engine.steps import FAILED, FINISH
 from fame.engine.variables import Variables
 from fame.errors import MissionError
 
 Data = dict[str, Any]
 Convert = Callable[[Any], Any]
+OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, FAILED, UNDO, ROLL_BACK, CANCELLED)
+"""Nodes that every engine knows."""
 _ERROR = ("text", "element", "file", "line", "code")
 
 
@@ -112,7 +115,8 @@ def all_rests(scopes: list[Scope]) -> list[Rest]:
     """Every rest in some scopes, owners before what is armed because of them."""
     found = [child for scope in scopes for child in scope.children if isinstance(child, Rest)]
     found += [arm for scope in scopes for arm in scope.arms]
-    found += [arm for rest in tuple(found) for arm in rest.arms]
+    for rest in found:  # which grows
+        found += rest.arms
     return found
 
 
@@ -147,7 +151,12 @@ def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str], dump: Convert
         "mark": scope.mark,
         "held": [node.key for node in scope.held],
         "items": encode(scope.items, dump),
+        "done": None if scope.done is None else [_record(record, dicts) for record in scope.done],
     }
+
+
+def _record(record: Record, dicts: _Dicts) -> list[Any]:
+    return [record.node.key, dicts.number(record.variables), [_record(inner, dicts) for inner in record.inner]]
 
 
 def _rest(rest: Rest) -> Data:
@@ -228,7 +237,7 @@ class _Restoring:
     ) -> None:
         self.data, self.load = data, load
         self.engine = Engine(program, host, new_variables)
-        self.nodes = {**program.by_key, FINISH.key: FINISH, FAILED.key: FAILED}
+        self.nodes = {**program.by_key, **{node.key: node for node in OF_NO_PROGRAM}}
         self.dicts = self._variables(new_variables)
         self.instances = {item["key"]: self._instance(item) for item in data["instances"]}
         self.scopes: dict[int, Scope] = {}
@@ -273,9 +282,13 @@ class _Restoring:
         scope.handles = tuple(self.nodes[key] for key in item["handles"])
         scope.held = [self.nodes[key] for key in item["held"]]
         scope.items = decode(item["items"], self.load)
+        scope.done = None if item["done"] is None else [self._record(record) for record in item["done"]]
         if item["joins"] is not None:
             scope.joins = {self.nodes[key]: counts for key, counts in item["joins"].items()}
         return scope
+
+    def _record(self, item: list[Any]) -> Record:
+        return Record(self.nodes[item[0]], self.dicts[item[1]], [self._record(inner) for inner in item[2]])
 
     def _body(self, key: str | None) -> Body | None:
         if key is None:

@@ -36,10 +36,11 @@ class Node:
     """Where a token can be. One element may be several nodes: ports of a join, triggers of a multiple event."""
 
     __slots__ = (
-        "act", "all_in", "all_out", "alternatives", "armed", "body", "code", "code_variable", "default", "errors",
-        "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting", "join", "key", "keys", "kind",
-        "line", "loop", "masks", "message_variable", "need", "next", "out", "outputs", "own", "queue", "resume", "run",
-        "shares", "slot", "step", "take", "timer", "topic", "variable", "via",
+        "act", "all_in", "all_out", "alternatives", "armed", "body", "cancels", "code", "code_variable",
+        "default", "errors", "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting",
+        "join", "key", "keys", "kind", "line", "loop", "masks", "message_variable", "need", "next", "out",
+        "outputs", "own", "queue", "resume", "run", "shares", "slot", "step", "take", "timer", "topic", "undo",
+        "variable", "via",
     )  # fmt: skip
 
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
@@ -66,6 +67,8 @@ class Node:
         self.armed: tuple[Node, ...] = ()  # boundary events that wait for a stimulus
         self.errors: tuple[Node, ...] = ()
         self.escalations: tuple[Node, ...] = ()
+        self.cancels: tuple[Node, ...] = ()  # cancel boundary events of a transaction
+        self.undo: Node | None = None  # compensation event at its boundary
         self.alternatives: tuple[Node, ...] = ()
         self.via = ""  # of an alternative: the sequence flow that leads to its event
         self.interrupting, self.resume = True, False
@@ -83,7 +86,7 @@ class Node:
 class Body:
     """What a scope runs. `opening` is the node that arms its event sub-processes and enters its start."""
 
-    __slots__ = ("armed", "errors", "escalations", "id", "opening", "queued")
+    __slots__ = ("armed", "errors", "escalations", "id", "opening", "queued", "undo")
 
     def __init__(self, id: str) -> None:
         self.id = id
@@ -92,6 +95,7 @@ class Body:
         self.errors: tuple[Node, ...] = ()  # starts of error event sub-processes
         self.escalations: tuple[Node, ...] = ()
         self.queued: tuple[Node, ...] = ()  # catching events that keep messages from the time the scope is entered
+        self.undo: Node | None = None  # start of the event sub-process for compensation
 
 
 class Program:
@@ -132,12 +136,14 @@ class Scope:
     handles   event sub-processes that took its place by interrupting it, the first one first
     suspender the handler that holds everything in it that is older than key `mark`
     leaving   keys of cancelled scripts that what goes on here waits for
+    done      what has completed in it and can be compensated, in order; of a compensation: what is still to undo
     held      nodes of tokens that wait for the end of a suspension
     """
 
-    __slots__ = ("arms", "body", "children", "counts", "depth", "handles", "held", "instance", "items", "joins", "key",
-                 "leaving", "mail", "mark", "node", "parent", "state", "suspender", "tokens",
-                 "variables")  # fmt: skip
+    __slots__ = (
+        "arms", "body", "children", "counts", "depth", "done", "handles", "held", "instance", "items", "joins",
+        "key", "leaving", "mail", "mark", "node", "parent", "state", "suspender", "tokens", "variables",
+    )  # fmt: skip
 
     def __init__(
         self, key: int, parent: Scope | None, node: Node | None, body: Body | None, variables: dict[str, Any]
@@ -149,6 +155,7 @@ class Scope:
         self.joins: dict[Node, list[int]] | None = None
         self.mail: dict[Node, Mailbox] | None = None
         self.handles: tuple[Node, ...] = ()
+        self.done: list[Record] | None = None
         self.suspender: Scope | None = None
         self.mark = 0
         self.leaving: dict[int, None] = {}
@@ -164,6 +171,15 @@ class Scope:
     def alive(self) -> bool:
         """Whether it goes on, be it suspended."""
         return self.state >= 0
+
+
+class Record:
+    """An activity that has completed, and what had completed in it (see `fame.engine.compensation`)."""
+
+    __slots__ = ("inner", "node", "variables")
+
+    def __init__(self, node: Node, variables: dict[str, Any], inner: list[Record]) -> None:
+        self.node, self.variables, self.inner = node, variables, inner
 
 
 class Rest:

@@ -58,7 +58,8 @@ def held_rests(scope: Scope) -> list[Rest]:
     for inner in held_scopes(scope):
         found += inner.arms
         found += (resting for resting in inner.children if isinstance(resting, Rest))
-    found += [armed for resting in found for armed in resting.arms]
+    for resting in found:  # which grows
+        found += resting.arms
     return sorted(found, key=attrgetter("key"))
 
 
@@ -90,5 +91,8 @@ def revive(engine: Engine, resting: Rest) -> None:
     elif kind == "timer":
         if resting.node.resume and resting.key not in engine.rests:
             waiting.set_timer(engine, resting)
+    elif kind == "all":
+        if not resting.arms:
+            waiting.arm(engine, resting)
     elif resting.started:
         activities.restart(engine, resting)

@@ -47,6 +47,8 @@ def arm(engine: Engine, resting: Rest) -> None:
         engine.conditions[resting] = None
         engine.alert = True
         check_condition(engine, resting)
+    elif kind == "all":
+        guard(engine, resting.node.alternatives, resting.scope, resting)
 
 
 def set_timer(engine: Engine, resting: Rest) -> None:
@@ -200,7 +202,7 @@ def fire(engine: Engine, resting: Rest) -> None:
 
 def give_up(engine: Engine, resting: Rest, error: Exception) -> None:
     """What a rest waits for, or what it brought, could not be evaluated: the token leaves as an error."""
-    holder = resting.owner if resting.node.fire is gateways.fire_alternative else resting
+    holder = resting.owner if resting.node.fire in (gateways.fire_alternative, gateways.fire_part) else resting
     assert isinstance(holder, Rest)
     scopes.withdraw(engine, holder)
     faults.fail(engine, resting.scope, resting.node, error)

@@ -1,0 +1,110 @@
+"""Signed deployments: a robot that trusts some keys runs what they signed, for it, now, and nothing else.
+
+Keys are Ed25519 (RFC 8032), kept as PEM files. What is signed is everything that an envelope says but the text of the
+model, which its hash stands for. A signature that is older than `FRESH` seconds is refused, so that an engine that has
+just started cannot be given an old envelope again; later ones are kept in order by their sequence.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.errors import ConfigError, DeploymentError, UnavailableError
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+FRESH = 300.0
+"""How old a signature may be (s)."""
+
+
+def new_keys(stem: Path) -> tuple[Path, Path]:
+    """Make a pair of keys: `stem`.key, which is secret, and `stem`.pub. Raises ConfigError if one is there already."""
+    ed25519, serialization = _cryptography()
+    private = ed25519.Ed25519PrivateKey.generate()
+    secret, public = stem.with_name(stem.name + ".key"), stem.with_name(stem.name + ".pub")
+    for path in (secret, public):
+        if path.exists():
+            raise ConfigError("exists already; a key is never overwritten", file=str(path))
+    encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
+    secret.touch(mode=0o600)
+    secret.write_bytes(private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none))
+    public.write_bytes(private.public_key().public_bytes(encoding, serialization.PublicFormat.SubjectPublicKeyInfo))
+    return secret, public
+
+
+def read_private(path: Path) -> Ed25519PrivateKey:
+    """The secret key of a file. Raises ConfigError."""
+    ed25519, serialization = _cryptography()
+    key = _read(path, lambda data: serialization.load_pem_private_key(data, None))
+    if not isinstance(key, ed25519.Ed25519PrivateKey):
+        raise ConfigError("is not an Ed25519 private key; make one with: fame keys new NAME", file=str(path))
+    return key  # type: ignore[no-any-return]
+
+
+def read_trusted(paths: Sequence[Path]) -> list[Ed25519PublicKey]:
+    """The public keys of some files. Raises ConfigError."""
+    ed25519, serialization = _cryptography()
+    keys = []
+    for path in paths:
+        key = _read(path, serialization.load_pem_public_key)
+        if not isinstance(key, ed25519.Ed25519PublicKey):
+            raise ConfigError("is not an Ed25519 public key (NAME.pub)", file=str(path))
+        keys.append(key)
+    return keys
+
+
+def sign(said: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
+    """The signature of what an envelope says, as base64."""
+    return base64.b64encode(key.sign(_signed_part(said))).decode()
+
+
+def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float) -> None:
+    """Raises DeploymentError unless a trusted key signed it, not long ago. `now` in s since 1970."""
+    from cryptography.exceptions import InvalidSignature
+
+    signature = said.get("signature", "")
+    if not signature:
+        raise DeploymentError("not signed; this robot runs only what a trusted key signed")
+    try:
+        blob = base64.b64decode(signature, validate=True)
+    except ValueError:
+        raise DeploymentError("the signature is not base64") from None
+    for key in trusted:
+        try:
+            key.verify(blob, _signed_part(said))
+            break
+        except InvalidSignature:
+            continue
+    else:
+        raise DeploymentError("not signed by a key that this robot trusts")
+    age = now - float(said.get("issued", 0.0))
+    if abs(age) > FRESH:
+        raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")
+
+
+def _signed_part(said: Mapping[str, Any]) -> bytes:
+    kept = {name: value for name, value in said.items() if name not in ("model", "signature")}
+    return json.dumps(kept, sort_keys=True, separators=(",", ":")).encode()
+
+
+def _read(path: Path, load: Any) -> Any:
+    try:
+        return load(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"is not a key in PEM: {error}", file=str(path)) from None
+
+
+def _cryptography() -> tuple[Any, Any]:
+    try:
+        from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ed25519
+    except ImportError:
+        raise UnavailableError("signing needs cryptography: pip install 'fame-robots[dds]'") from None
+    return ed25519, serialization

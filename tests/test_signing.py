@@ -1,0 +1,99 @@
+"""A robot that trusts keys runs what they signed, for it, now, and nothing else."""
+
+import json
+import stat
+from dataclasses import asdict, replace
+
+import pytest
+
+pytest.importorskip("cryptography", reason="cryptography is not installed: pip install 'fame-robots[dds]'")
+
+from test_deployment import TEAM, Field, patrol
+
+import fame
+from fame.deployment import EngineNode
+from fame.signing import FRESH, new_keys, read_private, read_trusted, sign, verify
+
+NOW = 1_000_000.0
+
+
+@pytest.fixture
+def keys(tmp_path):
+    secret, public = new_keys(tmp_path / "team")
+    return read_private(secret), read_trusted([public])
+
+
+class Guarded(Field):
+    """Robots that trust a key."""
+
+    def __init__(self, trusted, *robots: str) -> None:
+        super().__init__()
+        self.engines = {
+            name: EngineNode(
+                name,
+                scheduler=self.scheduler,
+                middleware=self.middleware,
+                trusted=trusted,
+                wall_time=lambda: NOW,
+            )
+            for name in robots
+        }
+        self.listen(*robots)
+
+
+def test_what_a_trusted_key_signed_is_run(keys):
+    field = Guarded(keys[1], "A", "B")
+    sent = field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
+    assert not sent.failed
+    assert field.engines["A"].state == "running"
+
+
+def test_what_nobody_signed_is_refused(keys):
+    field = Guarded(keys[1], "A", "B")
+    sent = field.deploy(TEAM)
+    assert sent.failed
+    assert any("not signed" in standing.reason for standing in sent.standings.values())
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    assert "not signed" in [report.reason for report in field.said if report.answer == "refused"][-1]
+    assert field.engines["A"].running is None
+
+
+def test_a_key_that_is_not_trusted_does_not_count(keys, tmp_path):
+    stranger = read_private(new_keys(tmp_path / "stranger")[0])
+    field = Guarded(keys[1], "A", "B")
+    field.deploy(TEAM, key=stranger, wall_time=lambda: NOW)
+    assert any("trusts" in report.reason for report in field.said)
+    assert field.engines["A"].running is None
+
+
+def test_an_old_signature_and_a_changed_envelope_are_refused(keys):
+    said = {"deployment": "d", "hash": "h", "robot": "A", "issued": NOW, "model": "x"}
+    signed = said | {"signature": sign(said, keys[0])}
+    verify(signed, keys[1], NOW + FRESH)
+    verify(signed | {"model": "its hash stands for it"}, keys[1], NOW)
+    with pytest.raises(fame.DeploymentError, match="301 s ago"):
+        verify(signed, keys[1], NOW + FRESH + 1)
+    for change in ({"robot": "B"}, {"hash": "g"}, {"issued": NOW + 9}):
+        with pytest.raises(fame.DeploymentError, match="trusts"):
+            verify(signed | change, keys[1], NOW)
+
+
+def test_a_replayed_envelope_of_another_robot_is_refused(keys):
+    field = Guarded(keys[1], "A", "B")
+    sent = field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
+    envelope = replace(sent.standings["A"].envelope, issued=NOW)
+    field.send("B", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
+    field.pass_time(0.1)
+    assert "meant for robot 'A'" in field.said[-1].reason
+
+
+def test_a_secret_key_is_for_its_owner_alone_and_never_overwritten(tmp_path):
+    secret, _ = new_keys(tmp_path / "k")
+    assert stat.S_IMODE(secret.stat().st_mode) == 0o600
+    with pytest.raises(fame.ConfigError, match="never overwritten"):
+        new_keys(tmp_path / "k")
+    broken = tmp_path / "broken.pub"
+    broken.write_text(json.dumps("no key"))
+    with pytest.raises(fame.ConfigError, match=r"broken\.pub.*PEM"):
+        read_trusted([broken])
