@@ -165,6 +165,7 @@ def throwing(wiring: Wiring, event: model.Event) -> None:
             raise refuse("nothing can be thrown after what ends the token: put it last", event, wiring)
         last.next = compiler.node(event, steps.pass_on, wiring.file, part=f"/{number}")
         last = last.next
+        last.guard = first
         thrown(wiring, event, definition, last)
     wiring.place(event, first, [last])
 
