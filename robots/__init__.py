@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from robots.car import Car
+from robots.drone import Drone
 from robots.robot import Robot
+from robots.tractor import Tractor
 
 ROBOTS: Mapping[str, type[Robot]] = {
     "car": Car,
+    "drone": Drone,
+    "tractor": Tractor,
 }
 """Robot types by the name that a world file gives them."""

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 from fame.clock import SECOND
 from fame.middleware.interface import Message
+from robots.body import body_of, rectangle
+from robots.odometer import STILL, Motion
 from robots.robot import Pose
 from sim2d.reading import Point, parameter
 
@@ -22,11 +24,11 @@ if TYPE_CHECKING:
 
 GRAVITY = 9.81
 """m/s²."""
-FRICTION: Mapping[str, float] = {"rubber": 0.43, "smooth": 0.12}
-"""Tyres on ground, by name. They brake at 4.2 and 1.2 m/s², as the real and the simulated car of the FAME paper
-(section 5.4) do."""
-ROBOT = 1
-"""The collision type of robots' shapes."""
+FRICTION: Mapping[str, float] = {"rubber": 0.43, "smooth": 0.12, "grass": 0.35}
+"""Tyres on ground, by name. The first two brake at 4.2 and 1.2 m/s², as the real and the simulated car of the FAME
+paper (section 5.4) do."""
+_SLIP = 1e-9
+"""m/s that need no push: rounding, as long as the vehicle is not to stand still to the last digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,28 +47,16 @@ class DriveParameters:
 
 
 class Drive:
-    """A driven body. `speed` and `turn_rate` are the latest command, within the limits."""
+    """A driven body. `speed` and `turn_rate` are the latest command, within the limits; `blocked` wheels obey none."""
 
     def __init__(self, space: pymunk.Space, start: Pose, parameters: DriveParameters) -> None:
-        import pymunk
-
-        length, width, mass = parameters.length, parameters.width, parameters.mass
-        self.body = pymunk.Body(mass, pymunk.moment_for_box(mass, (length, width)))
-        self.body.position = start.x, start.y
-        self.body.angle = start.heading
-        self.outline: tuple[Point, ...] = (
-            (length / 2, width / 2),
-            (-length / 2, width / 2),
-            (-length / 2, -width / 2),
-            (length / 2, -width / 2),
-        )
+        length, width = parameters.length, parameters.width
+        self.outline: tuple[Point, ...] = rectangle(length, width)
         self.radius = math.hypot(length, width) / 2
-        shape = pymunk.Poly(self.body, self.outline)
-        shape.friction = 0.5
-        shape.collision_type = ROBOT
-        shape.filter = self.filter = pymunk.ShapeFilter(group=len(space.bodies) + 1)
-        space.add(self.body, shape)
+        self.body, shape = body_of(space, start, self.outline, parameters.mass)
+        self.filter = shape.filter
         self.speed = self.turn_rate = 0.0
+        self.blocked = False
         self._parameters = parameters
         self._grip = parameters.friction * GRAVITY
         self._valid_until = 0
@@ -78,43 +68,51 @@ class Drive:
         return Pose(x, y, self.body.angle)
 
     @property
-    def twist(self) -> tuple[float, float]:
-        """Speed ahead (m/s) and turn rate (rad/s)."""
-        return self.body.velocity.dot(self.body.rotation_vector), self.body.angular_velocity
+    def motion(self) -> Motion:
+        """How it moves ahead and turns. What slips sideways is not measured by wheels."""
+        body = self.body
+        if body.is_sleeping:
+            return STILL
+        (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
+        return Motion(ahead=vx * cos + vy * sin, turn_rate=body.angular_velocity)
 
     def command(self, twist: Message, now: int) -> None:
         """Obey a geometry_msgs/msg/Twist: `linear.x` and `angular.z`, cut to the limits; NaN is a stop."""
         limits = self._parameters
-        self.speed = _within(twist.linear.x, limits.max_speed)
-        self.turn_rate = _within(twist.angular.z, limits.max_turn_rate)
+        self.speed = within(twist.linear.x, limits.max_speed)
+        self.turn_rate = within(twist.angular.z, limits.max_turn_rate)
         self._valid_until = now + round(limits.watchdog * SECOND)
 
     def move(self, now: int, duration: float) -> None:
         """Push the body as motors and tyres can, for a step of `duration` s."""
         limits, body = self._parameters, self.body
-        if limits.watchdog and now > self._valid_until:
+        if self.blocked or (limits.watchdog and now > self._valid_until):
             self.speed = self.turn_rate = 0.0
+        if self.speed == 0 and self.turn_rate == 0 and body.is_sleeping:
+            return
         vx, vy = body.velocity
         cos, sin = body.rotation_vector
         ahead, sideways = vx * cos + vy * sin, vy * cos - vx * sin
         gains = abs(self.speed) > abs(ahead) and self.speed * ahead >= 0
-        wanted = _towards(ahead, self.speed, (limits.acceleration if gains else self._grip) * duration)
+        wanted = towards(ahead, self.speed, (limits.acceleration if gains else self._grip) * duration)
         along, across = wanted - ahead, -sideways
         change = math.hypot(along, across)
-        if change > 0:
+        if change > (_SLIP if self.speed or self.turn_rate else 0.0):
             # As forces, not as a new velocity: a body that is pushed against a wall must not creep into it.
             push = body.mass / duration * min(1.0, self._grip * duration / change)
             along, across = along * push, across * push
             body.force = along * cos - across * sin, along * sin + across * cos
         turning = body.angular_velocity
         if turning != self.turn_rate:
-            wanted = _towards(turning, self.turn_rate, limits.turn_acceleration * duration)
+            wanted = towards(turning, self.turn_rate, limits.turn_acceleration * duration)
             body.torque = (wanted - turning) * body.moment / duration
 
 
-def _within(value: float, limit: float) -> float:
+def within(value: float, limit: float) -> float:
+    """A commanded value, cut to a limit on either side; 0 if it is no number."""
     return min(max(float(value), -limit), limit) if math.isfinite(value) else 0.0
 
 
-def _towards(value: float, goal: float, change: float) -> float:
+def towards(value: float, goal: float, change: float) -> float:
+    """The value, nearer to a goal by `change` at most."""
     return min(value + change, goal) if goal > value else max(value - change, goal)

@@ -33,7 +33,8 @@ class Planner:
 
     def __init__(self, node: Node, parameters: PlannerParameters, radius: float) -> None:
         self._clearance, self._tolerance = radius + parameters.margin, parameters.tolerance
-        self._grid: Grid | None = None
+        self._map: Message | None = None
+        self._grid: Grid | None = None  # inflated; made for the first goal: most of a thousand robots never get one
         self._odometry: Message | None = None
         self._goal: Message | None = None
         self._plan = node.publisher("plan", "nav_msgs/msg/Path")
@@ -42,7 +43,7 @@ class Planner:
         node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
 
     def _on_map(self, message: Message) -> None:
-        self._grid = inflate(from_message(message), self._clearance)
+        self._map, self._grid = message, None
         self._answer()
 
     def _on_odometry(self, message: Message) -> None:
@@ -55,14 +56,42 @@ class Planner:
         self._answer()
 
     def _answer(self) -> None:
-        if self._grid is None or self._odometry is None or self._goal is None:
+        if self._map is None or self._odometry is None or self._goal is None:
             return
+        if self._grid is None:
+            self._grid = inflate(from_message(self._map), self._clearance)
         goal, self._goal = self._goal, None
         position, target = self._odometry.pose.pose.position, goal.pose.position
         places = None
         if math.isfinite(target.x) and math.isfinite(target.y):
             places = route(self._grid, (position.x, position.y), (target.x, target.y), self._tolerance)
         self._plan.publish(messages.create("nav_msgs/msg/Path", _path(places or [], self._odometry, goal)))
+
+
+class DirectPlanner:
+    """The same for a robot that flies: its way is always the straight line, without a map."""
+
+    def __init__(self, node: Node) -> None:
+        self._odometry: Message | None = None
+        self._goal: Message | None = None
+        self._plan = node.publisher("plan", "nav_msgs/msg/Path")
+        node.subscription("odom", "nav_msgs/msg/Odometry", self._on_odometry, MEASUREMENT)
+        node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
+
+    def _on_odometry(self, message: Message) -> None:
+        self._odometry = message
+        if self._goal is not None:
+            self._on_goal(self._goal)
+
+    def _on_goal(self, message: Message) -> None:
+        if self._odometry is None:
+            self._goal = message
+            return
+        self._goal = None
+        here, there = self._odometry.pose.pose.position, message.pose.position
+        finite = math.isfinite(there.x) and math.isfinite(there.y)
+        places = [(here.x, here.y), (there.x, there.y)] if finite else []
+        self._plan.publish(messages.create("nav_msgs/msg/Path", _path(places, self._odometry, message)))
 
 
 def _path(places: list[Point], odometry: Message, goal: Message) -> dict[str, Any]:

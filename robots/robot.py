@@ -8,11 +8,13 @@ anything.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
-from fame.middleware.interface import QoS
+from fame.middleware.interface import Message, QoS
+from sim2d.reading import Point
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,11 +23,14 @@ if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from sim2d.config import RobotConfig
-    from sim2d.grid import Grid
+    from sim2d.weeds import Weeds
 
 
 MEASUREMENT = QoS(depth=10)
 """The QoS of sensor topics: reliable, so that subscribers of either reliability match."""
+
+ROBOT = 1
+"""The collision type of robots' shapes."""
 
 
 class Pose(NamedTuple):
@@ -34,6 +39,10 @@ class Pose(NamedTuple):
     x: float
     y: float
     heading: float
+
+    def ahead(self, distance: float) -> Point:
+        """The place so far (m) in front of it."""
+        return self.x + distance * math.cos(self.heading), self.y + distance * math.sin(self.heading)
 
 
 class Command(NamedTuple):
@@ -53,13 +62,32 @@ class Cone:
     length: float
 
 
+class Look(NamedTuple):
+    """How a robot looks at an instant, for those who draw it.
+
+    altitude   m above the ground
+    led        ``off`` or a name of `robots.led.COLOURS`
+    cone       what its range sensor saw last, if it has one
+    footprint  the radius (m) of the ground that its camera sees, 0 if it sees none
+    blade      the radius (m) of its blade, 0 unless that turns
+    """
+
+    pose: Pose
+    altitude: float = 0.0
+    led: str = "off"
+    cone: Cone | None = None
+    footprint: float = 0.0
+    blade: float = 0.0
+
+
 class Surroundings(Protocol):
-    """The world as a robot meets it. `step` in s; `grid` is the map of the known obstacles."""
+    """The world as a robot meets it. `step` in s; `map` is a nav_msgs/msg/OccupancyGrid of the known obstacles."""
 
     space: pymunk.Space
     scheduler: Scheduler
     middleware: Middleware
-    grid: Grid
+    map: Message
+    weeds: Weeds
     step: float
 
     def random(self, robot: str, sensor: str) -> np.random.Generator:
@@ -67,15 +95,22 @@ class Surroundings(Protocol):
 
 
 class Robot(Protocol):
-    """A robot of any type. `outline` is its corners in its own frame, m: x ahead, y to the left."""
+    """A robot of any type. `outline` is its corners in its own frame, m: x ahead, y to the left.
+
+    SAFE_STATE      what is published to it when its mission has ended, however that was
+    SAFE_SUSPENDED  the same while its mission is suspended
+    FAULTS          what can break
+    """
 
     Parameters: ClassVar[type[Any]]
     SAFE_STATE: ClassVar[tuple[Command, ...]]
+    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]]
+    FAULTS: ClassVar[tuple[str, ...]]
 
     name: str
     type: str
     body: pymunk.Body
-    outline: tuple[tuple[float, float], ...]
+    outline: tuple[Point, ...]
 
     def __init__(self, config: RobotConfig, world: Surroundings) -> None: ...
 
@@ -84,12 +119,12 @@ class Robot(Protocol):
         """Where it truly is."""
 
     @property
-    def led(self) -> str:
-        """The colour that its LED shows: `off` or a name of `robots.led.COLOURS`."""
+    def look(self) -> Look:
+        """How it truly looks."""
 
     @property
-    def cone(self) -> Cone | None:
-        """What its range sensor saw last, if it has one."""
+    def status(self) -> Mapping[str, Any]:
+        """What a summary tells of it besides its place, fit for JSON."""
 
     def start(self) -> None:
         """Publish what is said once."""
@@ -100,5 +135,13 @@ class Robot(Protocol):
     def sense(self, now: int, count: int) -> None:
         """Publish what the sensors measure after step number `count`, if it is their turn."""
 
+    def fault(self, kind: str) -> None:
+        """Break one of `FAULTS`, for good."""
+
     def close(self) -> None:
         """Leave the middleware."""
+
+
+def period(rate: float, step: float) -> int:
+    """How many steps (s) of the world make one period of a rate (Hz): the whole number nearest to it."""
+    return max(1, math.floor(1 / (rate * step) + 0.5))

@@ -1,4 +1,4 @@
-"""Finds a short way on a grid: A* from cell to cell, then every detour that a straight line saves is cut.
+"""Finds a short way on a grid: the straight line if that is free, else A* from cell to cell with its detours cut.
 
 A route is searched among the free cells of a grid that is already inflated by the size of the robot: it may then
 treat the robot as a point. Steps go to the eight neighbours. Of equally short ways the search takes always the same.
@@ -30,11 +30,13 @@ def route(grid: Grid, start: Point, goal: Point, tolerance: float) -> list[Point
     first, last = nearest_free(grid, start, math.inf), nearest_free(grid, goal, tolerance)
     if first is None or last is None:
         return None
+    begin = [start] if _cell(grid, start) == first else [start, _centre(grid, first)]
+    end = goal if _cell(grid, goal) == last else _centre(grid, last)
+    if _in_sight(grid, begin[-1], end):
+        return [*begin, end]
     cells = _search(grid, first, last)
     if cells is None:
         return None
-    begin = [start] if _cell(grid, start) == first else [start, _centre(grid, first)]
-    end = goal if _cell(grid, goal) == last else _centre(grid, last)
     between = [_centre(grid, cell) for cell in cells[1:-1]]
     return begin[:-1] + _straightened(grid, [begin[-1], *between, end])
 

@@ -1,19 +1,22 @@
 """An ultrasonic range sensor: the distance of the nearest solid thing within a cone, and nothing about its direction.
 
 Follows REP 117: what is farther than `max` reads +inf, what is nearer than `min` reads -inf. It sees obstacles,
-targets, walls and other robots alike.
+targets, walls and other robots alike, but nothing that flies. One that `fails` says nothing more.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
+from robots.noise import Noise
 from robots.robot import MEASUREMENT, Cone, Pose
-from robots.stamp import stamped
+from robots.template import header_maker, maker
 from sim2d.reading import parameter
 
 if TYPE_CHECKING:
@@ -38,7 +41,7 @@ class UltrasonicParameters:
 
 
 class Ultrasonic:
-    """Publishes `range`. Mounted `ahead` m in front of the middle of its vehicle."""
+    """Publishes `range` until it `fails`. Mounted `ahead` m in front of the middle of its vehicle."""
 
     def __init__(
         self,
@@ -50,49 +53,64 @@ class Ultrasonic:
         ahead: float,
     ) -> None:
         p = parameters
+        self.fails = False
         self.field_of_view = math.radians(p.field_of_view)
-        self._parameters, self._random, self._space, self._ignored, self._ahead = p, random, space, ignored, ahead
-        self._rays = [self.field_of_view * (ray / (p.rays - 1) - 0.5) for ray in range(p.rays)]
+        self._parameters, self._noise, self._space, self._ignored = p, Noise(random, 1), space, ignored
+        self._ahead, self._length = ahead, _RECESS + p.max + 4 * p.noise
+        angles = (self.field_of_view * (ray / (p.rays - 1) - 0.5) for ray in range(p.rays))
+        self._rays = [(self._length * math.cos(angle), self._length * math.sin(angle)) for angle in angles]
+        # All rays lie in this circle about a point on their axis: if nothing else is in it, none needs to be followed.
+        half, length = self.field_of_view / 2, self._length
+        narrow = half <= math.pi / 4
+        self._reach = length / (2 * math.cos(half)) if narrow else length * math.sin(half)
+        self._middle = self._reach if narrow else length * math.cos(half)
         self._publisher = node.publisher("range", RANGE, MEASUREMENT)
-        self._distance = p.max
-        self._template: Message = messages.create(
-            RANGE,
-            {
-                "header": {"frame_id": f"{node.namespace}/range"},
-                "radiation_type": 0,
-                "field_of_view": self.field_of_view,
-                "min_range": p.min,
-                "max_range": p.max,
-                "variance": p.noise**2,
-            },
-        )
+        self._distance = math.inf
+        self._make, self._header = _maker(p), header_maker(f"{node.namespace}/range")
 
     def measure(self, now: int, pose: Pose) -> None:
         """Publish a measurement from a vehicle at `pose`."""
+        if self.fails:
+            return
         self._distance = self.distance(pose)
-        measured = self._distance + self._parameters.noise * self._random.standard_normal()
+        measured = self._distance + self._parameters.noise * self._noise.row()[0]
         if measured > self._parameters.max:
             measured = math.inf
         elif measured < self._parameters.min:
             measured = -math.inf
-        self._publisher.publish(stamped(self._template, now, range=float(measured)))
+        self._publisher.publish(self._make(header=self._header(now), range=measured))
 
     def distance(self, pose: Pose) -> float:
         """The true distance (m) of the nearest thing on any ray; infinite if there is none within the range."""
-        length = _RECESS + self._parameters.max + 4 * self._parameters.noise
-        x, y = self._at(pose, self._ahead - _RECESS)
-        nearest = math.inf
-        for angle in self._rays:
-            end = x + length * math.cos(pose.heading + angle), y + length * math.sin(pose.heading + angle)
-            hit = self._space.segment_query_first((x, y), end, 0, self._ignored)
+        place = pose.ahead(self._ahead - _RECESS)
+        middle = pose.ahead(self._ahead - _RECESS + self._middle)
+        if self._space.point_query_nearest(middle, self._reach, self._ignored) is None:
+            return math.inf
+        (x, y), nearest = place, math.inf
+        cos, sin = math.cos(pose.heading), math.sin(pose.heading)
+        for ahead, left in self._rays:
+            end = x + ahead * cos - left * sin, y + ahead * sin + left * cos
+            hit = self._space.segment_query_first(place, end, 0, self._ignored)
             if hit is not None and hit.alpha < nearest:
                 nearest = hit.alpha
-        return nearest * length - _RECESS
+        return nearest * self._length - _RECESS
 
-    def cone(self, pose: Pose) -> Cone:
-        """What the last measurement found free."""
-        at = Pose(*self._at(pose, self._ahead), pose.heading)
+    def cone(self, pose: Pose) -> Cone | None:
+        """What the last measurement found free; None if the sensor fails."""
+        if self.fails:
+            return None
+        at = Pose(*pose.ahead(self._ahead), pose.heading)
         return Cone(at, self.field_of_view, min(max(self._distance, 0.0), self._parameters.max))
 
-    def _at(self, pose: Pose, ahead: float) -> tuple[float, float]:
-        return pose.x + ahead * math.cos(pose.heading), pose.y + ahead * math.sin(pose.heading)
+
+@cache
+def _maker(parameters: UltrasonicParameters) -> Callable[..., Message]:
+    """The constructor of a measurement of sensors with these parameters, from `header` and `range`."""
+    fields = {
+        "radiation_type": 0,
+        "field_of_view": math.radians(parameters.field_of_view),
+        "min_range": parameters.min,
+        "max_range": parameters.max,
+        "variance": parameters.noise**2,
+    }
+    return maker(messages.create(RANGE, fields), "header", "range")

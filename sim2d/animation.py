@@ -1,4 +1,4 @@
-"""Draws a run as a moving picture, GIF or MP4: robots with their names, range cones and ways, and what each is at.
+"""Draws a run as a moving picture, GIF or MP4: robots with their names, sensors and ways, weeds, what each is at.
 
 Pillow draws each frame at twice its size, over a background that holds all that never moves and the ways so far, and
 shrinks it: that smooths the edges and is many times faster than a plotting library.
@@ -7,20 +7,20 @@ shrinks it: that smooths the edges and is many times faster than a plotting libr
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import ConfigError, UnavailableError
-from robots.robot import Pose
+from robots.robot import Look, Pose
 from sim2d import style
-from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, faint, fitting, font, view_of, write
+from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
 from sim2d.film import WRITERS
-from sim2d.reading import Point
 from sim2d.record import Record, Track
 from sim2d.shapes import placed
+from sim2d.symbols import disc, larger, symbol
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -31,6 +31,8 @@ Label = tuple[float, str, str]
 _LONGEST = 15.0
 """Seconds that a film lasts if nobody asks for a speed."""
 _MOST_CAPTIONS = 12
+_NEAR, _SMALLEST = 45.0, 30.0
+"""Pixels: robots nearer than this have their names away from each other; and how long a robot is drawn at least."""
 
 
 def animate(
@@ -76,9 +78,15 @@ class _Captions:
                 self._times[robot].append(time)
                 self._texts[robot].append(text)
 
-    def at(self, robot: str, time: float) -> str:
-        index = bisect_right(self._times[robot], time + 1e-9) - 1
-        return self._texts[robot][index] if index >= 0 else ""
+    def at(self, robot: str, time: float, until: float) -> str:
+        """The caption that holds longest from `time` until `until` (s): what takes no time would only flicker."""
+        times, texts = self._times[robot], self._texts[robot]
+        begin, end = max(bisect_right(times, time + 1e-9) - 1, 0), bisect_left(times, until)
+        held: dict[str, float] = {}
+        for index in range(begin, end):
+            over = times[index + 1] if index + 1 < end else until
+            held[texts[index]] = held.get(texts[index], 0.0) + over - max(times[index], time)
+        return max(held, key=lambda text: held[text], default="")
 
 
 def _frames(record: Record, captions: _Captions, step: float, title: str) -> Iterator[Image]:
@@ -90,10 +98,11 @@ def _frames(record: Record, captions: _Captions, step: float, title: str) -> Ite
         time = min(number * step, end)
         sample = max(bisect_right(record.times, time + 1e-9) - 1, 0)
         _extend_ways(still, record, view, drawn, sample)
+        _cut_weeds(still, record, view, record.times[drawn], record.times[sample])
         drawn = sample
         frame = still.copy()
         _draw_robots(frame, record, view, sample)
-        _draw_captions(frame, record, view, captions, sample)
+        _draw_captions(frame, record, view, captions, sample, step)
         yield frame.reduce(SMOOTH)
 
 
@@ -110,52 +119,89 @@ def _extend_ways(still: Image, record: Record, view: View, drawn: int, sample: i
             draw.line(view.all(track.poses[drawn : sample + 1]), fill=colour, width=4, joint="curve")
 
 
+def _cut_weeds(still: Image, record: Record, view: View, since: float, until: float) -> None:
+    """Show the weeds as cut that were, between two times (s)."""
+    from PIL import ImageDraw
+
+    draw = ImageDraw.Draw(still)
+    for weed in record.weeds:
+        if weed.cut_at is not None and since < weed.cut_at <= until:
+            cutter = record.cutter(weed)
+            edge = style.robot_colour(cutter) if cutter is not None else style.FAINT
+            draw_weed(draw, view, weed, style.STUBBLE, edge)
+
+
 def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
     from PIL import ImageDraw
 
     draw = ImageDraw.Draw(frame, "RGBA")
     for index, track in enumerate(record.tracks):
-        cone = track.cones[sample]
-        if cone is not None:
-            (x, y), radius = view.at(cone.pose), cone.length * view.scale
-            middle, half = -math.degrees(cone.pose.heading), math.degrees(cone.field_of_view) / 2
-            around = (x - radius, y - radius, x + radius, y + radius)
-            draw.pieslice(around, middle - half, middle + half, fill=faint(style.robot_colour(index), style.CONE))
-    for index, track in enumerate(record.tracks):
+        _draw_senses(draw, track.looks[sample], style.robot_colour(index), view)
+    inked = sorted(enumerate(record.tracks), key=lambda item: item[1].looks[sample].altitude)  # who flies is above
+    for index, track in inked:
         _draw_robot(draw, track, style.robot_colour(index), view, sample)
+    if len(record.tracks) > style.MOST_NAMES:
+        return
     for index, track in enumerate(record.tracks):
         others = [other.poses[sample] for other in record.tracks if other is not track]
         others += [Pose(*thing.shape.centre, 0.0) for thing in record.config.targets]
-        above = style.name_goes_above(track.poses[sample], others, near=0.6, top=record.config.bounds[3])
-        _name_robot(draw, view, view.all(placed(track.outline, track.poses[sample])), track.name, index, above)
+        near = _NEAR * SMOOTH / view.scale
+        above = style.name_goes_above(track.poses[sample], others, near=near, top=record.config.bounds[3])
+        _name_robot(draw, view, track, sample, index, above)
 
 
-def _name_robot(draw: Any, view: View, corners: list[Point], name: str, index: int, above: bool) -> None:
-    half = font(14, True).getlength(name) / 2
-    x = min(max(sum(x for x, _ in corners) / len(corners), half + 4), view.size[0] - half - 4)
+def _draw_senses(draw: Any, look: Look, colour: str, view: View) -> None:
+    """The ground that a range sensor saw free, and that a camera sees."""
+    cone = look.cone
+    if cone is not None:
+        (x, y), radius = view.at(cone.pose), cone.length * view.scale
+        middle, half = -math.degrees(cone.pose.heading), math.degrees(cone.field_of_view) / 2
+        around = (x - radius, y - radius, x + radius, y + radius)
+        draw.pieslice(around, middle - half, middle + half, fill=faint(colour, style.CONE))
+    if look.footprint:
+        (x, y), radius = view.at(look.pose), look.footprint * view.scale
+        around = (x - radius, y - radius, x + radius, y + radius)
+        draw.ellipse(around, fill=faint(colour, style.CONE), outline=faint(colour, style.LAMP), width=3)
+
+
+def _name_robot(draw: Any, view: View, track: Track, sample: int, index: int, above: bool) -> None:
+    look = track.looks[sample]
+    text = f"{track.name}  {look.altitude:.1f} m" if look.altitude >= 0.05 else track.name
+    half = font(14, True).getlength(text) / 2
+    corners = view.all(placed(larger(track.outline, _growth(track, view)), look.pose))
+    x = min(max(view.at(look.pose)[0], half + 4), view.size[0] - half - 4)
     y, anchor = (min(y for _, y in corners) - 8, "ms") if above else (max(y for _, y in corners) + 8, "ma")
-    write(draw, (x, y), name, style.robot_colour(index), anchor=anchor, size=14, bold=True, halo=True)
+    write(draw, (x, y), text, style.robot_colour(index), anchor=anchor, size=14, bold=True, halo=True)
+
+
+def _growth(track: Track, view: View) -> float:
+    """How many times larger than in truth a robot is drawn, to be seen on a large ground."""
+    return max(1.0, _SMALLEST * SMOOTH / (2 * max(x for x, _ in track.outline) * view.scale))
 
 
 def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -> None:
-    pose, led = track.poses[sample], track.leds[sample]
-    ahead = max(x for x, _ in track.outline)
-    corners = view.all(placed(track.outline, pose))
+    look, growth = track.looks[sample], _growth(track, view)
+    pose, led = look.pose, look.led
+    ahead = max(x for x, _ in track.outline) * growth
     x, y = view.at(placed(((-ahead * 0.4, 0),), pose)[0])
     size = ahead * view.scale
     if led in style.LEDS:
         for radius, alpha in ((2.2, style.GLOW), (1.4, style.LAMP)):
             glow = size * radius
             draw.ellipse((x - glow, y - glow, x + glow, y + glow), fill=faint(style.LEDS[led], alpha))
-    draw.polygon(corners, fill=colour, outline=style.INK, width=3)
-    nose = placed(((ahead * 0.85, 0), (ahead * 0.25, ahead * 0.42), (ahead * 0.25, -ahead * 0.42)), pose)
-    draw.polygon(view.all(nose), fill=style.PAPER)
+    if look.blade:
+        round_ = view.all(disc(look.pose[:2], look.blade * growth * 1.25))
+        draw.polygon(round_, fill=faint(style.INK, style.GLOW), outline=style.INK, width=3)
+    for part in symbol(track.type, track.outline):
+        fill = {"robot": colour, "paper": style.PAPER, "ink": style.INK}[part.colour]
+        edge = style.INK if part.colour == "robot" else None
+        draw.polygon(view.all(placed(larger(part.corners, growth), pose)), fill=fill, outline=edge, width=3)
     if led in style.LEDS:
         lamp = size * 0.4
         draw.ellipse((x - lamp, y - lamp, x + lamp, y + lamp), fill=style.LEDS[led], outline=style.PAPER, width=2)
 
 
-def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions, sample: int) -> None:
+def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions, sample: int, step: float) -> None:
     from PIL import ImageDraw
 
     draw = ImageDraw.Draw(frame)
@@ -168,12 +214,12 @@ def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions
     for index, track in enumerate(shown):
         x = edge + index // lines * width
         y = view.captions_top + (index % lines + 0.5) * LINE * SMOOTH
-        colour, led = style.robot_colour(index), track.leds[sample]
+        colour, led = style.robot_colour(index), track.looks[sample].led
         draw.rounded_rectangle((x, y - 12, x + 24, y + 12), 6, fill=colour)
         if led in style.LEDS:
             draw.ellipse((x + 5, y - 7, x + 19, y + 7), fill=style.LEDS[led], outline=style.PAPER, width=2)
         write(draw, (x + 36, y), track.name, colour, anchor="lm", size=13, bold=True)
-        text = fitting(captions.at(track.name, time), width - widest - 80, 13)
+        text = fitting(captions.at(track.name, time, time + step), width - widest - 80, 13)
         write(draw, (x + 60 + widest, y), text, style.INK, anchor="lm", size=13)
 
 

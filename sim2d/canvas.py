@@ -12,11 +12,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim2d import style
+from sim2d import style, symbols
 from sim2d.config import Thing
 from sim2d.reading import Point
 from sim2d.record import Record
 from sim2d.shapes import Circle, Shape, bounding_box
+from sim2d.weeds import Weed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 SMOOTH = 2
 EDGE, LINE, HEAD = 16, 22, 30
 """Pixels around the ground, per caption line, and above the ground."""
-_WIDTH, _HEIGHT = 720, 560
+_WIDTH, _HEIGHT = 840, 640
 """The most that the ground covers, pixels."""
 
 
@@ -84,9 +85,26 @@ def background(record: Record, view: View, title: str) -> Image:
     for thing in record.config.targets:
         _solid(draw, view, thing.shape, style.TARGET, style.TARGET_EDGE)
         _name_target(draw, view, thing, record)
+    for weed in record.weeds:
+        draw_weed(draw, view, weed, style.WEED, style.WEED_EDGE)
+    if len(record.weeds) <= style.MOST_NAMES:
+        for weed in record.weeds:
+            x, y = view.at(weed.at)
+            write(draw, (x, y + _weed_radius(view, weed) + 4), weed.name, style.WEED_EDGE, anchor="ma", size=11)
     write(draw, (left, top - 14), title, style.INK, anchor="ls", size=15, bold=True)
     _scale_bar(draw, view, record)
     return image
+
+
+def draw_weed(draw: Any, view: View, weed: Weed, fill: str, edge: str) -> None:
+    """A weed, large enough to be seen."""
+    corners = view.all(symbols.weed(weed.at, _weed_radius(view, weed) / view.scale))
+    draw.polygon(corners, fill=fill, outline=edge, width=3)
+
+
+def _weed_radius(view: View, weed: Weed) -> float:
+    """Pixels of the large image."""
+    return max(weed.radius * view.scale, 9.0 * SMOOTH)
 
 
 def _round_length(least: float) -> float:

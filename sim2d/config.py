@@ -1,4 +1,4 @@
-"""What a world file says, checked: bounds, obstacles, targets, robots. `docs/world.md` describes the file."""
+"""What a world file says, checked: bounds, obstacles, targets, weeds, robots. `docs/world.md` describes the file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim2d.shapes import Circle, Shape, bounding_box, box, convex
 Bounds = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
 
-_KEYS = ("size", "bounds", "step", "walls", "resolution", "obstacles", "targets", "robots")
+_KEYS = ("size", "bounds", "step", "walls", "resolution", "obstacles", "targets", "weeds", "robots")
 _SHAPES = {
     "radius": ("name", "at", "radius"),
     "size": ("name", "at", "size", "angle"),
@@ -32,6 +32,15 @@ class Thing:
     name: str
     shape: Shape
     path: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WeedConfig:
+    """A weed: flat, neither solid nor in the map. In m."""
+
+    name: str
+    at: Point
+    radius: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +63,7 @@ class WorldConfig:
     robots: tuple[RobotConfig, ...] = ()
     obstacles: tuple[Thing, ...] = ()
     targets: tuple[Thing, ...] = ()
+    weeds: tuple[WeedConfig, ...] = ()
     step: float = 0.01
     walls: bool = True
     resolution: float = 0.05
@@ -76,6 +86,7 @@ def world_config(data: Mapping[str, Any], source: Source = Source(), path: str =
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
         obstacles=_things(keys.get("obstacles"), "obstacle", bounds),
         targets=_things(keys.get("targets"), "target", bounds),
+        weeds=_weeds(keys.get("weeds"), bounds),
         step=keys["step"].number(above=0, maximum=0.05) if "step" in keys else 0.01,
         walls=keys["walls"].flag() if "walls" in keys else True,
         resolution=keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05,
@@ -141,6 +152,25 @@ def _shape(kind: str, entry: Entry, keys: Mapping[str, Entry]) -> Shape:
     return box(centre, width, height, math.radians(angle))
 
 
+def _weeds(listed: Entry | None, bounds: Bounds) -> tuple[WeedConfig, ...]:
+    weeds: dict[str, WeedConfig] = {}
+    for number, entry in enumerate(listed.items() if listed else (), 1):
+        keys = entry.mapping(("name", "at", "radius"))
+        name = keys["name"].text() if "name" in keys else f"weed_{number}"
+        if name in weeds:
+            raise entry.error(f"found a second weed named {name!r}, another name would be right")
+        at = required(entry, keys, "at", "[x, y] in m").point()
+        if not inside(bounds, at):
+            raise keys["at"].wrong(f"a place on the ground, inside {list(bounds)},")
+        weeds[name] = WeedConfig(name, at, keys["radius"].number(above=0) if "radius" in keys else 0.1)
+    return tuple(weeds.values())
+
+
+def inside(bounds: Bounds, place: Point) -> bool:
+    """Whether a place is on the ground."""
+    return bounds[0] <= place[0] <= bounds[2] and bounds[1] <= place[1] <= bounds[3]
+
+
 def _robots(listed: Entry, bounds: Bounds) -> tuple[RobotConfig, ...]:
     robots: dict[str, RobotConfig] = {}
     for name, entry in listed.mapping().items():
@@ -160,9 +190,9 @@ def _robot(name: str, entry: Entry, bounds: Bounds) -> RobotConfig:
     kind = required(entry, keys, "type", f"one of {', '.join(ROBOTS)}").text()
     if kind not in ROBOTS:
         raise keys["type"].error(f"found the robot type {kind!r}; {suggestion(kind, ROBOTS)}")
-    parameters: Any = fill(ROBOTS[kind].Parameters, entry, besides=("type", "at", "heading"))
+    parameters: Any = fill(ROBOTS[kind].Parameters(), entry, besides=("type", "at", "heading"))
     at = required(entry, keys, "at", "[x, y] in m").point()
-    if not (bounds[0] <= at[0] <= bounds[2] and bounds[1] <= at[1] <= bounds[3]):
+    if not inside(bounds, at):
         raise keys["at"].wrong(f"a place on the ground, inside {list(bounds)},")
     heading = keys["heading"].number() if "heading" in keys else 0.0
     return RobotConfig(name, kind, at, math.radians(heading), parameters, entry.path)

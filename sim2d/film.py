@@ -44,7 +44,16 @@ def _gif_colours() -> list[tuple[int, int, int]]:
         r, g, b = (round(a * part + b * (1 - part)) for a, b in zip(getrgb(colour)[:3], getrgb(other)[:3], strict=True))
         return r, g, b
 
-    things = (style.INK, style.OBSTACLE, style.OBSTACLE_EDGE, style.TARGET, style.TARGET_EDGE)
+    things = (
+        style.INK,
+        style.OBSTACLE,
+        style.OBSTACLE_EDGE,
+        style.TARGET,
+        style.TARGET_EDGE,
+        style.WEED,
+        style.WEED_EDGE,
+        style.STUBBLE,
+    )
     lights = (colour for colour in style.LEDS.values() if colour != style.PAPER)
     on_ground = [mixed(colour, style.GROUND, part) for colour in (*things, *style.ROBOTS, *lights) for part in _PARTS]
     on_paper = [mixed(colour, style.PAPER, part / 3) for colour in (style.INK, *style.ROBOTS) for part in (0, 1, 2)]

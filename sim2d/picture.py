@@ -1,4 +1,4 @@
-"""Draws a run as one picture: the ground, what stands on it, and the way that each robot took."""
+"""Draws a run as one picture: the ground, what stands and grows on it, and the way that each robot took."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import UnavailableError
+from robots.robot import Cone
+from sim2d import symbols
 from sim2d.config import Thing
 from sim2d.record import Record, Track
 from sim2d.shapes import Circle, Shape, bounding_box, placed
@@ -17,14 +19,19 @@ from sim2d.style import (
     INK,
     LEDS,
     LINES,
+    MOST_NAMES,
     OBSTACLE,
     OBSTACLE_EDGE,
     PAPER,
+    STUBBLE,
     TARGET,
     TARGET_EDGE,
+    WEED,
+    WEED_EDGE,
     name_goes_above,
     robot_colour,
 )
+from sim2d.weeds import Weed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,10 +58,13 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
         axes.add_patch(_patch(thing.shape, facecolor=OBSTACLE, edgecolor=OBSTACLE_EDGE, linewidth=1.2, zorder=2))
     for thing in record.config.targets:
         _target(axes, thing, record)
+    for weed in record.weeds:
+        _weed(axes, weed, record)
     for index, track in enumerate(record.tracks):
         if track.poses:
-            _track(axes, track, robot_colour(index))
-            _name(axes, track, record, robot_colour(index))
+            _track(axes, track, robot_colour(index), record)
+            if len(record.tracks) <= MOST_NAMES:
+                _name(axes, track, record, robot_colour(index))
     _legend(axes, record)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
@@ -91,36 +101,73 @@ def _target(axes: Axes, target: Thing, record: Record) -> None:
     _label(axes, (shape.centre[0], bounding_box(shape)[3 if above else 1]), target.name, TARGET_EDGE, above=above)
 
 
-def _track(axes: Axes, track: Track, colour: str) -> None:
+def _weed(axes: Axes, weed: Weed, record: Record) -> None:
+    """Green if it grows; pale, with the colour of the robot and the time, if it was cut."""
+    cutter = record.cutter(weed)
+    grown, edge = weed.cut_at is None, WEED_EDGE if cutter is None else robot_colour(cutter)
+    radius = max(weed.radius, 0.012 * _longer(record))
+    corners = symbols.weed(weed.at, radius)
+    axes.add_patch(_polygon(corners, facecolor=WEED if grown else STUBBLE, edgecolor=edge, linewidth=1.2, zorder=4.5))
+    if len(record.weeds) <= MOST_NAMES:
+        text = weed.name if grown else f"{weed.name}, {weed.cut_at:.0f} s"
+        _label(axes, (weed.at[0], weed.at[1] - radius), text, edge, above=False, size=8)
+
+
+def _track(axes: Axes, track: Track, colour: str, record: Record) -> None:
     xs, ys = [pose.x for pose in track.poses], [pose.y for pose in track.poses]
     axes.plot(xs, ys, color=colour, linewidth=1.8, alpha=0.75, solid_capstyle="round", zorder=4)
     axes.plot(
         xs[0], ys[0], "o", markersize=9, markerfacecolor=PAPER, markeredgecolor=colour, markeredgewidth=2, zorder=5
     )
-    pose, cone, led = track.poses[-1], track.cones[-1], track.leds[-1]
-    if cone is not None:
-        opening = math.degrees(cone.field_of_view)
-        middle = math.degrees(cone.pose.heading)
-        wedge = _wedge(cone.pose[:2], cone.length, middle - opening / 2, middle + opening / 2)
-        wedge.set(facecolor=colour, alpha=0.10, zorder=1.5)
-        axes.add_patch(wedge)
-    corners = placed(track.outline, pose)
-    axes.add_patch(_polygon(corners, facecolor=colour, edgecolor=INK, linewidth=1.0, joinstyle="round", zorder=6))
-    ahead = max(x for x, _ in track.outline)
-    nose = placed(((ahead * 0.85, 0), (ahead * 0.25, ahead * 0.42), (ahead * 0.25, -ahead * 0.42)), pose)
-    axes.add_patch(_polygon(nose, facecolor=PAPER, linewidth=0, zorder=6.1))
-    if led in LEDS:
-        _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[led])
+    look = track.looks[-1]
+    pose, growth = look.pose, _growth(track, record)
+    if look.cone is not None:
+        _cone(axes, look.cone, colour)
+    if look.footprint:
+        axes.add_patch(_polygon(symbols.disc(pose[:2], look.footprint), facecolor=colour, alpha=0.10, zorder=1.5))
+    if look.blade:
+        ring = symbols.disc(pose[:2], look.blade * growth * 1.25)
+        axes.add_patch(_polygon(ring, facecolor=FAINT, edgecolor=INK, alpha=0.6, zorder=5.8))
+    for part in symbols.symbol(track.type, track.outline):
+        fill = {"robot": colour, "paper": PAPER, "ink": INK}[part.colour]
+        edge = {"edgecolor": INK, "linewidth": 1.0} if part.colour == "robot" else {"linewidth": 0}
+        corners = placed(symbols.larger(part.corners, growth), pose)
+        axes.add_patch(_polygon(corners, facecolor=fill, joinstyle="round", zorder=6, **edge))
+    ahead = max(x for x, _ in track.outline) * growth
+    if look.led in LEDS:
+        _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[look.led])
+
+
+def _longer(record: Record) -> float:
+    """The longer side of the ground, m."""
+    xmin, ymin, xmax, ymax = record.config.bounds
+    return max(xmax - xmin, ymax - ymin)
+
+
+def _growth(track: Track, record: Record) -> float:
+    """How many times larger than in truth a robot is drawn, to be seen on a large ground."""
+    return max(1.0, 0.033 * _longer(record) / (2 * max(x for x, _ in track.outline)))
+
+
+def _cone(axes: Axes, cone: Cone, colour: str) -> None:
+    from matplotlib.patches import Wedge
+
+    middle, half = math.degrees(cone.pose.heading), math.degrees(cone.field_of_view) / 2
+    place = (cone.pose.x, cone.pose.y)
+    wedge = Wedge(place, cone.length, middle - half, middle + half, facecolor=colour, alpha=0.10, linewidth=0)
+    wedge.set_zorder(1.5)
+    axes.add_patch(wedge)
 
 
 def _name(axes: Axes, track: Track, record: Record, colour: str) -> None:
     """Away from the target or robot that it stands at."""
-    pose = track.poses[-1]
+    pose, altitude = track.poses[-1], track.looks[-1].altitude
     others = [other.poses[-1][:2] for other in record.tracks if other is not track]
     others += [target.shape.centre for target in record.config.targets]
-    above = name_goes_above(pose, others, near=0.6, top=record.config.bounds[3])
-    heights = [y for _, y in placed(track.outline, pose)]
-    _label(axes, (pose.x, max(heights) if above else min(heights)), track.name, colour, above=above)
+    above = name_goes_above(pose, others, near=0.08 * _longer(record), top=record.config.bounds[3])
+    heights = [y for _, y in placed(symbols.larger(track.outline, _growth(track, record)), pose)]
+    text = f"{track.name}  {altitude:.1f} m" if altitude >= 0.05 else track.name
+    _label(axes, (pose.x, max(heights) if above else min(heights)), text, colour, above=above)
 
 
 def _light(axes: Axes, place: tuple[float, float], size: float, colour: str) -> None:
@@ -131,12 +178,12 @@ def _light(axes: Axes, place: tuple[float, float], size: float, colour: str) -> 
     axes.add_patch(Disc(place, size * 0.38, facecolor=colour, edgecolor=PAPER, linewidth=1.0, zorder=6.2))
 
 
-def _label(axes: Axes, place: tuple[float, float], text: str, colour: str, *, above: bool) -> None:
+def _label(axes: Axes, place: tuple[float, float], text: str, colour: str, *, above: bool, size: int = 10) -> None:
     from matplotlib.patheffects import withStroke
 
     axes.annotate(
         text, place, xytext=(0, 6 if above else -6), textcoords="offset points", ha="center",
-        va="bottom" if above else "top", color=colour, fontsize=10, fontweight="bold", zorder=7,
+        va="bottom" if above else "top", color=colour, fontsize=size, fontweight="bold", zorder=7,
         path_effects=[withStroke(linewidth=3, foreground=PAPER)], annotation_clip=False,
     )  # fmt: skip
 
@@ -146,11 +193,10 @@ def _legend(axes: Axes, record: Record) -> None:
     from matplotlib.patches import Patch
 
     handles: list[Any] = []
-    types = {robot.name: robot.type for robot in record.config.robots}
     for index, track in enumerate(record.tracks[:20]):
-        led = f", LED {track.leds[-1]}" if track.leds and track.leds[-1] in LEDS else ""
+        led = f", LED {track.looks[-1].led}" if track.looks and track.looks[-1].led in LEDS else ""
         handles.append(
-            Line2D([], [], color=robot_colour(index), linewidth=2.5, label=f"{track.name} ({types[track.name]}{led})")
+            Line2D([], [], color=robot_colour(index), linewidth=2.5, label=f"{track.name} ({track.type}{led})")
         )
     if record.tracks:
         ring: dict[str, Any] = {
@@ -161,6 +207,10 @@ def _legend(axes: Axes, record: Record) -> None:
             "markeredgewidth": 2,
         }
         handles.append(Line2D([], [], linewidth=0, label="start", **ring))
+    if any(weed.cut_at is None for weed in record.weeds):
+        handles.append(Patch(facecolor=WEED, edgecolor=WEED_EDGE, label="weed"))
+    if any(weed.cut_at is not None for weed in record.weeds):
+        handles.append(Patch(facecolor=STUBBLE, edgecolor=FAINT, label="weed, cut"))
     if record.config.targets:
         handles.append(Patch(facecolor=TARGET, edgecolor=TARGET_EDGE, label="target (not in the map)"))
     if record.config.obstacles:
@@ -181,9 +231,3 @@ def _polygon(corners: Any, **style: Any) -> Any:
     from matplotlib.patches import Polygon
 
     return Polygon(corners, closed=True, **style)
-
-
-def _wedge(centre: tuple[float, ...], radius: float, begin: float, end: float) -> Any:
-    from matplotlib.patches import Wedge
-
-    return Wedge((centre[0], centre[1]), radius, begin, end, linewidth=0)

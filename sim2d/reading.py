@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -177,22 +178,27 @@ def parameter(default: Any, unit: str = "", **limits: Any) -> Any:
     return field(default=default, metadata={"limits": limits, "unit": unit})
 
 
-def fill(kind: type[Parameters], entry: Entry, *, besides: Iterable[str] = ()) -> Parameters:
-    """A dataclass of parameters filled from a mapping; keys `besides` its own are left to the caller.
+def fill(defaults: Parameters, entry: Entry, *, besides: Iterable[str] = ()) -> Parameters:
+    """A dataclass of parameters, changed as a mapping says; keys `besides` its own are left to the caller.
 
     Raises ConfigError for a key that it does not have and a value that does not fit.
     """
-    assert is_dataclass(kind)
-    hints = get_type_hints(kind)
-    limits = {item.name: item.metadata.get("limits", {}) for item in fields(kind)}
+    assert is_dataclass(defaults)
+    assert not isinstance(defaults, type)
+    hints = _hints(type(defaults))
+    limits = {item.name: item.metadata.get("limits", {}) for item in fields(defaults)}
     values = entry.mapping([*besides, *limits])
-    return kind(**{name: _read(hints[name], values[name], limits[name]) for name in limits if name in values})
+    given = {name: values[name] for name in limits if name in values}
+    read = {
+        name: fill(getattr(defaults, name), value)
+        if is_dataclass(hints[name])
+        else _READERS[hints[name]](value, **limits[name])
+        for name, value in given.items()
+    }
+    return replace(defaults, **read)
 
 
-def _read(kind: Any, entry: Entry, limits: Mapping[str, Any]) -> Any:
-    if is_dataclass(kind):
-        return fill(kind, entry)  # type: ignore[arg-type]
-    return _READERS[kind](entry, **limits)
+_hints = cache(get_type_hints)
 
 
 def _number(entry: Entry, *, names: Mapping[str, float] | None = None, **limits: float) -> float:

@@ -1,4 +1,4 @@
-"""Watches a world and keeps what a drawing of its run needs: poses, LEDs and range cones at a fixed rate."""
+"""Watches a world and keeps what a drawing of its run needs: how robots look at a fixed rate, and the weeds."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from robots.robot import Cone, Pose
+from robots.robot import Look, Pose
 from sim2d.config import WorldConfig
 from sim2d.reading import Point
 
 if TYPE_CHECKING:
+    from sim2d.weeds import Weed
     from sim2d.world import Collision, World
 
 
@@ -19,20 +20,26 @@ class Track:
     """One robot through a run, an entry per sample. `outline` is its corners in its own frame, m."""
 
     name: str
+    type: str
     outline: tuple[Point, ...]
     poses: list[Pose] = field(default_factory=list)
-    leds: list[str] = field(default_factory=list)
-    cones: list[Cone | None] = field(default_factory=list)
+    looks: list[Look] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A run: the world as it was built, the times of the samples (s), and a track per robot."""
+    """A run: the world as it was built, the times of the samples (s), a track per robot, and the weeds at its end."""
 
     config: WorldConfig
     times: list[float]
     tracks: list[Track]
     collisions: list[Collision]
+    weeds: list[Weed]
+
+    def cutter(self, weed: Weed) -> int | None:
+        """The number of the robot that cut a weed."""
+        names = [track.name for track in self.tracks]
+        return names.index(weed.cut_by) if weed.cut_by in names else None
 
 
 class Recorder:
@@ -40,15 +47,25 @@ class Recorder:
 
     def __init__(self, world: World, rate: float = 10.0) -> None:
         self._every = max(1, math.floor(1 / (rate * world.step) + 0.5))
-        tracks = [Track(name, robot.outline) for name, robot in world.robots.items()]
-        self.record = Record(world.config, [], tracks, world.collisions)
+        tracks = [Track(name, robot.type, robot.outline) for name, robot in world.robots.items()]
+        self.record = Record(world.config, [], tracks, world.collisions, world.weeds.all)
         world.watchers.append(self._watch)
 
     def _watch(self, world: World) -> None:
-        if world.steps % self._every:
-            return
+        if world.steps % self._every == 0:
+            self._sample(world)
+
+    def finish(self, world: World) -> None:
+        """Keep how things stand at the end, too."""
+        if not self.record.times or world.now > self.record.times[-1]:
+            self._sample(world)
+        else:
+            for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
+                track.looks[-1] = robot.look
+
+    def _sample(self, world: World) -> None:
         self.record.times.append(world.now)
         for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
-            track.poses.append(robot.pose)
-            track.leds.append(robot.led)
-            track.cones.append(robot.cone)
+            look = robot.look
+            track.poses.append(look.pose)
+            track.looks.append(look)

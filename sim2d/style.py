@@ -14,6 +14,10 @@ OBSTACLE = "#8a9099"
 OBSTACLE_EDGE = "#5d636c"
 TARGET = "#e0a100"
 TARGET_EDGE = "#8c6500"
+WEED = "#4f9a2f"
+WEED_EDGE = "#2c5d17"
+STUBBLE = "#d9cfae"
+"""A weed that was cut; its edge has the colour of who cut it."""
 ROBOTS = ("#2364c9", "#d9630b", "#1f8a4c", "#8a3ab9", "#0d8fa3", "#c2257e", "#6b6f1a", "#7a4a2b")
 """One for each robot, in the order of the file, and round again."""
 LEDS: Mapping[str, str] = {
@@ -33,6 +37,10 @@ CONE, GLOW, LAMP = 34, 60, 110
 def robot_colour(index: int) -> str:
     """The colour of robot number `index`."""
     return ROBOTS[index % len(ROBOTS)]
+
+
+MOST_NAMES = 24
+"""Of more robots or weeds than this no names are written: nobody could read them."""
 
 
 def name_goes_above(place: Sequence[float], others: Iterable[Sequence[float]], *, near: float, top: float) -> bool:

@@ -8,19 +8,22 @@ the file. What a robot hears at an instant moves it from the next step on.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.errors import UnavailableError
-from fame.middleware.interface import Middleware
+from fame.errors import ConfigError, UnavailableError
+from fame.middleware import messages
+from fame.middleware.interface import Message, Middleware
 from robots import ROBOTS
-from robots.drive import ROBOT
-from robots.robot import Robot
+from robots.robot import ROBOT, Robot
 from sim2d.config import Thing, WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
 from sim2d.randomness import generator
+from sim2d.reading import suggestion
 from sim2d.shapes import Circle
+from sim2d.weeds import Weeds
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,8 +48,8 @@ class Collision(NamedTuple):
 class World:
     """A world with its robots. Raises ConfigError if the mapping is wrong or a robot stands in something.
 
-    `robots` are by name in the order of the file, `collisions` all that have begun since the start, `steps` those done.
-    `watchers` are called with the world after each step.
+    `robots` are by name in the order of the file, `collisions` all that have begun since the start, `faults` what is
+    broken by robot, `steps` those done. `watchers` are called with the world after each step.
     """
 
     def __init__(
@@ -57,11 +60,15 @@ class World:
         self.step = self.config.step
         self.space = pymunk.Space()
         self.space.collision_slop = 0.001  # m; the default suits pixels
+        self.space.sleep_time_threshold = 0.5  # s; only what does not move at all falls asleep, and costs nothing
         self.grid: Grid = rasterise(
             self.config.bounds, (thing.shape for thing in self.config.obstacles), self.config.resolution
         )
+        self.map: Message = messages.create("nav_msgs/msg/OccupancyGrid", self.grid.fields())
+        self.weeds = Weeds(self.config.weeds, lambda: self.now)
         self.robots: dict[str, Robot] = {}
         self.collisions: list[Collision] = []
+        self.faults: dict[str, list[str]] = {}
         self.watchers: list[Callable[[World], object]] = []
         self.steps = 0
         self._origin = 0
@@ -102,27 +109,37 @@ class World:
     def summary(self) -> dict[str, Any]:
         """How things stand, fit for JSON: m, rad, s, rounded to 0.1 mm.
 
-        Each robot has its pose, the colour of its LED, the number of its collisions, and its distance from each
-        target, centre to centre.
+        Each robot has its pose, the number of its collisions, its distance from each target (centre to centre), what
+        its type adds (`Robot.status`), and its faults; each weed when it was cut, and by whom.
         """
+        touched = Counter(name for _, a, b in self.collisions for name in (a, b))
         return {
             "time": round(self.now, 4),
-            "robots": {name: self._standing(name, robot) for name, robot in self.robots.items()},
+            "robots": {name: self._standing(robot, touched[name]) for name, robot in self.robots.items()},
+            "weeds": {weed.name: weed.summary() for weed in self.weeds.all},
             "collisions": [{"time": round(time, 4), "a": a, "b": b} for time, a, b in self.collisions],
         }
 
-    def _standing(self, name: str, robot: Robot) -> dict[str, Any]:
+    def _standing(self, robot: Robot, collisions: int) -> dict[str, Any]:
         x, y, heading = robot.pose
         return {
             "x": round(x, 4),
             "y": round(y, 4),
             "heading": round(math.remainder(heading, math.tau), 4),
-            "led": robot.led,
-            "collisions": sum(name in (a, b) for _, a, b in self.collisions),
+            **robot.status,
+            "faults": self.faults.get(robot.name, []),
+            "collisions": collisions,
             "distances": {
                 target.name: round(math.dist((x, y), target.shape.centre), 4) for target in self.config.targets
             },
         }
+
+    def fault(self, robot: str, kind: str) -> None:
+        """Break something of a robot, now and for good. Raises ConfigError for a robot or a fault there is not."""
+        if robot not in self.robots:
+            raise ConfigError(f"found the robot {robot!r} to be at fault; {suggestion(robot, self.robots)}")
+        self.robots[robot].fault(kind)
+        self.faults.setdefault(robot, []).append(kind)
 
     def _do_step(self) -> None:
         begin = self._origin + self._nanoseconds(self.steps)

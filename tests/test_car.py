@@ -138,7 +138,7 @@ def test_the_safe_state_of_a_car_stops_it():
 def test_a_lit_led_is_judged_by_its_colour_even_with_alpha_zero(colour, name):
     g = ground()
     g.run(0)
-    assert g.world.robots["REX"].led == "off"
+    assert g.world.robots["REX"].look.led == "off"
     g.say("/REX/led", "std_msgs/msg/ColorRGBA", colour)
     g.run(1)
-    assert g.world.robots["REX"].led == name
+    assert g.world.robots["REX"].look.led == name

@@ -288,10 +288,5 @@ def test_a_template_is_filled_in_as_text() -> None:
     assert evaluate("${a}-${b.c}", "template", a=True, b={"c": None}) == "true-"
 
 
-def test_javascript_says_that_it_is_not_there_yet() -> None:
-    with pytest.raises(UnavailableError, match="JavaScript is not available"):
-        compile_expression(Expression("x > 3", "javascript"))
-
-
 def test_a_long_sum_does_not_break_the_parser() -> None:
     assert feel(" + ".join(["1"] * 200)) == 200

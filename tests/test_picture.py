@@ -44,9 +44,9 @@ def test_a_recorder_keeps_ten_samples_a_second_of_every_robot(record):
     assert record.times == pytest.approx([number / 10 for number in range(41)])
     rex, dingo = record.tracks
     assert (rex.name, dingo.name) == ("REX", "DINGO")
-    assert len(rex.poses) == len(rex.leds) == len(rex.cones) == 41
-    assert rex.leds[0] == "off"
-    assert rex.leds[-1] == "red"
+    assert len(rex.poses) == len(rex.looks) == 41
+    assert rex.looks[0].led == "off"
+    assert rex.looks[-1].led == "red"
     assert math.dist(rex.poses[0][:2], rex.poses[-1][:2]) > 1.5
     assert dingo.poses[0] == dingo.poses[-1]
 
@@ -99,6 +99,79 @@ def test_captions_change_when_the_process_moves_on(record, tmp_path):
     assert differing[0] == differing[1]
     assert differing[2] == differing[3] == differing[4]
     assert differing[2][1] > differing[1][1] + 20  # the longer text
+
+
+def test_a_caption_that_takes_no_time_is_not_shown(record, tmp_path):
+    calm = [(0.0, "REX", "Take Off")]
+    hectic = [*calm, *((time / 20, "REX", text) for time in range(1, 60) for text in ("Read Height", "Take Off"))]
+    animate(record, tmp_path / "calm.gif", labels=calm, speed=10)
+    animate(record, tmp_path / "hectic.gif", labels=hectic, speed=10)
+    assert (tmp_path / "calm.gif").read_bytes() == (tmp_path / "hectic.gif").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def farm():
+    """A drone that flies and a tractor that cuts one of two weeds after two seconds."""
+    g = ground(
+        size=[20, 15],
+        rex={"type": "tractor"},
+        robots={"Drone": {"type": "drone", "at": [10, 8]}},
+        weeds=[{"name": "thistle", "at": [1.1, 2], "radius": 0.3}, {"name": "dock", "at": [12, 3], "radius": 0.3}],
+    )
+    recorder = Recorder(g.world, rate=10)
+    g.run(1.5)
+    g.say("/Drone/takeoff", "std_msgs/msg/Empty", {})
+    g.say("/REX/blade_force", "geometry_msgs/msg/Wrench", {"torque": {"z": 1.0}})
+    g.run(2.5)
+    g.drive(1.0)
+    g.run(4)
+    return recorder.record
+
+
+def test_a_recorder_keeps_height_footprint_and_blade(farm):
+    rex, drone = farm.tracks
+    assert (rex.looks[10].blade, rex.looks[-1].blade) == (0, 0.3)
+    assert (drone.looks[10].altitude, drone.looks[10].footprint) == (0, 0)
+    assert drone.looks[-1].altitude == pytest.approx(1.5, abs=0.1)
+    assert drone.looks[-1].footprint == pytest.approx(drone.looks[-1].altitude)
+
+
+def test_a_picture_shows_weeds_that_grow_and_weeds_that_were_cut(farm, tmp_path):
+    picture(farm, tmp_path / "farm.png")
+    with Image.open(tmp_path / "farm.png") as image:
+        for colour in (style.WEED, style.STUBBLE, style.ROBOTS[1]):
+            assert share(image, colour) > 1e-4
+
+
+def test_a_film_shows_a_weed_before_and_after_and_what_the_drone_sees(farm, tmp_path):
+    animate(farm, tmp_path / "farm.gif", speed=4)
+    with Image.open(tmp_path / "farm.gif") as film:
+        first = film.convert("RGB")
+        film.seek(film.n_frames - 1)
+        last = film.convert("RGB")
+    assert share(first, style.STUBBLE) == 0
+    assert share(last, style.STUBBLE) > 5e-5
+    assert 0 < share(last, style.WEED)
+    bluish = [share(image, faint_on_ground(style.ROBOTS[1])) for image in (first, last)]
+    assert bluish[1] > bluish[0] + 5e-3
+
+
+def faint_on_ground(colour):
+    """A robot's colour as it is where a sensor covers the ground."""
+    part = style.CONE / 255
+    pairs = zip(ImageColor.getrgb(colour), ImageColor.getrgb(style.GROUND), strict=True)
+    return "#" + "".join(f"{round(a * part + b * (1 - part)):02x}" for a, b in pairs)
+
+
+def test_a_hundred_robots_can_still_be_drawn(tmp_path):
+    robots = {f"Tractor_{n}": {"type": "tractor", "at": [2 + n % 10, 2 + n // 10]} for n in range(100)}
+    g = ground(size=[20, 15], robots=robots)
+    recorder = Recorder(g.world, rate=10)
+    g.run(0.2)
+    picture(recorder.record, tmp_path / "many.png")
+    animate(recorder.record, tmp_path / "many.gif")
+    with Image.open(tmp_path / "many.gif") as film:
+        assert share(film, style.ROBOTS[3]) > 1e-3
 
 
 def test_the_same_record_gives_the_same_file(record, tmp_path):

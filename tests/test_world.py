@@ -96,7 +96,7 @@ def test_the_example_of_the_documentation_can_be_read(tmp_path):
             "type: car, at: [0.5, 0.5]",
             "at: [0.5, 0.5]",
             9,
-            "robots.REX: found no type, type: one of car would be right",
+            "robots.REX: found no type, type: one of car, ",
         ),
         ("at: [0.5, 0.5]", "at: [0.5, 5]", 9, "robots.REX.at: found [0.5, 5], a place on the ground"),
         ("heading: 90", "headng: 90", 9, "robots.REX.headng: unknown key; did you mean 'heading'?"),
@@ -222,12 +222,28 @@ def test_the_summary_says_where_robots_are_and_how_far_from_targets():
                 "y": 2.0,
                 "heading": pytest.approx(math.pi, abs=1e-4) if summary["robots"]["REX"]["heading"] > 0 else -3.1416,
                 "led": "off",
+                "faults": [],
                 "collisions": 0,
                 "distances": {"weed": round(math.dist((1, 2), (4, 3.9)), 4)},
             }
         },
+        "weeds": {},
         "collisions": [],
     }
+
+
+def test_a_robot_is_broken_by_name_and_the_summary_says_so():
+    g = ground()
+    g.run(1)
+    g.world.fault("REX", "wheels")
+    g.drive(1)
+    g.run(2)
+    assert g.world.summary()["robots"]["REX"]["faults"] == ["wheels"]
+    assert g.world.robots["REX"].pose == (1, 2, 0)
+    with pytest.raises(ConfigError, match="found the fault 'wings' for REX, a car; known are: range, wheels"):
+        g.world.fault("REX", "wings")
+    with pytest.raises(ConfigError, match="found the robot 'RIX' to be at fault; did you mean 'REX'"):
+        g.world.fault("RIX", "wheels")
 
 
 RUN = """

@@ -1,0 +1,102 @@
+"""Which DDS domain to join, over which network interface.
+
+A domain is ROS's: `ROS_DOMAIN_ID`, 0 if it is not set. Without an interface everything stays on loopback, where there
+is no multicast: participants look for each other at 127.0.0.1, up to 121 of them per domain. Nothing but the argument
+opens the network. Then, and only then, CYCLONEDDS_URI is read too (peers where multicast is switched off, buffers).
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from weakref import WeakValueDictionary
+from xml.sax.saxutils import quoteattr
+
+from cyclonedds.core import DDSException
+from cyclonedds.domain import Domain
+
+from fame.errors import ConfigError
+from fame.middleware.dds.confinement import confine
+
+_LAST_DOMAIN = 232
+"""The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
+
+_LEASE = "3s"
+"""A participant that was killed is taken for dead after this time. ROS 2 leaves it at Cyclone's 10 s."""
+
+_LOOPBACK = """
+<General>
+  <Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces>
+  <AllowMulticast>false</AllowMulticast>
+</General>
+<Discovery>
+  <LeaseDuration>{lease}</LeaseDuration>
+  <ParticipantIndex>auto</ParticipantIndex>
+  <MaxAutoParticipantIndex>120</MaxAutoParticipantIndex>
+  <Peers><Peer address="127.0.0.1"/></Peers>
+</Discovery>
+"""
+_NETWORK = """
+<General><Interfaces><NetworkInterface {interface}/></Interfaces></General>
+<Discovery><LeaseDuration>{lease}</LeaseDuration></Discovery>
+"""
+_open: WeakValueDictionary[int, Domain] = WeakValueDictionary()
+"""The domains of this process. One stays as long as somebody holds it."""
+_configurations: dict[int, str] = {}
+"""What each of them was made with."""
+_confined: dict[int, bool] = {}
+"""Whether each of them takes nothing from other machines."""
+
+
+def domain_id(given: int | None = None) -> int:
+    """The number of the domain: `given`, else ROS_DOMAIN_ID, else 0. Raises ConfigError if it is not in 0..232."""
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() if given is None else str(given)
+    if not text:
+        return 0
+    if text.isascii() and text.isdigit() and int(text[:9]) <= _LAST_DOMAIN:
+        return int(text)
+    source = "ROS_DOMAIN_ID" if given is None else "domain"
+    raise ConfigError(f"found {text!r}, expected a DDS domain from 0 to {_LAST_DOMAIN}", element=source)
+
+
+def configuration(network: str | None) -> str:
+    """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
+    if network is None:
+        inside = _LOOPBACK.format(lease=_LEASE)
+    else:
+        inside = _NETWORK.format(interface=f"{_attribute(network)}={quoteattr(network)}", lease=_LEASE)
+    document = f"<CycloneDDS><Domain>{''.join(inside.split(chr(10)))}</Domain></CycloneDDS>"
+    more = os.environ.get("CYCLONEDDS_URI", "") if network is not None else ""
+    return f"{document},{more}" if more else document
+
+
+def open_domain(number: int, network: str | None) -> Domain:
+    """The domain, made with the configuration of `network` if this process has it not yet.
+
+    It closes when nobody holds it. Raises ConfigError if it is open on another network, or if there is no such one.
+    """
+    wanted = configuration(network)
+    domain = _open.get(number)
+    if domain is None:
+        try:
+            domain = Domain(number, wanted)
+        except DDSException as error:
+            raise ConfigError(f"cannot open DDS domain {number} on {network or 'loopback'}: {error}") from None
+        _open[number], _configurations[number] = domain, wanted
+        _confined[number] = network is None and confine(number)  # before the first participant is made
+    if _configurations[number] != wanted:
+        raise ConfigError(f"DDS domain {number} is open in this process already, on another network than {network}")
+    return domain
+
+
+def confined(number: int) -> bool:
+    """Whether an open domain takes nothing from other machines: on loopback, where the platform allows it."""
+    return _confined[number]
+
+
+def _attribute(network: str) -> str:
+    try:
+        ipaddress.ip_address(network)
+    except ValueError:
+        return "name"
+    return "address"

@@ -1,0 +1,195 @@
+"""Nodes, and their ends of topics."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from cyclonedds.core import DDSException
+
+from fame.errors import MessageError
+from fame.middleware import messages
+from fame.middleware.dds import wire
+from fame.middleware.dds.discovery import NodeEntry
+from fame.middleware.dds.services import DdsClient, DdsService
+from fame.middleware.interface import SIGNAL, Message, QoS, resolve
+from fame.middleware.primitives import describe
+
+if TYPE_CHECKING:
+    from fame.middleware.dds.middleware import DdsMiddleware
+
+_BATCH = 16
+"""How many samples are taken from Cyclone at a time."""
+
+
+class DdsNode:
+    """A node of the participant. See `fame.middleware.interface.Node`."""
+
+    def __init__(self, middleware: DdsMiddleware, name: str, namespace: str) -> None:
+        self.middleware, self.name, self.namespace = middleware, name, namespace
+        self.full_name = resolve(name, namespace)
+        self.publishers: list[DdsPublisher] = []
+        self.subscriptions: list[DdsSubscription] = []
+        self.services: list[DdsService | DdsClient] = []
+
+    def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> DdsPublisher:
+        publisher = DdsPublisher(self, resolve(topic, self.namespace), type, qos)
+        for subscription in self.subscriptions:
+            subscription.ignore(publisher)
+        self.publishers.append(publisher)
+        self.middleware.changed()
+        return publisher
+
+    def subscription(
+        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
+    ) -> DdsSubscription:
+        subscription = DdsSubscription(self, resolve(topic, self.namespace), type, callback, qos)
+        self.subscriptions.append(subscription)
+        self.middleware.changed()
+        return subscription
+
+    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> DdsService:
+        service = DdsService(self, resolve(name, self.namespace), type, handler)
+        self.services.append(service)
+        self.middleware.changed()
+        return service
+
+    def client(self, name: str, type: str) -> DdsClient:
+        client = DdsClient(self, resolve(name, self.namespace), type)
+        self.services.append(client)
+        self.middleware.changed()
+        return client
+
+    def close(self) -> None:
+        """Leave: all its ends are closed. Does nothing the second time."""
+        for end in (*self.publishers, *self.subscriptions, *self.services):
+            end.close()
+        if self in self.middleware.nodes:
+            self.middleware.nodes.remove(self)
+            self.middleware.changed()
+
+    def entry(self) -> NodeEntry:
+        """How the domain is told of it."""
+        readers = (*(end.gid for end in self.subscriptions), *(end.exchange.reader_gid for end in self.services))
+        writers = (*(end.gid for end in self.publishers), *(end.exchange.writer_gid for end in self.services))
+        return NodeEntry(self.name, self.namespace, readers, writers)
+
+
+class DdsPublisher:
+    """One end of a topic."""
+
+    def __init__(self, node: DdsNode, topic: str, type: str, qos: QoS) -> None:
+        self.node, self.topic, self.qos = node, topic, qos
+        self._class = messages.message_type(type)
+        self.type: str = self._class.__msgtype__
+        self._closed = False
+        node.middleware.check(topic, self.type)
+        self._writer = node.middleware.entities.writer(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
+        self.gid, self.handle = self._writer.guid.bytes, wire.handle(self._writer.get_instance_handle())
+
+    def publish(self, message: Message) -> None:
+        """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
+        if self._closed or message.__class__ is not self._class:
+            raise self._refusal(message)
+        try:
+            self._writer.write(self._writer.data_type(wire.encode(message)))
+        except DDSException as error:
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:
+                raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
+            self.node.middleware.warn(f"{self.topic}: dropped a message: a subscriber does not keep up")
+
+    def matched(self) -> bool:
+        """Whether there is a subscription of another node."""
+        own = {end.handle for end in self.node.subscriptions}
+        return not own.issuperset(map(wire.handle, self._writer.get_matched_subscriptions()))
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self.node.publishers.remove(self)
+            self.node.middleware.discard(self._writer)
+
+    def _refusal(self, message: object) -> MessageError:
+        if self._closed:
+            return MessageError(f"the publisher on {self.topic} is closed", type=self.type)
+        return MessageError(f"found {describe(message)} to publish on {self.topic}", type=self.type)
+
+
+class DdsSubscription:
+    """The other end.
+
+    What has come waits in Cyclone until an entry of the scheduler takes it: there is at most one such entry. It calls
+    back for one message, and enters itself again if there may be more.
+    """
+
+    def __init__(self, node: DdsNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
+        self.node, self.topic, self.qos = node, topic, qos
+        self.type: str = messages.message_type(type).__msgtype__
+        self._callback = callback
+        self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
+        self._batch = _BATCH if qos.history == "keep_all" else min(qos.depth, _BATCH)
+        self._taken: deque[bytes] = deque()
+        self._more = self._entered = self._closed = False
+        self._soon = node.middleware.scheduler.soon
+        node.middleware.check(topic, self.type)
+        self._reader = node.middleware.entities.reader(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
+        node.middleware.data.add(self._reader, self._arrived)
+        self.gid, self.handle = self._reader.guid.bytes, wire.handle(self._reader.get_instance_handle())
+
+    def ignore(self, publisher: DdsPublisher) -> None:
+        """A node does not hear itself. What its publisher sent before it closed may still wait: it stays ignored."""
+        if publisher.topic == self.topic:
+            self._own.add(publisher.handle)
+
+    def matched(self) -> bool:
+        """Whether there is a publisher of another node."""
+        return not self._own.issuperset(map(wire.handle, self._reader.get_matched_publications()))
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._taken.clear()
+            self.node.subscriptions.remove(self)
+            self.node.middleware.discard(self._reader)
+
+    def _arrived(self) -> None:
+        """Something waits in Cyclone. Another thread may call this."""
+        self._more = True  # before the entry, which may be at work already
+        self._enter()
+
+    def _enter(self) -> None:
+        if not self._entered:
+            self._entered = True
+            self._soon(self._deliver)
+
+    def _deliver(self) -> None:
+        self._entered = False
+        if self._closed:
+            return
+        if not self._taken and self._more:
+            self._take()
+        data = self._taken.popleft() if self._taken else None
+        if self._taken or self._more:
+            self._enter()
+        if data is not None:
+            self._hand_over(data)
+
+    def _take(self) -> None:
+        """Fetch a batch from Cyclone, and of that what came from other nodes."""
+        self._more = False
+        samples = self._reader.take(self._batch)
+        if len(samples) == self._batch:
+            self._more = True
+        for sample in samples:
+            info = sample.sample_info
+            if info.valid_data and info.publication_handle not in self._own:
+                self._taken.append(sample.data)
+
+    def _hand_over(self, data: bytes) -> None:
+        try:
+            message = wire.decode(data, self.type)
+        except MessageError as error:
+            self.node.middleware.warn(f"{self.topic}: dropped a message: {error}")
+        else:
+            self._callback(message)

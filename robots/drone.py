@@ -1,0 +1,114 @@
+"""The drone: a quadrotor that finds weeds with a camera that looks down.
+
+Obeys `takeoff`, `land` and `cmd_vel`, publishes `odom`, `camera/weeds` while it flies, and `battery_state`. With an
+empty battery it lands. Its planner answers `goal_pose` with a `plan`, the straight line: it flies over everything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from robots.battery import Battery, BatteryParameters
+from robots.camera import Camera, CameraParameters
+from robots.flight import Flight, FlightParameters
+from robots.odometer import Odometer, OdometerParameters
+from robots.planner import DirectPlanner
+from robots.robot import Command, Look, Pose, period
+from robots.vehicle import STOP, check_fault
+
+if TYPE_CHECKING:
+    from robots.robot import Surroundings
+    from sim2d.config import RobotConfig
+
+
+@dataclass(frozen=True, slots=True)
+class DroneParameters(FlightParameters):
+    """What a world file may say of a drone."""
+
+    odom: OdometerParameters = field(
+        default=OdometerParameters(position_noise=0.02, heading_noise=0.01, speed_noise=0.02)
+    )
+    camera: CameraParameters = field(default=CameraParameters())
+    battery: BatteryParameters = field(
+        default=BatteryParameters(capacity=60.0, voltage=14.8, idle=3.0, motion=10.0, work=120.0)
+    )
+
+
+class Drone:
+    """A robot of type ``drone`` (`robots.robot.Robot`)."""
+
+    Parameters: ClassVar[type[Any]] = DroneParameters
+    SAFE_STATE: ClassVar[tuple[Command, ...]] = (STOP, Command("land", "std_msgs/msg/Empty", {}))
+    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]] = (STOP,)
+    FAULTS: ClassVar[tuple[str, ...]] = ("camera", "rotors")
+
+    def __init__(self, config: RobotConfig, world: Surroundings) -> None:
+        p: DroneParameters = config.parameters
+        self.name, self.type = config.name, config.type
+        self._node = node = world.middleware.node("robot", config.name)
+        self._flight = flight = Flight(world.space, Pose(*config.at, config.heading), p)
+        self.body, self.outline = flight.body, flight.outline
+        self._odometer = Odometer(node, p.odom, world.random(config.name, "odom"), flies=True)
+        self._camera = Camera(node, p.camera, world.random(config.name, "camera"), world.weeds)
+        self._battery = Battery(node, p.battery)
+        self._every = tuple(period(rate, world.step) for rate in (p.odom.rate, p.camera.rate, p.battery.rate))
+        self._drain_time = self._every[0] * world.step
+        self._planner_node = world.middleware.node("planner", config.name)
+        self._planner = DirectPlanner(self._planner_node)
+        node.subscription(
+            "cmd_vel", "geometry_msgs/msg/Twist", lambda twist: flight.command(twist, world.scheduler.now)
+        )
+        node.subscription("takeoff", "std_msgs/msg/Empty", lambda _: flight.take_off())
+        node.subscription("land", "std_msgs/msg/Empty", lambda _: flight.land())
+
+    @property
+    def pose(self) -> Pose:
+        return self._flight.pose
+
+    @property
+    def look(self) -> Look:
+        altitude = self._flight.altitude
+        return Look(self.pose, altitude, footprint=self._camera.radius(altitude))
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        return {
+            "battery": round(self._battery.charge, 4),
+            "altitude": round(self._flight.altitude, 4),
+            "landed": not self._flight.airborne,
+        }
+
+    def start(self) -> None:
+        """Nothing is said once."""
+
+    def move(self, now: int, duration: float) -> None:
+        self._flight.move(now, duration)
+
+    def sense(self, now: int, count: int) -> None:
+        odom, camera, battery = self._every
+        flight = self._flight
+        if count % odom == 0:
+            motion = flight.motion
+            self._odometer.measure(now, flight.pose, motion, flight.altitude)
+            if count:
+                self._battery.drain(self._drain_time, math.hypot(*motion[:3]), flight.airborne)
+                flight.dead |= self._battery.empty
+        if flight.airborne and count % camera == 0:
+            self._camera.measure(now, flight.pose, flight.altitude)
+        if count % battery == 0:
+            self._battery.measure(now)
+
+    def fault(self, kind: str) -> None:
+        """`camera` says nothing more; `rotors` are weak: it lands where it is and does not start again."""
+        check_fault(self.name, self.type, kind, self.FAULTS)
+        if kind == "camera":
+            self._camera.fails = True
+        else:
+            self._flight.dead = True
+
+    def close(self) -> None:
+        self._planner_node.close()
+        self._node.close()

@@ -1,0 +1,145 @@
+"""The backends that the contract of `fame.middleware.interface` is tested on, each behind the same few words.
+
+``local`` is simulated time in one process. ``dds`` has all nodes in one participant and a scheduler that waits in DDS;
+``dds apart`` has each node in a participant of its own, so that everything between two of them goes through discovery,
+and a plain scheduler. ``ros`` is rclpy, where it is installed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+import pytest
+
+from fame.clock import SECOND, Scheduler, WallScheduler
+from fame.middleware.interface import Middleware, Node
+from fame.middleware.local import LocalMiddleware
+
+DOMAIN = 1 + os.getpid() % 100
+"""That of this run of the tests: others may be running on the machine. Above 101 are ports that others may have."""
+
+TIMEOUT = 10.0
+_SLICE = SECOND // 200
+_QUIET = SECOND // 20
+
+
+def needs(module: str) -> Any:
+    return pytest.mark.skipif(importlib.util.find_spec(module) is None, reason=f"{module} is not installed")
+
+
+BACKENDS = [
+    "local",
+    pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
+    pytest.param("dds apart", marks=[needs("cyclonedds"), pytest.mark.dds]),
+    pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
+]
+
+
+class World(Protocol):
+    """A backend at work. `warnings` are those of all its middlewares."""
+
+    scheduler: Scheduler
+    warnings: list[str]
+
+    def node(self, name: str, namespace: str = "") -> Node: ...
+
+    def connect(self, *topics: str) -> None:
+        """Wait until all ends of the topics are connected."""
+
+    def until(self, condition: Callable[[], object]) -> None:
+        """Run until the condition holds; fail if it never does."""
+
+    def settle(self) -> None:
+        """Run until nothing more is to be expected."""
+
+    def close(self) -> None: ...
+
+
+class LocalWorld:
+    """Simulated time: everything that is due has happened when the scheduler has nothing left."""
+
+    def __init__(self) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.warnings = self.middleware.warnings
+
+    def node(self, name: str, namespace: str = "") -> Node:
+        return self.middleware.node(name, namespace)
+
+    def connect(self, *topics: str) -> None:
+        pass
+
+    def until(self, condition: Callable[[], object]) -> None:
+        self.scheduler.run()
+        assert condition()
+
+    def settle(self) -> None:
+        self.scheduler.run()
+
+    def close(self) -> None:
+        self.middleware.close()
+
+
+class WallWorld:
+    """The wall clock. `make` gives a middleware; `apart` gives each node one of its own."""
+
+    def __init__(self, scheduler: WallScheduler, make: Callable[..., Any], *, apart: bool = False) -> None:
+        self.scheduler = scheduler
+        self.warnings: list[str] = []
+        self.middlewares: list[Any] = []
+        self._make, self._apart = make, apart
+
+    def node(self, name: str, namespace: str = "") -> Node:
+        if self._apart or not self.middlewares:
+            self.middlewares.append(self._make(self.scheduler, on_warning=self._warn))
+        node: Node = self.middlewares[-1].node(name, namespace)
+        return node
+
+    def connect(self, *topics: str) -> None:
+        for middleware in self.middlewares:
+            assert middleware.wait_matched(topics, TIMEOUT) == []
+
+    def until(self, condition: Callable[[], object]) -> None:
+        deadline = self.scheduler.now + round(TIMEOUT * SECOND)
+        while not condition():
+            assert self.scheduler.now < deadline, f"waited {TIMEOUT} s; warnings: {self.warnings}"
+            self.scheduler.run(until=self.scheduler.now + _SLICE)
+
+    def settle(self) -> None:
+        self.scheduler.run(until=self.scheduler.now + _QUIET)
+
+    def close(self) -> None:
+        for middleware in self.middlewares:
+            middleware.close()
+
+    def _warn(self, text: str) -> None:
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+
+def world(backend: str) -> World:
+    """A new world of a backend."""
+    if backend == "local":
+        return LocalWorld()
+    if backend == "ros":
+        from fame.middleware.ros import RosMiddleware
+
+        return WallWorld(WallScheduler(), RosMiddleware)
+    return dds_world(apart=backend == "dds apart")
+
+
+def dds_world(*, apart: bool) -> WallWorld:
+    from fame.middleware.dds import DdsMiddleware, DdsScheduler
+
+    def make(scheduler: WallScheduler, **options: Any) -> Middleware:
+        return DdsMiddleware(scheduler, domain=DOMAIN, **options)
+
+    return WallWorld(WallScheduler() if apart else DdsScheduler(), make, apart=apart)
+
+
+def middlewares(world: World) -> Iterable[Any]:
+    """The middlewares of a world: each of them must show the same graph."""
+    return world.middlewares if isinstance(world, WallWorld) else [world.middleware]  # type: ignore[attr-defined]

@@ -1,0 +1,531 @@
+"""DDS: what ROS 2 sees of us on the wire, and what other processes do to us. Everything on loopback."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from cyclonedds import builtin
+from cyclonedds.core import Entity
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from dds_child import FAREWELLS, TEXT
+from middleware_contract import DOMAIN, TIMEOUT, WallWorld, dds_world
+
+from fame.clock import SECOND, Kind
+from fame.errors import ConfigError, MessageError
+from fame.middleware import codec, messages
+from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
+from fame.middleware.dds.confinement import sockets
+from fame.middleware.dds.discovery import UNKNOWN
+from fame.middleware.dds.domain import configuration, domain_id
+from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
+from fame.middleware.messages import create
+
+pytestmark = pytest.mark.dds
+MILLISECOND = SECOND // 1000
+INT = "std_msgs/msg/Int64"
+WIRE = Path(__file__).resolve().parents[2] / "shared" / "data" / "ros2_jazzy_wire" / "samples.json"
+
+
+@pytest.fixture
+def here() -> Iterator[WallWorld]:
+    """Each node in a participant of its own."""
+    world = dds_world(apart=True)
+    yield world
+    world.close()
+
+
+@pytest.fixture
+def child() -> Iterator[subprocess.Popen[bytes]]:
+    """The process of `dds_child`."""
+    script = Path(__file__).with_name("dds_child.py")
+    environment = os.environ | {"PYTHONPATH": str(script.parents[1])}
+    process = subprocess.Popen([sys.executable, "-W", "error", str(script), str(DOMAIN)], env=environment)
+    yield process
+    process.kill()
+    process.wait()
+
+
+def wait(condition: Callable[[], Any]) -> Any:
+    """What the condition gives as soon as it is true."""
+    deadline = time.monotonic() + TIMEOUT
+    while not (result := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+    return result
+
+
+# ---- as ROS 2 sees it: plain Cyclone, with types of its own ---------------------------------------------------------
+
+
+@pytest.fixture
+def stranger(here: WallWorld) -> DomainParticipant:
+    """A participant that knows nothing of us."""
+    here.node("keeps_the_domain_open")
+    return DomainParticipant(DOMAIN)
+
+
+RELIABLE = Qos(
+    Policy.Reliability.Reliable(10**8),
+    Policy.History.KeepLast(10),
+    Policy.DataRepresentation(use_cdrv0_representation=True),
+)
+String = make_idl_struct("String_", "std_msgs.msg.dds_.String_", {"data": str})
+Gid = make_idl_struct("Gid_", "rmw_dds_common.msg.dds_.Gid_", {"data": types.array[types.uint8, 16]})
+NodeInfo = make_idl_struct(
+    "NodeEntitiesInfo_",
+    "rmw_dds_common.msg.dds_.NodeEntitiesInfo_",
+    {
+        "node_namespace": types.bounded_str[256],
+        "node_name": types.bounded_str[256],
+        "reader_gid_seq": types.sequence[Gid],
+        "writer_gid_seq": types.sequence[Gid],
+    },
+)
+Info = make_idl_struct(
+    "ParticipantEntitiesInfo_",
+    "rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_",
+    {"gid": Gid, "node_entities_info_seq": types.sequence[NodeInfo]},
+)
+
+
+def test_topics_and_types_have_the_names_of_ros_and_structs_understand_blobs(
+    here: WallWorld, stranger: DomainParticipant
+) -> None:
+    seen: list[Any] = []
+    node = here.node("us", "REX")
+    node.subscription("chatter", TEXT, seen.append)
+    publisher = node.publisher("/answer", TEXT)
+    writer = DataWriter(stranger, Topic(stranger, "rt/REX/chatter", String), RELIABLE)
+    reader = DataReader(stranger, Topic(stranger, "rt/answer", String), RELIABLE)
+    here.connect("/REX/chatter", "/answer")
+    wait(writer.get_matched_subscriptions)
+    wait(reader.get_matched_publications)
+    for text in ("", "a", "größer"):
+        writer.write(String(text))
+        publisher.publish(create(TEXT, text))
+    here.until(lambda: len(seen) == 3)
+    assert [message.data for message in seen] == ["", "a", "größer"]
+    assert [sample.data for sample in reader.take(10)] == ["", "a", "größer"]
+
+
+def test_endpoints_carry_type_hashes_and_participants_their_enclave(
+    here: WallWorld, stranger: DomainParticipant
+) -> None:
+    here.node("us").publisher("/answer", TEXT, LATCHED)
+    endpoints = builtin.BuiltinDataReader(stranger, builtin.BuiltinTopicDcpsPublication)
+    found: dict[str, Any] = {}
+    wait(lambda: found.update({end.topic_name: end for end in endpoints.take(100)}) or "rt/answer" in found)
+    assert found["rt/answer"].type_name == "std_msgs::msg::dds_::String_"
+    assert found["rt/answer"].qos[Policy.Userdata].data == f"typehash={codec.type_hash(TEXT)};".encode()
+    assert found["ros_discovery_info"].type_name == "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
+    data = found["ros_discovery_info"].qos[Policy.Userdata].data
+    assert data == b"typehash=RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e;"
+    participants = builtin.BuiltinDataReader(stranger, builtin.BuiltinTopicDcpsParticipant).take(100)
+    ours = next(one for one in participants if one.key == found["rt/answer"].participant_key)
+    assert ours.qos[Policy.Userdata].data == b"enclave=/;"
+
+
+def test_ros_discovery_info_says_which_endpoints_belong_to_which_node(
+    here: WallWorld, stranger: DomainParticipant
+) -> None:
+    node = here.node("us", "REX")
+    publisher, subscription = node.publisher("/x", TEXT), node.subscription("/y", TEXT, print)
+    kept = Qos(Policy.Durability.TransientLocal, Policy.History.KeepAll, base=RELIABLE)
+    reader = DataReader(stranger, Topic(stranger, "ros_discovery_info", Info), kept)
+    ours = here.middlewares[-1].discovery.participant
+    latest: dict[bytes, Any] = {}
+
+    def nodes() -> list[tuple[str, str, list[bytes], list[bytes]]]:
+        latest.update({bytes(info.gid.data): info for info in reader.take(100)})
+        return [
+            (info.node_namespace, info.node_name, _gids(info.reader_gid_seq), _gids(info.writer_gid_seq))
+            for info in (latest[ours].node_entities_info_seq if ours in latest else [])
+        ]
+
+    wait(lambda: nodes() == [("/REX", "us", [subscription.gid], [publisher.gid])])
+    publisher.close()
+    wait(lambda: nodes() == [("/REX", "us", [subscription.gid], [])])
+    node.close()
+    wait(lambda: nodes() == [] and ours in latest)
+
+
+def _gids(sequence: Any) -> list[bytes]:
+    return [bytes(gid.data) for gid in sequence]
+
+
+def test_nodes_of_others_are_known_by_what_they_say_of_themselves(here: WallWorld, stranger: DomainParticipant) -> None:
+    us = here.middlewares[0]
+    writer = DataWriter(stranger, Topic(stranger, "rt/answer", String), RELIABLE)
+    here.until(lambda: [info.publishers for info in us.graph()] == [(UNKNOWN,)])
+    kept = Qos(Policy.Durability.TransientLocal, base=RELIABLE)
+    teller = DataWriter(stranger, Topic(stranger, "ros_discovery_info", Info), kept)
+    entry = NodeInfo("/DINGO/arm", "gripper", [], [Gid(list(writer.guid.bytes))])
+    teller.write(Info(Gid(list(stranger.guid.bytes)), [entry]))
+    here.until(lambda: [info.publishers for info in us.graph()] == [("/DINGO/arm/gripper",)])
+    assert us.namespaces() == ["DINGO/arm"]
+    stranger.__del__()
+    here.until(lambda: (us.graph(), us.namespaces()) == ([], []))
+
+
+def test_every_type_can_be_declared(here: WallWorld, stranger: DomainParticipant) -> None:
+    for name in messages.types():
+        for header in (False, True):
+            Topic(stranger, "rt/x", wire.declared(name, header)).__del__()
+
+
+@pytest.mark.skipif(not WIRE.exists(), reason="needs samples.json of ros2_jazzy_wire")
+def test_what_real_ros_writes_passes_cyclone_unchanged(stranger: DomainParticipant) -> None:
+    for number, sample in enumerate(json.loads(WIRE.read_text())["samples"]):
+        topic = Topic(stranger, f"rt/t{number}", wire.declared(sample["type"], False))
+        writer, reader = DataWriter(stranger, topic, RELIABLE), DataReader(stranger, topic, RELIABLE)
+        data = bytes.fromhex(sample["cdr"])
+        writer.write(topic.data_type(data))
+        (taken,) = reader.take(2)
+        assert taken.data.rstrip(b"\0") == data.rstrip(b"\0")
+        assert wire.decode(taken.data, sample["type"]) == wire.decode(data, sample["type"])
+
+
+def test_a_request_has_two_numbers_before_its_fields_and_the_response_the_same(
+    here: WallWorld, stranger: DomainParticipant
+) -> None:
+    here.node("gripper").service("/grip", "std_srvs/SetBool", lambda request: {"success": request.data})
+    numbers = {"guid": types.uint64, "sequence_number": types.int64}
+    asked = make_idl_struct("Q", "std_srvs.srv.dds_.SetBool_Request_", numbers | {"data": bool})
+    told = make_idl_struct("R", "std_srvs.srv.dds_.SetBool_Response_", numbers | {"success": bool, "message": str})
+    quality = Qos(Policy.Userdata(b"clientid=1.2.3;"), base=RELIABLE)
+    writer = DataWriter(stranger, Topic(stranger, "rq/gripRequest", asked), quality)
+    reader = DataReader(stranger, Topic(stranger, "rr/gripReply", told), quality)
+    wait(writer.get_matched_subscriptions)
+    wait(reader.get_matched_publications)
+    writer.write(asked(guid=2**63 + 5, sequence_number=7, data=True))
+    answers: list[Any] = []
+    here.until(lambda: answers.extend(reader.take(2)) or answers)
+    assert [(one.guid, one.sequence_number, one.success) for one in answers] == [(2**63 + 5, 7, True)]
+
+
+# ---- what goes wrong -------------------------------------------------------------------------------------------------
+
+
+def test_another_type_on_the_topic_elsewhere_is_told_on_both_sides(here: WallWorld) -> None:
+    seen: list[Any] = []
+    here.node("a").subscription("/x", TEXT, seen.append)
+    here.node("b").publisher("/x", INT).publish(create(INT, 1))
+    text = f"/x: /a hears nothing from /b: type: offered {INT}, requested {TEXT}"
+    here.until(lambda: here.warnings == [text])
+    assert [text] == here.middlewares[0].warnings == here.middlewares[1].warnings
+    assert here.middlewares[0].graph()[0].types == (INT, TEXT)
+    assert seen == []
+
+
+def test_bytes_that_are_no_message_are_dropped_and_reported(here: WallWorld) -> None:
+    seen: list[Any] = []
+    here.node("a").subscription("/x", TEXT, seen.append)
+    publisher = here.node("b").publisher("/x", TEXT)
+    here.connect("/x")
+    writer = publisher._writer  # type: ignore[attr-defined]
+    writer.write(writer.data_type(b"\0\1\0\0\4\0\0\0\xff\xfe\xfd\0"))  # passes Cyclone, but is no UTF-8
+    publisher.publish(create(TEXT, "good"))
+    here.until(lambda: seen)
+    assert [message.data for message in seen] == ["good"]
+    (warning,) = here.warnings
+    assert warning.startswith("/x: dropped a message: std_msgs/msg/String: cannot read 12 bytes of CDR")
+
+
+@pytest.mark.parametrize("name", ["/weed found", "/2fast", "/a//b", "/ümlaut"])
+def test_a_name_that_ros_2_refuses_is_refused(here: WallWorld, name: str) -> None:
+    node = here.node("a")
+    with pytest.raises(MessageError, match=re.escape(f"{name}: ROS 2 refuses this name")):
+        node.publisher(name, TEXT)
+    with pytest.raises(MessageError, match=re.escape(f"{name}: ROS 2 refuses this name")):
+        node.client(name, "std_srvs/Trigger")
+
+
+def test_a_field_that_was_given_what_it_cannot_hold_is_refused_when_published(here: WallWorld) -> None:
+    publisher = here.node("a").publisher("/x", INT)
+    message = create(INT)
+    message.data = "one"
+    with pytest.raises(MessageError, match="std_msgs/msg/Int64: cannot be written"):
+        publisher.publish(message)
+
+
+def test_topics_without_a_counterpart_are_named_when_waiting_is_over(here: WallWorld) -> None:
+    node, other = here.node("a"), here.node("b")
+    node.publisher("/alone", INT)
+    node.publisher("/own", INT)
+    node.subscription("/own", INT, print)
+    node.publisher("/both", INT)
+    other.subscription("/both", INT, print)
+    middleware = here.middlewares[0]
+    assert middleware.wait_matched(["/both", "/not_ours"], TIMEOUT) == []
+    assert middleware.wait_matched(["/alone", "/both", "/own"], 0.02) == ["/alone", "/own"]
+
+
+def test_a_message_older_than_its_lifespan_is_not_kept_for_late_comers(here: WallWorld) -> None:
+    seen: list[int] = []
+    publisher = here.node("a").publisher("/map", INT, QoS(durability="transient_local", lifespan=0.05))
+    publisher.publish(create(INT, 1))
+    time.sleep(0.06)
+    publisher.publish(create(INT, 2))
+    here.node("b").subscription("/map", INT, lambda message: seen.append(message.data), LATCHED)
+    here.until(lambda: seen)
+    assert seen == [2]
+
+
+# ---- domains and networks --------------------------------------------------------------------------------------------
+
+
+def test_the_domain_is_that_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    assert (domain_id(), domain_id(7)) == (0, 7)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "42")
+    assert (domain_id(), domain_id(7)) == (42, 7)
+    for wrong in ("233", "-1", "one", "1.0", "9" * 30):
+        monkeypatch.setenv("ROS_DOMAIN_ID", wrong)
+        with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID: found '{wrong}', expected a DDS domain from 0 to 232"):
+            domain_id()
+
+
+def test_nodes_of_another_domain_do_not_exist(here: WallWorld) -> None:
+    elsewhere = DdsMiddleware(here.scheduler, domain=DOMAIN + 1)
+    elsewhere.node("a", "THERE").publisher("/x", INT)
+    here.node("b", "HERE").publisher("/x", INT)
+    time.sleep(0.05)
+    assert (here.middlewares[0].node_names(), elsewhere.node_names()) == (["/HERE/b"], ["/THERE/a"])
+    elsewhere.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks the Linux kernel")
+def test_nothing_is_heard_but_over_loopback(here: WallWorld) -> None:
+    here.node("a")
+    devices = []
+    for end in sockets(DOMAIN):
+        with end:
+            devices.append(end.getsockopt(socket.SOL_SOCKET, 25, 16))  # SO_BINDTODEVICE
+    assert devices == [b"lo\0"] * 2
+    assert here.middlewares[0].confined
+
+
+def test_where_sockets_cannot_be_tied_to_loopback_the_domain_does_not_count_as_confined(
+    here: WallWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "platform", "another")
+    middleware = DdsMiddleware(here.scheduler, domain=DOMAIN + 1)
+    assert not middleware.confined
+    middleware.close()
+
+
+def test_the_network_opens_only_where_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", "<Discovery/>")
+    assert 'address="127.0.0.1" multicast="false"' in configuration(None)
+    assert not configuration(None).endswith("<Discovery/>")
+    assert 'NetworkInterface name="eth0"/' in configuration("eth0")
+    assert 'NetworkInterface address="10.0.0.7"/' in configuration("10.0.0.7")
+    assert configuration("eth0").endswith(",<Discovery/>")
+
+
+def test_an_interface_that_is_not_there_is_refused(here: WallWorld, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ConfigError, match=f"domain {DOMAIN + 1} on no_such_interface"):
+        DdsMiddleware(here.scheduler, domain=DOMAIN + 1, network="no_such_interface")
+    here.node("a")
+    with pytest.raises(ConfigError, match="open in this process already, on another network"):
+        DdsMiddleware(here.scheduler, domain=DOMAIN, network="no_such_interface")
+
+
+# ---- the scheduler that waits in DDS ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def resting() -> Iterator[WallWorld]:
+    """All nodes in one participant, and a scheduler that waits for its data."""
+    world = dds_world(apart=False)
+    world.node("us")
+    yield world
+    world.close()
+
+
+def test_timers_are_on_time_while_it_waits_for_data(resting: WallWorld) -> None:
+    scheduler, late = resting.scheduler, list[int]()
+    for delay in (30, 10, 20):
+        due = scheduler.now + delay * MILLISECOND
+        scheduler.at(due, lambda due=due: late.append(scheduler.now - due))
+    scheduler.run(until=scheduler.now + 40 * MILLISECOND)
+    assert len(late) == 3
+    assert 0 <= min(late) <= max(late) < 10 * MILLISECOND
+
+
+def test_other_threads_and_signals_wake_it(resting: WallWorld) -> None:
+    scheduler, seen = resting.scheduler, list[float]()
+    began = time.monotonic()
+    threading.Timer(0.02, lambda: scheduler.soon(lambda: seen.append(time.monotonic()))).start()
+    threading.Timer(0.04, scheduler.stop).start()
+    scheduler.run()
+    assert [round(moment - began, 1) for moment in (*seen, time.monotonic())] == [0.0, 0.0]
+    previous = signal.signal(signal.SIGUSR1, lambda *_: scheduler.stop())
+    threading.Timer(0.02, lambda: os.kill(os.getpid(), signal.SIGUSR1)).start()
+    scheduler.run()
+    signal.signal(signal.SIGUSR1, previous)
+    assert time.monotonic() - began < 1
+
+
+def test_messages_come_through_while_there_is_always_something_due(resting: WallWorld) -> None:
+    scheduler, seen = resting.scheduler, list[Any]()
+    resting.middlewares[0].node("reader").subscription("/x", INT, seen.append)
+    publisher = resting.middlewares[0].node("writer").publisher("/x", INT)
+
+    def busy() -> None:
+        scheduler.soon(busy if not seen else scheduler.stop, Kind.TIMER)
+
+    publisher.publish(create(INT, 1))
+    busy()
+    scheduler.after(5 * SECOND, scheduler.stop)
+    scheduler.run()
+    assert seen == [create(INT, 1)]
+
+
+def test_it_is_a_plain_scheduler_before_and_after_its_middleware() -> None:
+    scheduler, seen = DdsScheduler(), list[int]()
+    scheduler.soon(lambda: seen.append(1))
+    scheduler.run(until=scheduler.now)
+    middleware = DdsMiddleware(scheduler, domain=DOMAIN)
+    assert scheduler.watch is not None
+    scheduler.soon(middleware.close)
+    scheduler.soon(lambda: seen.append(2))
+    scheduler.run(until=scheduler.now + MILLISECOND)
+    assert (scheduler.watch, seen) == (None, [1, 2])
+
+
+# ---- coming and going ------------------------------------------------------------------------------------------------
+
+
+def test_after_many_deployments_everything_is_where_it_was(here: WallWorld) -> None:
+    node, other = here.node("engine", "REX"), here.node("world")
+    other.subscription("/a", TEXT, id)
+
+    def deploy() -> None:
+        publisher = node.publisher("/a", TEXT)
+        ends: list[Any] = [
+            publisher,
+            node.subscription("/a", TEXT, id),
+            node.subscription("/b", "nav_msgs/Odometry", id),
+            node.service("/s", "std_srvs/Trigger", lambda request: None),
+            node.client("/s", "std_srvs/Trigger"),
+        ]
+        publisher.publish(create(TEXT))
+        for end in ends:
+            end.close()
+        here.scheduler.run(until=here.scheduler.now)
+
+    def present() -> tuple[list[int], int, int, list[int]]:
+        gc.collect()
+        topics = [len(middleware.graph()) for middleware in here.middlewares]
+        ends = [len(middleware.discovery.endpoints) for middleware in here.middlewares]
+        return topics, threading.active_count(), len(Entity._entities), ends
+
+    here.until(lambda: present()[0] == [1, 1])
+    before = present()
+    for _ in range(50):
+        deploy()
+    here.until(lambda: present() == before)
+
+
+def test_a_middleware_that_closed_leaves_no_thread_and_is_gone_for_the_others(here: WallWorld) -> None:
+    here.node("staying")
+    threads = threading.active_count()
+    here.node("leaving").publisher("/x", TEXT)
+    here.until(lambda: "/leaving" in here.middlewares[0].node_names())
+    here.middlewares.pop().close()
+    here.until(lambda: here.middlewares[0].node_names() == ["/staying"])
+    assert here.middlewares[0].graph() == []
+    assert threading.active_count() == threads
+
+
+# ---- other processes -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.processes
+def test_a_process_that_just_ends_has_said_everything_and_is_gone_at_once(
+    here: WallWorld, child: subprocess.Popen[bytes]
+) -> None:
+    heard: list[str] = []
+    kept: list[str] = []
+    node = here.node("parent")
+    ask = node.publisher("/ask", TEXT)
+    node.subscription("/answer", TEXT, lambda message: heard.append(message.data))
+    node.subscription("/map", TEXT, lambda message: kept.append(message.data), LATCHED)
+    client = node.client("/OTHER/twice", "std_srvs/SetBool")
+    here.connect("/ask", "/answer", "/map")
+    here.until(lambda: kept and client.available)
+    client.call(True, lambda response: heard.append(response.message))
+    here.until(lambda: heard == ["TrueTrue"])
+    ask.publish(create(TEXT, "weed"))
+    here.until(lambda: heard == ["TrueTrue", "WEED"])
+    assert (kept, here.middlewares[0].node_names()) == (["here be dragons"], ["/OTHER/child", "/parent"])
+    heard.clear()
+    ask.publish(create(TEXT, "leave"))
+    here.until(lambda: len(heard) == FAREWELLS)
+    assert (child.wait(), heard) == (0, [str(number) for number in range(FAREWELLS)])
+    began = time.monotonic()
+    here.until(lambda: here.middlewares[0].node_names() == ["/parent"])
+    assert time.monotonic() - began < 1
+
+
+@pytest.mark.processes
+def test_a_process_that_is_killed_is_gone_when_its_lease_is_over_and_garbage_before_that_does_no_harm(
+    here: WallWorld, child: subprocess.Popen[bytes]
+) -> None:
+    raw: list[Any] = []
+    node = here.node("parent")
+    node.subscription("/raw", TEXT, raw.append, SENSOR_DATA)
+    here.connect("/raw")
+    here.until(lambda: "/OTHER/child" in here.middlewares[0].node_names())
+    (writer,) = (end for end in here.middlewares[0].discovery.on_topic("rt/raw") if end.writes)
+    for number, data in enumerate(GARBAGE, 1):
+        _forge(writer.gid, number, data)
+    _forge(writer.gid, len(GARBAGE) + 1, b"\0\1\0\0\4\0\0\0abc\0")
+    here.until(lambda: raw)
+    assert [message.data for message in raw] == ["abc"]
+    child.kill()
+    here.until(lambda: here.middlewares[0].node_names() == ["/parent"])
+    here.until(lambda: [end for info in here.middlewares[0].graph() for end in info.publishers] == [])
+
+
+GARBAGE = [
+    b"",
+    b"\0",
+    b"\0\1\0\0",
+    b"\0\1\0\0\xff\xff\xff\xffabc\0",
+    b"\0\1\0\0\4\0\0\0abcd",
+    b"\xff" * 64,
+    bytes(range(256)),
+]
+
+
+def _forge(writer: bytes, number: int, data: bytes) -> None:
+    """Send a sample in the name of a writer, as whoever wants to can: one RTPS DATA submessage, to all own sockets."""
+    body = struct.pack("<HH4s4siI", 0, 16, bytes(4), writer[12:], 0, 1000 + number) + data
+    packet = b"RTPS\2\1\1\x10" + writer[:12] + struct.pack("<BBH", 0x15, 0x05, len(body)) + body
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for index in range(0, 121):
+            sender.sendto(packet, ("127.0.0.1", 7411 + 250 * DOMAIN + 2 * index))

@@ -1,0 +1,380 @@
+"""What every middleware promises, whichever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from middleware_contract import BACKENDS, World, middlewares, world
+
+from fame.clock import Kind
+from fame.errors import MessageError
+from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
+from fame.middleware.messages import create
+
+INT, TEXT, FLAG = "std_msgs/msg/Int64", "std_msgs/msg/String", "std_msgs/msg/Bool"
+SET_BOOL, TRIGGER = "std_srvs/srv/SetBool", "std_srvs/srv/Trigger"
+
+
+@pytest.fixture(params=BACKENDS)
+def here(request: pytest.FixtureRequest) -> Iterator[World]:
+    """A world of each backend."""
+    made = world(request.param)
+    yield made
+    made.close()
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_message_reaches_the_other_nodes_and_never_inside_publish(here: World) -> None:
+    seen: list[Any] = []
+    here.node("engine", "DINGO").subscription("/target_found", TEXT, seen.append)
+    publisher = here.node("engine", "REX").publisher("/target_found", TEXT)
+    here.connect("/target_found")
+    message = create(TEXT, "here")
+    publisher.publish(message)
+    assert seen == []
+    here.until(lambda: seen)
+    assert seen == [message]
+
+
+MESSAGES = {
+    "std_msgs/msg/Empty": None,
+    "geometry_msgs/msg/PoseStamped": {"header": {"frame_id": "map", "stamp": 1.5}, "pose": {"position": {"x": -1.5}}},
+    "sensor_msgs/msg/JointState": {"name": ["shoulder", "Ellenbogen ß"], "position": [0.1, -2.5], "effort": []},
+    "sensor_msgs/msg/Image": {"height": 240, "width": 320, "encoding": "rgb8", "data": bytes(range(256)) * 900},
+    "nav_msgs/msg/Path": {"poses": [{"pose": {"position": {"x": number}}} for number in range(20)]},
+    "sensor_msgs/msg/NavSatFix": {"position_covariance": list(range(9)), "status": {"status": -1}},
+}
+
+
+@pytest.mark.parametrize("type", MESSAGES)
+def test_a_message_arrives_as_it_was(here: World, type: str) -> None:
+    seen: list[Any] = []
+    here.node("a").subscription("/x", type, seen.append)
+    publisher = here.node("b").publisher("/x", type)
+    here.connect("/x")
+    message = create(type, MESSAGES[type])
+    publisher.publish(message)
+    here.until(lambda: seen)
+    assert seen == [message]
+
+
+def test_a_node_never_hears_itself_but_another_node_of_the_same_name_does(here: World) -> None:
+    own: list[Any] = []
+    other: list[Any] = []
+    node = here.node("engine", "REX")
+    node.subscription("done", INT, own.append)
+    publisher = node.publisher("done", INT)
+    node.subscription("done", INT, own.append)
+    here.node("engine", "REX").subscription("done", INT, other.append)
+    publisher.publish(create(INT))
+    here.until(lambda: other or publisher.publish(create(INT)))
+    publisher.publish(create(INT))
+    publisher.close()
+    here.settle()
+    assert own == []
+
+
+def test_names_are_resolved_in_the_namespace_of_the_node(here: World) -> None:
+    seen: list[str] = []
+    world, rex = here.node("world"), here.node("engine", "/REX/")
+    for topic in ("odom", "~/odom", "/REX/odom"):
+        rex.subscription(topic, TEXT, lambda message, topic=topic: seen.append(topic))
+    rex.subscription("/odom", TEXT, lambda message: seen.append("global"))
+    publisher = world.publisher("REX/odom", TEXT)
+    here.connect("/REX/odom")
+    publisher.publish(create(TEXT))
+    here.until(lambda: len(seen) == 3)
+    here.settle()
+    assert publisher.topic == "/REX/odom"
+    assert sorted(seen) == ["/REX/odom", "odom", "~/odom"]
+    assert (rex.namespace, rex.full_name, world.full_name) == ("REX", "/REX/engine", "/world")
+
+
+def test_messages_of_a_publisher_arrive_in_order_before_timers_that_are_due_later(here: World) -> None:
+    seen: list[Any] = []
+    here.node("b").subscription("/x", INT, lambda message: seen.append(message.data))
+    publisher = here.node("a").publisher("/x", INT)
+    here.connect("/x")
+    for number in range(50):
+        publisher.publish(create(INT, number))
+    here.scheduler.after(20_000_000, lambda: seen.append("timer"), Kind.TIMER)
+    here.until(lambda: "timer" in seen)
+    assert seen == [*range(50), "timer"]
+
+
+# ---- types -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_topic_has_one_type(here: World) -> None:
+    node = here.node("engine", "REX")
+    first = node.publisher("/done", "std_msgs/Bool")
+    with pytest.raises(MessageError, match="/done is in use with std_msgs/msg/Bool, by /REX/engine"):
+        node.subscription("/done", TEXT, print)
+    first.close()
+    assert node.publisher("/done", TEXT).type == TEXT
+
+
+def test_an_unknown_type_is_refused(here: World) -> None:
+    node = here.node("engine")
+    with pytest.raises(MessageError, match="did you mean std_msgs/msg/Bool"):
+        node.publisher("/done", "std_msg/Bool")
+    with pytest.raises(MessageError, match="did you mean std_msgs/msg/Bool"):
+        node.subscription("/done", "std_msg/Bool", print)
+
+
+@pytest.mark.parametrize("thing", [True, {"data": True}, None, create(INT)])
+def test_only_messages_of_the_type_can_be_published(here: World, thing: object) -> None:
+    publisher = here.node("engine").publisher("/done", "std_msgs/Bool")
+    with pytest.raises(MessageError, match=r"std_msgs/msg/Bool: found .* to publish on /done"):
+        publisher.publish(thing)
+
+
+# ---- quality of service ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("offered", "requested", "reason"),
+    [
+        (SENSOR_DATA, QoS(), "reliability: offered best_effort, requested reliable"),
+        (QoS(), LATCHED, "durability: offered volatile, requested transient_local"),
+        (QoS(deadline=2.0), QoS(deadline=1.0), "deadline: offered 2 s, requested 1 s"),
+        (QoS(), QoS(lease_duration=0.5), "lease_duration: offered infinite, requested 0.5 s"),
+        (QoS(), QoS(liveliness="manual_by_topic"), "liveliness: offered automatic, requested manual_by_topic"),
+    ],
+)
+def test_ends_that_do_not_match_hear_nothing_and_a_warning_says_why(
+    here: World, offered: QoS, requested: QoS, reason: str
+) -> None:
+    seen: list[Any] = []
+    here.node("controller", "REX").subscription("odom", INT, seen.append, requested)
+    publisher = here.node("world").publisher("/REX/odom", INT, offered)
+    publisher.publish(create(INT))
+    expected = f"/REX/odom: /REX/controller hears nothing from /world: {reason}"
+    here.until(lambda: here.warnings == [expected])
+    publisher.publish(create(INT))
+    here.settle()
+    assert seen == []
+
+
+@pytest.mark.parametrize(
+    ("qos", "expected"),
+    [
+        (QoS(depth=2), [3, 4]),
+        (QoS(depth=1), [4]),
+        (QoS(depth=10), [0, 1, 2, 3, 4]),
+        (QoS(history="keep_all", depth=1), [0, 1, 2, 3, 4]),
+    ],
+)
+def test_keep_last_bounds_what_waits(here: World, qos: QoS, expected: list[int]) -> None:
+    seen: list[int] = []
+    here.node("b").subscription("/x", INT, lambda message: seen.append(message.data), qos)
+    publisher = here.node("a").publisher("/x", INT)
+    here.connect("/x")
+    for number in range(5):
+        publisher.publish(create(INT, number))
+    here.until(lambda: seen[-1:] == [4])
+    assert seen == expected
+    publisher.publish(create(INT, 9))
+    here.until(lambda: seen[-1:] == [9])
+    assert seen == [*expected, 9]
+
+
+def test_who_comes_late_gets_the_last_messages_of_a_transient_local_publisher_if_he_asks(here: World) -> None:
+    late: list[int] = []
+    volatile: list[int] = []
+    publisher = here.node("a").publisher("/map", INT, QoS(durability="transient_local", depth=2))
+    for number in range(4):
+        publisher.publish(create(INT, number))
+    wants_all = QoS(durability="transient_local")
+    here.node("b").subscription("/map", INT, lambda message: late.append(message.data), wants_all)
+    here.node("c").subscription("/map", INT, lambda message: volatile.append(message.data))
+    here.connect("/map")
+    here.until(lambda: late == [2, 3])
+    publisher.publish(create(INT, 9))
+    here.until(lambda: volatile == [9] and late == [2, 3, 9])
+
+
+def test_a_publisher_that_left_leaves_nothing_for_late_joiners(here: World) -> None:
+    seen: list[Any] = []
+    publisher = here.node("a").publisher("/map", INT, LATCHED)
+    publisher.publish(create(INT))
+    publisher.close()
+    here.node("b").subscription("/map", INT, seen.append, LATCHED)
+    here.settle()
+    assert seen == []
+
+
+# ---- coming and going ------------------------------------------------------------------------------------------------
+
+
+def test_the_graph_shows_every_topic_with_an_end(here: World) -> None:
+    rex, dingo = here.node("engine", "REX"), here.node("engine", "DINGO")
+    rex.publisher("/done", "std_msgs/Bool")
+    dingo.publisher("/done", "std_msgs/Bool")
+    end = dingo.subscription("/done", "std_msgs/Bool", print)
+    rex.subscription("odom", "nav_msgs/Odometry", print)
+    done = ("/done", (FLAG,), ("/DINGO/engine", "/REX/engine"), ("/DINGO/engine",))
+    odom = ("/REX/odom", ("nav_msgs/msg/Odometry",), (), ("/REX/engine",))
+    for middleware in middlewares(here):
+        here.until(lambda middleware=middleware: _graph(middleware) == [odom, done])
+        assert middleware.namespaces() == ["DINGO", "REX"]
+    end.close()
+    for middleware in middlewares(here):
+        here.until(lambda middleware=middleware: _graph(middleware)[1][3] == ())
+    dingo.close()
+    for middleware in middlewares(here):
+        here.until(lambda middleware=middleware: middleware.namespaces() == ["REX"])
+    rex.close()
+    rex.close()
+    for middleware in middlewares(here):
+        here.until(lambda middleware=middleware: (_graph(middleware), middleware.namespaces()) == ([], []))
+
+
+def _graph(middleware: Any) -> list[tuple[str, tuple[str, ...], tuple[str, ...], tuple[str, ...]]]:
+    return [
+        (info.name, info.types, tuple(sorted(info.publishers)), tuple(sorted(info.subscribers)))
+        for info in middleware.graph()
+    ]
+
+
+def test_a_closed_subscription_gets_nothing_not_even_what_waited_for_it(here: World) -> None:
+    seen: list[Any] = []
+    node = here.node("b")
+    subscription = node.subscription("/x", INT, seen.append)
+    publisher = here.node("a").publisher("/x", INT)
+    here.connect("/x")
+    for number in range(3):
+        publisher.publish(create(INT, number))
+    here.until(lambda: seen)
+    publisher.publish(create(INT, 3))
+    subscription.close()
+    subscription.close()
+    heard = len(seen)
+    publisher.publish(create(INT, 4))
+    here.settle()
+    assert len(seen) == heard
+    assert 4 not in [message.data for message in seen]
+
+
+def test_a_callback_may_close_its_own_subscription(here: World) -> None:
+    seen: list[int] = []
+
+    def once(message: Any) -> None:
+        seen.append(message.data)
+        subscription.close()
+
+    subscription = here.node("b").subscription("/x", INT, once)
+    publisher = here.node("a").publisher("/x", INT)
+    here.connect("/x")
+    publisher.publish(create(INT, 1))
+    publisher.publish(create(INT, 2))
+    here.until(lambda: seen)
+    here.settle()
+    assert seen == [1]
+
+
+def test_what_was_published_arrives_even_if_the_publisher_left(here: World) -> None:
+    seen: list[Any] = []
+    here.node("b").subscription("/x", INT, seen.append)
+    node = here.node("a")
+    publisher = node.publisher("/x", INT)
+    here.connect("/x")
+    publisher.publish(create(INT))
+    node.close()
+    here.until(lambda: len(seen) == 1)
+    with pytest.raises(MessageError, match="the publisher on /x is closed"):
+        publisher.publish(create(INT))
+
+
+def test_a_closed_middleware_is_closed_again_without_harm(here: World) -> None:
+    node = here.node("a", "A")
+    node.publisher("/x", INT)
+    node.subscription("/x", INT, print)
+    node.service("/reset", TRIGGER, lambda request: None)
+    here.close()
+    here.close()
+
+
+# ---- services --------------------------------------------------------------------------------------------------------
+
+
+def test_a_service_answers_in_the_order_of_the_calls_and_never_inside_call(here: World) -> None:
+    seen: list[tuple[int, bool, str]] = []
+    here.node("gripper", "ARM").service(
+        "grip", "std_srvs/SetBool", lambda request: {"success": request.data, "message": "done"}
+    )
+    client = here.node("engine", "ARM").client("grip", SET_BOOL)
+    here.until(lambda: client.available)
+    for number, value in enumerate((True, False) * 3):
+        client.call({"data": value}, lambda response, n=number: seen.append((n, response.success, response.message)))
+    assert seen == []
+    here.until(lambda: len(seen) == 6)
+    assert seen == [(number, value, "done") for number, value in enumerate((True, False) * 3)]
+
+
+def test_each_client_gets_its_own_responses(here: World) -> None:
+    here.node("gripper").service("/grip", SET_BOOL, lambda request: {"success": request.data})
+    seen: dict[bool, list[bool]] = {True: [], False: []}
+    clients = {value: here.node(f"client_{value}").client("/grip", SET_BOOL) for value in seen}
+    here.until(lambda: all(client.available for client in clients.values()))
+    for _ in range(3):
+        for value, client in clients.items():
+            client.call(value, lambda response, heard=seen[value]: heard.append(response.success))
+    here.until(lambda: seen == {True: [True] * 3, False: [False] * 3})
+
+
+def test_a_service_takes_and_gives_defaults_for_none_within_a_node_too(here: World) -> None:
+    seen: list[Any] = []
+    node = here.node("a")
+    node.service("/reset", "std_srvs/Trigger", lambda request: None)
+    client = node.client("/reset", "std_srvs/Trigger")
+    here.until(lambda: client.available)
+    client.call(None, seen.append)
+    here.until(lambda: seen)
+    assert seen == [create("std_srvs/srv/Trigger_Response")]
+
+
+def test_calls_that_cannot_succeed_are_refused_at_once(here: World) -> None:
+    node = here.node("a")
+    client = node.client("/grip", SET_BOOL)
+    assert not client.available
+    with pytest.raises(MessageError, match="nobody offers the service /grip"):
+        client.call(None, print)
+    service = node.service("/grip", SET_BOOL, lambda request: None)
+    here.until(lambda: client.available)
+    with pytest.raises(MessageError, match="data: found 'open', expected true or false"):
+        client.call({"data": "open"}, print)
+    with pytest.raises(MessageError, match="the service /grip is offered by /a already"):
+        node.service("/grip", SET_BOOL, lambda request: None)
+    with pytest.raises(MessageError, match="the service /grip is of type std_srvs/srv/SetBool"):
+        node.client("/grip", TRIGGER).call(None, print)
+    service.close()
+    here.until(lambda: not client.available)
+
+
+def test_a_response_that_does_not_fit_is_the_fault_of_the_service(here: World) -> None:
+    node = here.node("a")
+    node.service("/grip", SET_BOOL, lambda request: {"ok": True})
+    client = node.client("/grip", SET_BOOL)
+    here.until(lambda: client.available)
+    client.call(None, print)
+    with pytest.raises(MessageError, match="std_srvs/srv/SetBool_Response: ok: there is no such field"):
+        here.until(lambda: False)
+
+
+def test_a_service_or_client_that_leaves_meanwhile_drops_the_call(here: World) -> None:
+    seen: list[Any] = []
+    service = here.node("a").service("/reset", TRIGGER, lambda request: None)
+    staying, leaving = (here.node(name).client("/reset", TRIGGER) for name in ("b", "c"))
+    here.until(lambda: staying.available and leaving.available)
+    leaving.call(None, seen.append)
+    leaving.close()
+    here.settle()
+    staying.call(None, seen.append)
+    service.close()
+    here.until(lambda: here.warnings == ["/reset: the service was closed before it answered /b"])
+    assert seen == []
