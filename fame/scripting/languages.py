@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from fame.bpmn.model import Expression
-from fame.errors import ModelError, UnavailableError
+from fame.errors import ModelError
 from fame.scripting.data import Undefined
 from fame.scripting.feel import FEEL
 from fame.scripting.grammar import Evaluate, Parser
+from fame.scripting.javascript import compile_javascript
 from fame.scripting.juel import JUEL
 from fame.scripting.lexer import ExpressionError
 from fame.scripting.python import Code, compile_python
@@ -27,7 +28,7 @@ def compile_script(expression: Expression, *, file: str = "", element: str = "")
     if expression.language == "python":
         return compile_python(expression, "exec", file, element)
     if expression.language == "javascript":
-        raise _no_javascript(element)
+        return compile_javascript(expression, script=True, file=file, element=element)
     raise ModelError(f"a script cannot be written in {expression.language}; accepted are python and javascript",
                      file=file, line=expression.line, element=element)  # fmt: skip
 
@@ -44,7 +45,7 @@ def compile_expression(
     if expression.language == "python":
         return compile_python(expression, "eval", file, element)
     if expression.language == "javascript":
-        raise _no_javascript(element)
+        return compile_javascript(expression, script=False, file=file, element=element)
     return parse_expression(expression, file=file, element=element, warn=warn, strict=strict)[0]
 
 
@@ -87,7 +88,3 @@ def _missing(warn: Warn | None, strict: bool) -> Callable[[str, Undefined], obje
             warn(f"{field}: {error}; left at its default")
 
     return missing
-
-
-def _no_javascript(element: str) -> UnavailableError:
-    return UnavailableError(f"{element or 'script'}: JavaScript is not available in this version; write it in Python")

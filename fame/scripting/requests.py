@@ -81,7 +81,7 @@ class Next(Request):
     queue: MessageQueue
 
     def __str__(self) -> str:
-        return f"next message of {self.queue.topic}"
+        return str(self.queue)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +107,9 @@ class MessageQueue:
         self.topic = topic
         self.messages: deque[Any] = deque(maxlen=depth)
         self.waiting: dict[Callable[[], object], None] = {}
+
+    def __str__(self) -> str:
+        return f"next message of {self.topic}"
 
     def put(self, message: Any) -> None:
         """A message arrived. Wakes everyone who waits for one."""

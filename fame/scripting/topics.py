@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +21,12 @@ _CALLS: dict[str, Direction] = {
     "robot.call": "call",
     "signal": "publish",
 }
+_MAKES: dict[str, Direction] = {"Publisher": "publish", "Subscription": "subscribe", "Client": "call"}
+_MADE = re.compile(
+    r"""\bcreate(?P<kind>Publisher|Subscription|Client)\s*\(
+    \s*(?P<q>["'`])(?P<type>[\w/]+)(?P=q)\s*,\s*(?P<r>["'`])(?P<name>[\w/~]+)(?P=r)""",
+    re.VERBOSE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +45,10 @@ class ScriptTopic:
 def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
     """All of them in the order of the text, each once. A signal's topic is everyone's: ``signal("done")`` is ``/done``.
 
-    Raises ModelError if the text is not Python.
+    Raises ModelError if a text in Python is wrong.
     """
+    if expression.language == "javascript":
+        return tuple(dict.fromkeys(_endpoints(expression)))
     if expression.language != "python":
         return ()
     calls = [node for node in ast.walk(parse_python(expression)) if isinstance(node, ast.Call)]
@@ -49,6 +59,13 @@ def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
         if topic is not None:
             found.setdefault((topic.name, topic.direction, topic.type), topic)
     return tuple(found.values())
+
+
+def _endpoints(expression: Expression) -> Iterator[ScriptTopic]:
+    """What a script in JavaScript makes with two literal texts: type and topic."""
+    for found in _MADE.finditer(expression.text):
+        kind, type, name = found["kind"], found["type"], found["name"]
+        yield ScriptTopic(name, _MAKES[kind], type, expression.line + expression.text.count("\n", 0, found.start()))
 
 
 def _topic(call: ast.Call) -> ScriptTopic | None:

@@ -1,0 +1,60 @@
+"""Scripts and conditions in JavaScript, with the interface of the original FaMe toolchain.
+
+=============  ================================================================================
+source         scripts as they stand in the file, checked when they are compiled
+limits         the engine (quickjs-ng), and what scripts may spend
+interface.js   what scripts find in scope, and how they are run
+environment    variables of the process: told when they change, read back when they were written
+realm          one context: the scripts of one process instance
+orders         what scripts want of their robot
+surroundings   the robot, as far as scripts reach
+=============  ================================================================================
+"""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from fame.bpmn.model import Expression
+from fame.engine.variables import BUILTINS, Variables
+from fame.scripting.javascript.errors import JavaScriptError
+from fame.scripting.javascript.realm import Realm
+from fame.scripting.javascript.source import Script, read_script
+from fame.scripting.javascript.surroundings import REALM, SURROUNDINGS, Surroundings
+
+__all__ = ["SURROUNDINGS", "JavaScriptError", "Surroundings", "compile_javascript"]
+
+
+def compile_javascript(
+    expression: Expression, *, script: bool, file: str = "", element: str = ""
+) -> Callable[[dict[str, Any]], Any]:
+    """A callable of the variables: a script gives None or a suspended script, an expression its value.
+
+    Raises ModelError (file, line, element) if the text is not JavaScript, UnavailableError if its engine is not
+    installed. The callable raises BpmnError for errors with a code, else JavaScriptError, or MessageError.
+    """
+    return partial(_run if script else _evaluate, read_script(expression, script=script, file=file, element=element))
+
+
+def _run(script: Script, variables: dict[str, Any]) -> Any:
+    return realm(variables).run(script, variables)
+
+
+def _evaluate(script: Script, variables: dict[str, Any]) -> Any:
+    return realm(variables).evaluate(script, variables)
+
+
+def realm(variables: dict[str, Any]) -> Realm:
+    """The realm of the scripts with these variables: it stands in their interface, made when it is first asked for."""
+    names = variables.get(BUILTINS)
+    if names.__class__ is not dict or names is vars(builtins):
+        names = variables[BUILTINS] = dict(vars(builtins))
+    found: Realm | None = names.get(REALM)
+    if found is None:
+        while isinstance(variables, Variables):
+            variables = variables.outer
+        found = names[REALM] = Realm(variables, names.get(SURROUNDINGS))
+    return found

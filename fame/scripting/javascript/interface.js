@@ -1,0 +1,461 @@
+// What scripts find in scope, and how they are run: the JavaScript side of one context.
+//
+// Nothing of the host can be called from here. Each step gets a text (changes of variables, the message of a callback)
+// and gives one back (changes, what the robot is to do), or `undefined` if there is nothing to say. All names that
+// matter are taken before the first script runs, so that a script which tampers with built-in objects fools itself only.
+//
+//   activation   one run of a script: over when it has called next(); its callbacks stay until they are destroyed
+//   callback     a function with a number that the host calls by: subscription, timer, response, promise of a service
+//   environment  a dict of variables of the host, and what is known of it here
+(() => {
+"use strict";
+const { stringify, parse } = JSON;
+const { defineProperty, getOwnPropertyDescriptor } = Reflect;
+const { isFinite } = Number;
+const then = Promise.prototype.then;
+const captureStackTrace = Error.captureStackTrace;
+const HIDDEN = "\0"; // the only key of what stands for a number that JSON has not
+
+let settings = { namespace: "/", name: "", seed: 1 };
+let now = 0; // ms since 1970, on the engine's clock
+let count = 0; // of steps
+let numbers = 0; // of activations and callbacks
+let current = null; // the activation at work, or the last one that was
+let scope = null; // its `this`
+let orders = []; // what the robot is to do, as JSON texts
+let rejected = []; // [promise, reason]
+const activations = new Map(); // those that are not over
+const callbacks = new Map();
+const handled = new WeakSet(); // promises that somebody looks at
+const output = {};
+
+// ---- values ----------------------------------------------------------------------------------------------------------
+
+const special = (key, value) => (typeof value === "number" && !isFinite(value) ? { [HIDDEN]: `${value}` } : value);
+const restored = (key, value) =>
+    value !== null && typeof value === "object" && typeof value[HIDDEN] === "string" ? Number(value[HIDDEN]) : value;
+
+// The JSON text of a value; `undefined` for what is no data.
+function encode(value) {
+    if (typeof value === "number" && isFinite(value)) return `${value}`;
+    try {
+        const text = stringify(value);
+        return text !== undefined && text.includes("null") ? stringify(value, special) : text;
+    } catch (error) {
+        if (error instanceof InternalError) throw error;
+        return undefined; // it contains itself, or refuses
+    }
+}
+
+const decode = (text) => (text.includes("\\u0000") ? parse(text, restored) : parse(text));
+
+const fixed = (object, name, value) => defineProperty(object, name, { value, writable: true, configurable: true });
+fixed(BigInt.prototype, "toJSON", function toJSON() { return Number(this); });
+fixed(Object.getPrototypeOf(Int8Array).prototype, "toJSON", function toJSON() { return Array.from(this); });
+
+function refuse(text, caller) {
+    const error = new TypeError(text);
+    captureStackTrace(error, caller);
+    throw error;
+}
+
+// What was thrown, as data. With a code it is a business error.
+function describe(thrown) {
+    if (typeof thrown === "string") return { text: thrown, stack: "" };
+    try {
+        const { message, stack = "", errorCode, code = errorCode } = Object(thrown);
+        if (typeof code === "string" || typeof code === "number") {
+            return { text: `${message ?? code}`, stack: `${stack}`, code: `${code}` };
+        }
+        return { text: thrown instanceof Error ? `${thrown}` : `${message ?? encode(thrown)}`, stack: `${stack}` };
+    } catch (error) {
+        return { text: "an error that cannot be shown", stack: "" };
+    }
+}
+
+// ---- variables -------------------------------------------------------------------------------------------------------
+
+class Unread { // a collection that the host has set and nobody has looked at yet
+    constructor(text) { this.text = text; }
+}
+
+// The variable, parsed when it is first looked at; from then on it is compared after each step.
+function read(environment, name) {
+    let value = environment.values[name];
+    if (value instanceof Unread) {
+        value = environment.values[name] = decode(value.text);
+        environment.agreed.set(name, encode(value));
+    }
+    return value;
+}
+
+function write(environment, name, value) {
+    if (typeof name !== "string" || (name[0] === "_" && name[1] === "_")) refuse(`${String(name)} cannot be the name of a variable`, write);
+    environment.values[name] = value;
+    environment.changed.add(name);
+    return true;
+}
+
+const isNode = (name, values) => (name === "ros_node" || name === "node") && !Object.hasOwn(values, name);
+
+function handler(environment) {
+    return {
+        get(values, name) {
+            const value = values[name];
+            if (typeof value !== "object" && value !== undefined) return value;
+            return isNode(name, values) ? node : read(environment, name);
+        },
+        has: (values, name) => name in values || isNode(name, values),
+        set: (values, name, value) => write(environment, name, value),
+        defineProperty: (values, name, descriptor) => "value" in descriptor && write(environment, name, descriptor.value),
+        deleteProperty: (values, name) => delete values[name] && !!environment.changed.add(name),
+        getOwnPropertyDescriptor(values, name) {
+            read(environment, name);
+            return getOwnPropertyDescriptor(values, name);
+        },
+        setPrototypeOf: () => false,
+        preventExtensions: () => false,
+    };
+}
+
+class Environment {
+    constructor() {
+        this.values = {};
+        this.agreed = new Map(); // name -> text of a collection, as the host knows it
+        this.changed = new Set();
+        const variables = new Proxy(this.values, handler(this));
+        this.shown = { variables, output };
+    }
+}
+
+// What the host has changed: {name: value}, {name: text of a collection}, [name deleted].
+function update(environment, text) {
+    const [values, collections, gone] = decode(text);
+    for (const name of Object.keys(values)) environment.values[name] = values[name];
+    for (const name of Object.keys(collections)) environment.values[name] = new Unread(collections[name]);
+    for (const name of gone) delete environment.values[name];
+    for (const name of [...Object.keys(values), ...Object.keys(collections), ...gone]) environment.agreed.delete(name);
+}
+
+// What scripts have changed, as text; empty if nothing.
+function changes(environment) {
+    const { values, agreed, changed } = environment;
+    if (agreed.size) {
+        for (const [name, text] of agreed) {
+            if (encode(values[name]) !== text) changed.add(name);
+        }
+    }
+    if (!changed.size) return "";
+    let set = "", gone = "", kept = "";
+    for (const name of changed) {
+        const value = values[name], key = stringify(name), text = encode(value);
+        agreed.delete(name);
+        if (value === undefined) gone += `${gone && ","}${key}`;
+        else if (text === undefined) kept += `${kept && ","}${key}`;
+        else {
+            set += `${set && ","}${key}:${text}`;
+            if (typeof value === "object" && value !== null) agreed.set(name, text);
+        }
+    }
+    changed.clear();
+    return `"set":{${set}}` + (gone && `,"gone":[${gone}]`) + (kept && `,"kept":[${kept}]`);
+}
+
+// ---- activations -----------------------------------------------------------------------------------------------------
+
+const NONE = new Set();
+
+// An activation. `over` is the step in which next() was called, `value` what it was told, `error` a description.
+const begun = (script, environment) =>
+    ({ number: ++numbers, script, environment, over: 0, value: undefined, error: undefined, callbacks: NONE });
+
+// `this` of a script.
+const ACTIVATION = Symbol("activation");
+const ScopePrototype = {
+    get environment() { return this[ACTIVATION].environment.shown; },
+    get id() { return this[ACTIVATION].script.id; },
+    get type() { return this[ACTIVATION].script.type; },
+    get fields() { return { routingKey: "execute.start", exchange: "execution" }; },
+    get content() { return { id: this.id, type: this.type, executionId: `${this.id}_${this[ACTIVATION].number}` }; },
+    get properties() { return {}; },
+    get next() { return nextOf(this[ACTIVATION]); },
+    get logger() { return console; },
+    get console() { return console; },
+    get setTimeout() { return setTimeout; },
+    get clearTimeout() { return clearTimeout; },
+};
+const nextOf = (activation) => (error, value) => advance(activation, error, value);
+const scopeOf = (activation) => ({ __proto__: ScopePrototype, [ACTIVATION]: activation });
+
+function advance(activation, error, value) {
+    if (!activation.over) {
+        activation.over = count;
+        if (error !== undefined && error !== null && error !== false) activation.error = describe(error);
+        else if (value !== undefined) output[activation.script.id] = activation.value = value;
+        if (activation !== current) end(activation, activation.error ?? null);
+    } else if (activation.over === count && !activation.error) {
+        activation.error = { text: "next() was called twice", stack: here(advance) };
+    } else if (activation.over !== count && !activation.late) {
+        activation.late = true;
+        order("late", here(advance), activation.script.id);
+    }
+}
+
+function fail(activation, thrown) {
+    activation.over = count;
+    activation.error = describe(thrown);
+}
+
+function listen(call, once) {
+    const number = ++numbers;
+    callbacks.set(number, { activation: current, call, once });
+    if (current.callbacks === NONE) current.callbacks = new Set();
+    current.callbacks.add(number);
+    return number;
+}
+
+function drop(number) {
+    const callback = callbacks.get(number);
+    if (callback === undefined) return;
+    const { activation } = callback;
+    callbacks.delete(number);
+    activation.callbacks.delete(number);
+    if (activation !== current && !activation.callbacks.size) {
+        if (activation.over) activations.delete(activation.number);
+        else end(activation, { text: "lost the last callback that could have called next()", stack: "" });
+    }
+}
+
+// It ends in the step of another one.
+function end(activation, error) {
+    activation.over ||= count;
+    order("end", activation.number, error);
+    if (!activation.callbacks.size) activations.delete(activation.number);
+}
+
+// ---- what the robot is to do -----------------------------------------------------------------------------------------
+
+const order = (...parts) => orders.push(`[${parts.map((part) => encode(part) ?? "null").join()}]`);
+
+// Where in the script `caller` was called, as a stack.
+function here(caller) {
+    const place = {};
+    captureStackTrace(place, caller);
+    return place.stack;
+}
+
+function texts(what, caller, ...values) {
+    for (const value of values) {
+        if (typeof value !== "string" || !value) refuse(`${what}: ${encode(value)} is not a name`, caller);
+    }
+}
+
+function called(what, caller, value) {
+    if (typeof value !== "function") refuse(`${what}: expected a function to call back`, caller);
+    return value;
+}
+
+class Publisher {
+    constructor(type, topic) { this.type = type; this.topic = topic; }
+    publish(message) { order("publish", here(this.publish), this.type, this.topic, message); }
+    toJSON() { return undefined; }
+}
+
+class Subscription {
+    constructor(topic, number) { this.topic = topic; this.number = number; }
+    toJSON() { return undefined; }
+}
+
+class Client {
+    constructor(type, service) { this.type = type; this.service = service; }
+    waitForService(ms) {
+        return new Promise((resolve) =>
+            order("wait", here(this.waitForService), listen(resolve, true), this.type, this.service, ms));
+    }
+    sendRequest(request, callback) {
+        const number = listen(called("sendRequest", this.sendRequest, callback), true);
+        order("request", here(this.sendRequest), number, this.type, this.service, request);
+    }
+    toJSON() { return undefined; }
+}
+
+const node = {
+    namespace: () => settings.namespace,
+    name: () => settings.name,
+    getLogger: () => console,
+    createPublisher(type, topic) {
+        texts("createPublisher", node.createPublisher, type, topic);
+        order("advertise", here(node.createPublisher), type, topic);
+        return new Publisher(type, topic);
+    },
+    createSubscription(type, topic, ...rest) { // options may stand before the callback
+        texts("createSubscription", node.createSubscription, type, topic);
+        const number = listen(called("createSubscription", node.createSubscription, rest.at(-1)), false);
+        order("subscribe", here(node.createSubscription), number, type, topic);
+        return new Subscription(topic, number);
+    },
+    createClient(type, service) {
+        texts("createClient", node.createClient, type, service);
+        order("client", here(node.createClient), type, service);
+        return new Client(type, service);
+    },
+    destroySubscription(subscription) {
+        if (!(subscription instanceof Subscription)) {
+            refuse("destroySubscription: expected a subscription", node.destroySubscription);
+        }
+        drop(subscription.number);
+        order("drop", subscription.number);
+    },
+    destroyPublisher() {},
+    destroyClient() {},
+    toJSON: () => undefined,
+};
+
+function setTimeout(callback, ms, ...values) {
+    const call = called("setTimeout", setTimeout, callback);
+    const number = listen(() => call(...values), true);
+    order("timer", number, Number(ms) > 1 ? Number(ms) : 1);
+    return number;
+}
+
+function clearTimeout(number) {
+    drop(number);
+    order("drop", number);
+}
+
+const spoken = (value) =>
+    typeof value === "string" ? value : value instanceof Error ? `${value}` : encode(value) ?? String(value);
+const log = (level) => (...values) => { order("log", level, values.map(spoken).join(" ")); };
+const console = { log: log("info"), info: log("info"), debug: log("debug"), trace: log("debug"), warn: log("warning"),
+    error: log("error") };
+
+// ---- global names ----------------------------------------------------------------------------------------------------
+
+// A function of a script that is called without an object has the global object for `this`.
+for (const name of Object.keys(ScopePrototype)) {
+    defineProperty(globalThis, name, {
+        get: () => scope?.[name],
+        set: (value) => { defineProperty(scope, name, { value, writable: true, configurable: true }); },
+        configurable: true,
+    });
+}
+fixed(globalThis, "performance", { now: () => now });
+
+// The time is that of the engine, and chance is repeatable (G. Marsaglia, Xorshift RNGs, 2003).
+const RealDate = Date;
+function EngineDate(...values) {
+    if (!new.target) return new RealDate(now).toString();
+    return Reflect.construct(RealDate, values.length ? values : [now], new.target);
+}
+EngineDate.prototype = RealDate.prototype;
+EngineDate.now = () => Math.floor(now);
+EngineDate.UTC = RealDate.UTC;
+EngineDate.parse = RealDate.parse;
+fixed(EngineDate, "name", "Date");
+fixed(RealDate.prototype, "constructor", EngineDate);
+fixed(globalThis, "Date", EngineDate);
+
+fixed(Math, "random", function random() {
+    settings.seed ^= settings.seed << 13;
+    settings.seed ^= settings.seed >>> 17;
+    settings.seed ^= settings.seed << 5;
+    return (settings.seed >>> 0) / 2 ** 32;
+});
+
+// An error in a callback of a promise is nobody's error unless somebody looks at the promise that `then` gives.
+fixed(Promise.prototype, "then", function (fulfilled, failed) {
+    handled.add(this);
+    const promise = then.call(this, fulfilled, failed);
+    then.call(promise, undefined, (reason) => rejected.push([promise, reason]));
+    return promise;
+});
+
+// ---- what the host calls ---------------------------------------------------------------------------------------------
+
+const isAnswer = (value, mode) => !(value instanceof Promise) && (value !== undefined || mode === "expression");
+
+// Run a script. A condition or value has to answer at once.
+function begin(script, environment, time, text) {
+    const activation = current = begun(script, environment);
+    scope = scopeOf(activation);
+    count += 1;
+    now = time;
+    try {
+        if (text !== null) update(environment, text);
+        const run = script.run(nextOf(activation), environment.shown, script.id, script.type);
+        const value = run.call(scope);
+        if (script.mode !== "script" && !activation.over && isAnswer(value, script.mode)) {
+            activation.over = count;
+            activation.value = value;
+        }
+    } catch (error) {
+        fail(activation, error);
+    }
+    return report(activation);
+}
+
+// Call back. `payload` is a JSON text.
+function resume(number, payload, time, text) {
+    const callback = callbacks.get(number);
+    if (callback === undefined) return undefined;
+    const activation = current = callback.activation;
+    scope = scopeOf(activation);
+    count += 1;
+    now = time;
+    if (callback.once) drop(number);
+    try {
+        if (text !== null) update(activation.environment, text);
+        (0, callback.call)(decode(payload));
+    } catch (error) {
+        fail(activation, error);
+    }
+    return collect();
+}
+
+// What is to be said of the activation at work, after promises or an interruption.
+const collect = () => report(current);
+
+// What a step came to, as a text. Of what is over for good the changes alone, or the truth value that it gave.
+function report(activation) {
+    const { over, value, error, callbacks } = activation;
+    const changed = changes(activation.environment);
+    if (over && error === undefined && callbacks === NONE && !orders.length && !rejected.length) {
+        if (value === undefined) return changed && `{${changed}}`;
+        if (!changed && typeof value === "boolean") return value;
+    }
+    const parts = [`"number":${activation.number},"over":${over > 0}`];
+    const unseen = rejected.filter(([promise]) => !handled.has(promise)).map(([, reason]) => describe(reason));
+    if (changed) parts.push(changed);
+    if (value !== undefined) parts.push(`"value":${encode(value) ?? "null"}`);
+    if (error !== undefined) parts.push(`"error":${stringify(error)}`);
+    if (orders.length) parts.push(`"orders":[${orders.join()}]`);
+    if (unseen.length) parts.push(`"rejected":${stringify(unseen)}`);
+    orders = [];
+    rejected = [];
+    activation.error = undefined; // it is said
+    if (over && !callbacks.size) activations.delete(activation.number);
+    else activations.set(activation.number, activation);
+    return `{${parts.join()}}`;
+}
+
+// End an activation (without a number, that at work); gives the numbers of its callbacks as text.
+function cancel(number) {
+    const activation = number === undefined ? current : activations.get(number);
+    if (activation === undefined) return "[]";
+    const dropped = [...activation.callbacks];
+    activation.over ||= count;
+    dropped.forEach(drop);
+    activations.delete(activation.number);
+    return stringify(dropped);
+}
+
+const host = {
+    begin, resume, collect, cancel,
+    load: (run, id, type, mode) => ({ run, id, type, mode }),
+    open: () => new Environment(),
+    keep: (environment, name, value) => { environment.values[name] = value; },
+    kept: (environment, name) => environment.values[name],
+    configure: (text) => { settings = parse(text); },
+};
+return (name) => host[name];
+})()

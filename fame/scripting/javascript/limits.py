@@ -1,0 +1,67 @@
+"""The JavaScript engine, and what scripts may spend: memory, stack and time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from fame.errors import UnavailableError
+
+MEMORY = 64 * 2**20
+"""Bytes that the scripts of one process instance may hold."""
+
+STACK = 512 * 2**10
+"""Bytes of stack: endless recursion ends in an error of the script."""
+
+SECONDS = 5.0
+"""Processor time of one step (s), loops inside built-in functions and regular expressions included."""
+
+REACTIONS = 1_000_000
+"""Reactions of promises in one step."""
+
+AT_ONE_INSTANT = 100_000
+"""Callbacks of one process instance without time going on."""
+
+
+def new_context() -> Any:
+    """A context with those limits: no file, no network, no module, no function of Python. Raises UnavailableError."""
+    try:
+        import quickjs
+    except ImportError:
+        raise UnavailableError("JavaScript needs the engine quickjs-ng: pip install 'fame-robots[js]'") from None
+    context = quickjs.Context()
+    context.set_memory_limit(MEMORY)
+    context.set_max_stack_size(STACK)
+    context.set_time_limit(SECONDS)
+    return context
+
+
+@contextmanager
+def spare_memory(context: Any) -> Iterator[None]:
+    """A little more of it, for saying what happened."""
+    context.set_memory_limit(MEMORY + 2**20)
+    try:
+        yield
+    finally:
+        context.set_memory_limit(MEMORY)
+
+
+@cache
+def failure() -> type[Exception]:
+    """What a context raises."""
+    import quickjs
+
+    raised: type[Exception] = quickjs.JSException
+    return raised
+
+
+def explain(error: Exception) -> dict[str, str]:
+    """What a context raised, described as a script's own errors are."""
+    text, _, stack = str(error).partition("\n")
+    if "interrupted" in text:
+        text = f"one step of the script took more than {SECONDS:g} s"
+    elif text in ("null", "") or "out of memory" in text:
+        text = f"out of memory: the scripts of one process may hold {MEMORY // 2**20} MB"
+    return {"text": text, "stack": stack}

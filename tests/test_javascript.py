@@ -1,0 +1,449 @@
+"""Scripts and conditions in JavaScript: their variables, their interface, their lines."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from javascript_models import chain, definitions, error_of, flows, run, simulate, task
+
+import fame
+from fame.bpmn.model import Expression
+from fame.engine.variables import Variables
+from fame.errors import ModelError, UnavailableError
+from fame.middleware import messages
+from fame.scripting import compile_expression, compile_script
+
+COPY = "this.environment.variables.y = this.environment.variables.x; next()"
+
+
+def script(text: str, **variables: Any) -> dict[str, Any]:
+    """Run one script without a robot; gives the variables without the interface."""
+    assert compile_script(Expression(text, "javascript"))(variables) is None
+    return {name: value for name, value in variables.items() if not name.startswith("__")}
+
+
+def value(text: str, **variables: Any) -> Any:
+    return compile_expression(Expression(text, "javascript"))(variables)
+
+
+# ---- variables -------------------------------------------------------------------------------------------------------
+
+
+def test_a_script_reads_and_writes_the_variables_of_its_process() -> None:
+    assert run("this.environment.variables.x = this.environment.variables.x + 1; next()", x=41) == {"x": 42}
+
+
+DATA = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(min_size=1), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+def alike(one: Any, other: Any) -> bool:
+    """Equal as JavaScript sees it: there is one kind of number, and not-a-number is itself."""
+    if isinstance(one, bool) or isinstance(other, bool):
+        return one is other
+    if isinstance(one, float) and math.isnan(one):
+        return isinstance(other, float) and math.isnan(other)
+    if isinstance(one, list):
+        return isinstance(other, list) and len(one) == len(other) and all(map(alike, one, other))
+    if isinstance(one, dict):
+        return isinstance(other, dict) and [*one] == [*other] and all(map(alike, one.values(), other.values()))
+    if isinstance(one, (int, float)):
+        return isinstance(other, (int, float)) and float(one) == float(other)
+    return type(one) is type(other) and one == other
+
+
+@settings(max_examples=60, deadline=None)
+@given(DATA)
+def test_every_value_comes_back_as_it_went(x: Any) -> None:
+    written = script("const v = this.environment.variables; v.y = [v.x]; next()", x=x)
+    assert alike(integers_first(x), integers_first(written["y"][0]))
+
+
+def integers_first(value: Any) -> Any:
+    """The same with the keys of mappings in the order of JavaScript: those that are array indices come first."""
+    if isinstance(value, list):
+        return [integers_first(item) for item in value]
+    if isinstance(value, dict):
+        return {key: integers_first(value[key]) for key in sorted(value)}
+    return value
+
+
+@pytest.mark.parametrize(
+    ("given", "seen"),
+    [
+        ((1, 2), [1, 2]),
+        ({3, 1}, [1, 3]),
+        (numpy.array([1.5, 2.5]), [1.5, 2.5]),
+        (numpy.float64(0.5), 0.5),
+        (SimpleNamespace(a=1, b=[2]), {"a": 1, "b": [2]}),
+        (2**40, 2**40),
+        ({1: "one"}, {"1": "one"}),
+        (messages.create("geometry_msgs/msg/Vector3", {"x": 2.5}), {"x": 2.5, "y": 0, "z": 0}),
+        ([messages.create("std_msgs/msg/String", "a")], [{"data": "a"}]),
+    ],
+)
+def test_values_of_python_are_seen_as_plain_data(given: Any, seen: Any) -> None:
+    written = script("const v = this.environment.variables; v.y = {is: v.x}; next()", x=given)
+    assert written["y"]["is"] == seen
+
+
+def test_code_of_python_is_not_seen() -> None:
+    text = "const v = this.environment.variables; v.y = [v.f, v.m, v.o, v.__builtins__].map((x) => typeof x); next()"
+    assert script(text, f=len, m=math, o=object)["y"] == ["undefined"] * 4
+
+
+def test_numbers_without_fraction_are_integers_in_python() -> None:
+    y = script("this.environment.variables.y = [0.5 + 0.5, 1e3, 2.5]; next()")["y"]
+    assert [type(number) for number in y] == [int, int, float]
+
+
+@pytest.mark.parametrize(
+    ("text", "seen"),
+    [
+        ("10n ** 3n", 1000),
+        ("new Float32Array([1, 2.5])", [1, 2.5]),
+        ("new Date(86400000)", "1970-01-02T00:00:00.000Z"),
+        ("{a: undefined, b: () => 1, c: 1}", {"c": 1}),
+        ("[undefined, null]", [None, None]),
+        ("[NaN, -Infinity]", pytest.approx([math.nan, -math.inf], nan_ok=True)),
+    ],
+)
+def test_values_of_javascript_become_plain_data(text: str, seen: Any) -> None:
+    assert script(f"this.environment.variables.y = {text}; next()")["y"] == seen
+
+
+def test_what_is_changed_inside_a_collection_is_changed() -> None:
+    text = "const v = this.environment.variables; v.path.push({x: 3}); v.path[0].x = 1; next()"
+    assert script(text, path=[{"x": 0}])["path"] == [{"x": 1}, {"x": 3}]
+
+
+def test_a_collection_that_is_only_read_stays_the_same_object() -> None:
+    path = [{"x": 0.0}]
+    assert script("const n = this.environment.variables.path.length; next()", path=path)["path"] is path
+
+
+def test_what_python_changes_between_steps_is_seen() -> None:
+    add = compile_script(
+        Expression("const v = this.environment.variables; v.n = v.path.length + v.k; next()", "javascript")
+    )
+    variables: dict[str, Any] = {"path": [1], "k": 0}
+    for change in (lambda: variables["path"].append(2), lambda: variables.update(k=10), lambda: variables.pop("n")):
+        add(variables)
+        change()
+    add(variables)
+    assert variables["n"] == 12
+    del variables["path"]
+    with pytest.raises(Exception, match="cannot read property 'length' of undefined"):
+        add(variables)
+
+
+def test_a_variable_that_was_never_set_is_null_to_a_loose_comparison() -> None:
+    assert script("this.environment.variables.y = this.environment.variables.x == null; next()")["y"] is True
+
+
+def test_a_deleted_variable_and_one_made_undefined_are_gone() -> None:
+    assert script("const v = this.environment.variables; delete v.a; v.b = undefined; next()", a=1, b=2, c=3) == {
+        "c": 3
+    }
+
+
+def test_the_variables_are_an_object_like_any_other() -> None:
+    text = """
+        const variables = this.environment.variables, {a, ...rest} = variables;
+        Object.assign(variables, {names: Object.keys(variables), has: ['a' in variables, 'z' in variables,
+            variables.hasOwnProperty('l')], a, rest, text: JSON.stringify(variables)});
+        for (const name in {b: 1}) variables['got_' + name] = variables[name];
+        next()"""
+    seen = script(text, a=1, b=2, l=[3])
+    assert seen["names"] == ["a", "b", "l"]
+    assert seen["has"] == [True, False, True]
+    assert seen["rest"] == {"b": 2, "l": [3]}
+    assert seen["text"] == '{"a":1,"b":2,"l":[3]}'
+    assert seen["got_b"] == 2
+
+
+def test_collections_that_no_script_names_are_not_converted() -> None:
+    class Costly(dict[str, Any]):
+        def items(self) -> Any:
+            raise AssertionError("converted")
+
+    assert script("this.environment.variables.y = 1; next()", big=Costly(a=1))["y"] == 1
+
+
+def test_scripts_hand_functions_and_handles_to_each_other_through_variables() -> None:
+    texts = ("const v = this.environment.variables; v.twice = (n) => 2 * n; next()",
+             "const v = this.environment.variables; v.y = v.twice(21); next()")  # fmt: skip
+    assert run(*texts) == {"y": 42}
+
+
+def test_a_script_in_an_inner_scope_writes_where_the_variable_is() -> None:
+    outer: dict[str, Any] = {"total": 1, "path": [1]}
+    inner = Variables(outer, {"item": 5})
+    text = "const v = this.environment.variables; v.total += v.item; v.path.push(v.item); v.fresh = 7; next()"
+    compile_script(Expression(text, "javascript"))(inner)
+    assert (outer["total"], outer["path"]) == (6, [1, 5])
+    assert inner["fresh"] == 7
+    assert "fresh" not in outer
+
+
+# ---- next() and conditions -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["next()", "next(null)", "next(undefined, 3)", "this.next()", "return next();"])
+def test_next_completes_a_script(text: str) -> None:
+    run(text)
+
+
+def test_what_next_is_told_is_the_output_of_the_element() -> None:
+    texts = ("next(null, {found: 3})", "this.environment.output.more = this.environment.output.t1.found + 1; next()",
+             "this.environment.variables.out = this.environment.output; next()")  # fmt: skip
+    assert run(*texts)["out"] == {"t1": {"found": 3}, "more": 4}
+
+
+@pytest.mark.parametrize(
+    ("text", "result"),
+    [
+        ("next(null, this.environment.variables.x > 3)", True),
+        ("next(null, environment.variables.x > 30);", False),
+        ("this.environment.variables.x > 3", True),
+        ("this.environment.variables.x > 3; // enough", True),
+        ("\n  this.environment.variables.x\n    + 1;\n", 6),
+        ("const x = this.environment.variables.x; next(null, x * 2)", 10),
+        ("const x = this.environment.variables.x; return x * 2", 10),
+        ("this.environment.variables.never", None),
+        ("({x: [1]})", {"x": [1]}),
+        ("'text'", "text"),
+        ("Promise.resolve(3).then((n) => next(null, n === 3))", True),
+    ],
+)
+def test_a_condition_is_an_expression_or_a_script_that_answers(text: str, result: Any) -> None:
+    assert value(text, x=5) == result
+
+
+@pytest.mark.parametrize("text", ["const x = 1;", "if (false) next(null, true)", "const t = () => next(null, 1);"])
+def test_a_condition_that_gives_no_value_is_an_error(text: str) -> None:
+    with pytest.raises(Exception, match="gives no value"):
+        value(text)
+
+
+def test_a_condition_may_fail() -> None:
+    with pytest.raises(Exception, match="no idea"):
+        value("next(new Error('no idea'))")
+
+
+def test_flows_are_chosen_by_conditions_in_javascript() -> None:
+    condition = '<conditionExpression xsi:type="tFormalExpression" language="JavaScript">{}</conditionExpression>'
+    content = (
+        '<startEvent id="s"/><exclusiveGateway id="g" default="g_b"/><endEvent id="a"/><endEvent id="b"/>'
+        f'{flows("s", "g")}<sequenceFlow id="g_b" sourceRef="g" targetRef="b"/>'
+        '<sequenceFlow id="g_a" sourceRef="g" targetRef="a">'
+        + condition.format(
+            "next(null, this.environment.variables.who === this.environment.variables.ros_node.namespace())"
+        )
+        + "</sequenceFlow>"
+    )
+    for who, end in (("/REX", "a"), ("/DINGO", "b")):
+        simulation = fame.Simulation(definitions(content), variables={"who": who}, robot="REX").run()
+        assert simulation.instances[0].visits[end] == 1
+
+
+# ---- what stands in scope --------------------------------------------------------------------------------------------
+
+
+def test_a_script_knows_its_element() -> None:
+    text = "this.environment.variables.y = [this.id, this.type, id, this.content.id, typeof this.fields]; next()"
+    assert run(text)["y"] == ["t1", "bpmn:ScriptTask", "t1", "t1", "object"]
+
+
+def test_a_function_without_an_object_has_the_scope_for_this() -> None:
+    text = (
+        "function set() { this.environment.variables.y = this.id; }\n set(); [1].forEach(function () { this.next(); });"
+    )
+    assert run(text)["y"] == "t1"
+
+
+@pytest.mark.parametrize("name", ["environment", "next", "id", "console", "logger", "setTimeout", "node"])
+def test_a_script_may_use_the_names_of_the_interface_for_itself(name: str) -> None:
+    other = "this.next" if name == "next" else "next"
+    assert run(f"const {name} = 5; this.environment.variables.y = {name}; {other}()")["y"] == 5
+
+
+def test_variables_of_one_script_are_not_those_of_another() -> None:
+    assert run("var a = 1; let b = 2; next()", "this.environment.variables.y = [typeof a, typeof b]; next()")["y"] == [
+        "undefined",
+        "undefined",
+    ]
+
+
+def test_a_variable_named_node_hides_the_robot() -> None:
+    text = "const v = this.environment.variables; v.y = [v.node, typeof v.ros_node.createPublisher]; next()"
+    assert run(text, node="hidden")["y"] == ["hidden", "function"]
+
+
+def test_console_and_logger_write_to_the_log() -> None:
+    simulation = simulate(
+        "console.log('at', 1, {a: [2]}, null); this.logger.warn('low'); console.error(new Error('no')); next()"
+    )
+    simulation.run()
+    assert [event.detail for event in simulation.reports] == ['at 1 {"a":[2]} null', "warning: low", "error: Error: no"]
+
+
+def test_the_time_is_that_of_the_engine() -> None:
+    text = """const v = this.environment.variables, began = Date.now();
+        setTimeout(() => { v.y = [began, Date.now(), new Date().toISOString(), performance.now(), new Date(5).getTime(),
+                                  new Date() instanceof Date]; next() }, 61000)"""
+    assert run(text)["y"] == [0, 61000, "1970-01-01T00:01:01.000Z", 61000, 5, True]
+
+
+def test_chance_is_the_same_in_each_run_and_differs_between_robots() -> None:
+    text = "this.environment.variables.y = [Math.random(), Math.random()]; next()"
+    first, again = run(text)["y"], run(text)["y"]
+    other = fame.Simulation(chain(text), robot="DINGO").run().instances[0].variables["y"]
+    assert first == again != other
+    assert all(0 <= number < 1 for number in (*first, *other))
+    assert len({*first, *other}) == 4
+
+
+# ---- errors ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "complaint"),
+    [
+        ("next();\nx = = 2", 11, "unexpected token in expression: '=': `x = = 2`"),
+        ("if (x {\nnext() }", 10, "`if (x {`"),
+        ("const a = 1;\n\nconst a = 2;", 12, "`const a = 2;`"),
+        ("} next(); {", 10, "not JavaScript"),
+        ("})(); (function () {", 10, "not JavaScript"),
+        ("import x from 'y'", 10, "not JavaScript"),
+        ("await 1", 10, "not JavaScript"),
+    ],
+)
+def test_a_syntax_error_names_file_line_and_element(text: str, line: int, complaint: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        compile_script(Expression(text, "javascript", 10), file="m.bpmn", element="Task_1")
+    assert (caught.value.file, caught.value.line, caught.value.element) == ("m.bpmn", line, "Task_1")
+    assert complaint in str(caught.value)
+
+
+def test_a_syntax_error_is_found_before_anything_moves() -> None:
+    with pytest.raises(ModelError, match=r"m.bpmn:5: t2: not JavaScript"):
+        simulate("next()", "foo bar")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "complaint"),
+    [
+        ("\nnull.x; next()", 5, "TypeError: cannot read property 'x' of null"),
+        ("const f = () => {\n  missing();\n};\nf(); next()", 5, "ReferenceError: missing is not defined"),
+        ("\n\n[1].map(() => { throw new Error('inside') }); next()", 6, "Error: inside"),
+        ("\nnext(new Error('no way'))", 5, "Error: no way"),
+        ("next('no way')", 4, "no way"),
+        ("throw {reason: 3}; next()", 4, '{"reason":3}'),
+        ("throw null; next()", 4, "null"),
+        ("\n\nthis.environment.variables.ros_node.createPublisher('std_msgs/msg/Bool'); next()", 6, "is not a name"),
+        ("\nsetTimeout(5); next()", 5, "setTimeout: expected a function to call back"),
+        ("\nthis.environment.variables.__proto__ = {}; next()", 5, "__proto__ cannot be the name of a variable"),
+    ],
+)
+def test_an_error_of_a_script_names_the_line_of_the_file(text: str, line: int, complaint: str) -> None:
+    error = error_of(text)
+    assert (error.robot, error.element, error.code, error.line) == ("REX", "t1", "script", line)
+    assert complaint in error.text
+
+
+def test_what_a_script_wrote_before_its_error_counts() -> None:
+    simulation = simulate("this.environment.variables.x = 2; throw new Error('late'); next()", x=1).run()
+    assert simulation.instances[0].variables == {"x": 2}
+
+
+def guarded(text: str, code: str = "") -> fame.Simulation:
+    """A script with a boundary event for errors, to `caught`."""
+    definition = '<errorEventDefinition errorRef="Low"/>' if code else "<errorEventDefinition/>"
+    content = (
+        f'{task("t", text)}<startEvent id="s"/><endEvent id="e"/><endEvent id="caught"/>{flows("s", "t", "e")}'
+        f'<boundaryEvent id="b" attachedToRef="t">{definition}</boundaryEvent>{flows("b", "caught")}'
+    )
+    return fame.Simulation(definitions(content), robot="REX").run()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "throw new Error('any'); next()",
+        "next('any')",
+        "next(); next();",
+        "1 + 1;",
+        "const robot = this.environment.variables.ros_node;\n"
+        "robot.createPublisher('std_msgs/msg/Bool', 'led').publish({on: true}); next()",
+        "this.environment.variables.ros_node.createSubscription('x/msg/Y', 'odom', () => {}); next()",
+        "setTimeout(() => { throw new Error('later') }, 1000); setTimeout(next, 2000)",
+        "(function f() { f() })(); next()",
+    ],
+)
+def test_events_of_the_model_catch_errors_of_scripts(text: str) -> None:
+    (instance,) = guarded(text).instances
+    assert instance.status == "completed"
+    assert instance.visits["caught"] == 1
+
+
+def test_an_error_with_a_code_is_caught_by_the_event_of_that_code() -> None:
+    low = "const error = new Error('battery'); error.code = 'low'; next(error)"
+    assert guarded(low, code="low").instances[0].visits["caught"] == 1
+    assert guarded("throw {code: 'low'}; next()", code="low").instances[0].visits["caught"] == 1
+    failed = guarded("next(new Error('other'))", code="low").instances[0]
+    assert failed.status == "failed"
+    assert error_of(low).code == "low"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("next(); next();", "next() was called twice"),
+        ("const x = 1;", "never calls next()"),
+        ("setTimeout(() => {}, 1000);", "never calls next()"),
+        ("if (false) next();", "returned without calling next(), and left nothing that could call it"),
+        ("setTimeout(() => { if (false) next() }, 1000);", "returned without calling next()"),
+        ("Promise.reject(new Error('x')).then(next)", "a promise was rejected: Error: x"),
+    ],
+)
+def test_next_twice_or_never_is_an_error(text: str, complaint: str) -> None:
+    assert complaint in error_of(text).text
+
+
+def test_next_once_more_in_a_later_step_comes_too_late_and_is_reported() -> None:
+    simulation = simulate(
+        "setTimeout(next, 1000); setTimeout(next, 2000); setTimeout(next, 2500)", "setTimeout(next, 5000)"
+    )
+    assert simulation.run().instances[0].status == "completed"
+    assert [(event.element, event.detail) for event in simulation.reports] == [
+        ("t1", "next() was called again, after the script was over")
+    ]
+
+
+def test_without_its_engine_it_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "quickjs", None)
+    with pytest.raises(UnavailableError, match=r"pip install 'fame-robots\[js\]'"):
+        compile_script(Expression("next()", "javascript"))
+
+
+def test_without_a_robot_a_script_has_its_variables_alone() -> None:
+    with pytest.raises(UnavailableError, match="there is no robot here"):
+        script("setTimeout(next, 5)")
+
+
+def test_its_engine_is_loaded_when_a_script_is_compiled_and_not_before() -> None:
+    code = "import sys, fame.scripting, fame.node; print('quickjs' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
