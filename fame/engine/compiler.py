@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import NoReturn
 
 from fame.bpmn import model
-from fame.engine import activities, elements, gateways, steps
+from fame.engine import activities, elements, events, gateways, steps
 from fame.engine.host import Compiled, Host
 from fame.engine.state import Body, Node, Program, Step
 from fame.errors import ModelError
@@ -193,9 +193,9 @@ class Wiring:
         for element in self.content.nodes:
             elements.make(self, element)
         for activity, nodes in self.boundaries.items():
-            elements.attach(self.main[activity], nodes)
+            events.attach(self.main[activity], nodes)
         for activity, node, handler in self.undos:
-            elements.attach_undo(self, activity, node, handler)
+            events.attach_undo(self, activity, node, handler)
         for element in self.content.nodes:
             if element.id in self.exits:
                 self.lead_on(element)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from fame.engine import activities, scopes, waiting
 from fame.engine.host import BpmnError
 from fame.engine.state import Node, Rest, Scope
+from fame.engine.variables import Variables
 
 if TYPE_CHECKING:
     from fame.engine.interpreter import Engine
@@ -118,7 +119,7 @@ def may_pass(engine: Engine, scope: Scope, join: Node) -> bool:
     filled = sum(1 << slot for slot, count in enumerate(counts) if count)
     tokens = [child.node.id for child in scope.children if child.node is not None and holds_token(child)]
     tokens += [engine.leaving[key].node.id for key in scope.leaving]
-    tokens += [other.id for other in scope.joins or () if other is not join]
+    tokens += [other.id for other, held in (scope.joins or {}).items() if other is not join and any(held[: other.need])]
     return all(not (reach := join.masks.get(id, 0)) & ~filled or reach & filled for id in tokens)
 
 
@@ -139,6 +140,51 @@ def pass_through(engine: Engine, scope: Scope, join: Node) -> None:
         joins[join] = left
     scope.tokens -= sum(1 for count in counts if count) - 1
     engine.ready.append((join, scope))
+
+
+def arrive_complex(engine: Engine, scope: Scope, port: Node) -> Node | None:
+    """A token at one incoming flow of a complex gateway (standard 13.4.5).
+
+    It passes when its activation condition is true, of ``activationCount``: how many flows have a token. Then one token
+    of each other flow is swallowed, and it waits anew. Numbers: tokens per flow, then whether one is to be swallowed.
+    """
+    joins = scope.joins
+    if joins is None:
+        joins = scope.joins = {}
+    join = port.join
+    assert join is not None
+    need = join.need
+    counts = joins.setdefault(join, [0] * (2 * need))
+    counts[port.need] += 1
+    if any(counts[need:]):
+        swallow(engine, scope, join, counts)
+        return None
+    filled = [slot for slot in range(need) if counts[slot]]
+    try:
+        passes = join.run(Variables(scope.variables, {"activationCount": len(filled)}))
+    except Exception as error:
+        return activities.failed(engine, scope, port, error)
+    if not passes:
+        return None
+    for slot in range(need):
+        counts[slot if slot in filled else need + slot] += -1 if slot in filled else 1
+    scope.tokens -= len(filled) - 1
+    if not any(counts):
+        del joins[join]
+    return join
+
+
+def swallow(engine: Engine, scope: Scope, join: Node, counts: list[int]) -> None:
+    """Tokens of flows that came too late for their activation end here."""
+    late = [slot for slot in range(join.need) if counts[slot] and counts[join.need + slot]]
+    for slot in late:
+        counts[slot] -= 1
+        counts[join.need + slot] -= 1
+    if not any(counts):
+        assert scope.joins is not None
+        del scope.joins[join]
+    for _ in late:
+        scopes.end_token(engine, scope)
 
 
 # ---- event-based ---------------------------------------------------------------------------------

@@ -61,8 +61,6 @@ def test_each_of_its_events_starts_an_instance_of_its_own(play: Play) -> None:
 
 
 def test_what_cannot_be_executed_is_refused_by_name() -> None:
-    with pytest.raises(ModelError, match="complex gateways"):
-        Run(start() + gateway("complex", "g") + script("a") + path("s g a"))
     with pytest.raises(ModelError, match="adhoc sub-processes"):
         Run(start() + element("adHocSubProcess", "p", script("a")) + path("s p"))
     with pytest.raises(ModelError, match="all of several"):

@@ -237,6 +237,15 @@ def test_a_condition_that_is_still_true_fires_again_at_once_when_armed_again(pla
     assert run.waiting == ["u"]
 
 
+def test_a_condition_that_was_true_only_while_it_was_suspended_does_not_fire(play: Play) -> None:
+    content = start() + gateway("parallel", "g") + catch("c", condition("x > 2")) + script("k", "x = 3") + path("s g c")
+    content += path("g k")
+    content += handler("h", start("t", condition("x > 2")) + script("y", "x = 0") + path("t y"), resume=True)
+    run = play(content, {"x": 0}).run()
+    assert run.log == "s g (c k (h t y h)"
+    assert run.waiting == ["c"]
+
+
 def test_semantics_original_makes_every_interrupting_one_resume(play: Play) -> None:
     handling = handler("h", start("t", signal("A")) + user("w") + path("t w"))
     content = process(start() + user("u") + path("s u") + handling, semantics="original")
