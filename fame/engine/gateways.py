@@ -75,15 +75,17 @@ def arrive(engine: Engine, scope: Scope, port: Node) -> Node | None:
     counts = joins.get(join)
     if counts is None:
         counts = joins[join] = [0] * need + [need]
-    counts[port.need] += 1
-    if counts[port.need] == 1:
+    slot = port.need
+    counts[slot] += 1
+    if counts[slot] == 1:
         counts[need] -= 1
         if not counts[need]:
-            for slot in range(need):
-                counts[slot] -= 1
-            counts[need] = counts.count(0) - 1
-            if counts[need] == need:
+            counts.pop()
+            if max(counts) == 1:
                 del joins[join]
+            else:
+                left = [count - 1 for count in counts]
+                joins[join] = [*left, left.count(0)]
             scope.tokens -= need - 1
             return join
     return None
