@@ -134,7 +134,7 @@ def read_envelope(text: str, robot: str) -> Envelope:
 class EngineNode:
     """One robot's end: it takes a process, runs it, and takes the next one.
 
-    `observer` and `safe_state` as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one of them
+    `observer`, `safe_state` and others as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one of them
     signed; `wall_time` gives s since 1970. `close` brings the robot to its safe state and leaves.
     """
 
@@ -149,13 +149,19 @@ class EngineNode:
         observer: Callable[[Event], object] | None = None,
         on_report: Callable[[Event], object] | None = None,
         safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
+        safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         trusted: Sequence[Any] = (),
         wall_time: Callable[[], float] = time.time,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
         self._library, self._services = library, services
-        self._options: dict[str, Any] = {"observer": observer, "on_report": on_report, "safe_state": safe_state}
+        self._options: dict[str, Any] = {
+            "observer": observer,
+            "on_report": on_report,
+            "safe_state": safe_state,
+            "safe_suspended": safe_suspended,
+        }
         self.running: RobotNode | None = None
         self.hash = ""
         self._loaded: tuple[Envelope, RobotNode] | None = None

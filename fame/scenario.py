@@ -13,7 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.bpmn.model import Activity, Definitions
@@ -38,6 +40,18 @@ _SLICE = 1.0  # simulated s between two looks at the wall clock
 _PROGRESS = 0.1  # wall s between two reports
 
 Status = Literal["completed", "failed", "timeout", "interrupted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What breaks of a robot at simulated second `time`, for good.
+
+    `kind`: its ``engine``, which vanishes without a safe state, or what a robot of its type can break.
+    """
+
+    robot: str
+    time: float
+    kind: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +144,7 @@ def _error(error: MissionError) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What is to be run. `cast` is who plays which pool, by robot."""
+    """What is to be run. `cast` is who plays which pool, by robot; `faults` is what will break."""
 
     file: str
     definitions: Definitions
@@ -139,6 +153,7 @@ class Scenario:
     world: WorldConfig | None
     seed: int
     duration: float
+    faults: tuple[Fault, ...] = ()
 
     @classmethod
     def load(
@@ -149,10 +164,14 @@ class Scenario:
         duration: float | None = None,
         semantics: str | None = None,
         library: Sequence[str | Path] = (),
+        robots: Mapping[str, int] = MappingProxyType({}),
+        faults: Sequence[Fault] = (),
     ) -> Scenario:
         """A scenario file (.yaml), or a model (.bpmn), whose robots then are engines without a world.
 
-        `seed`, `duration` (simulated s) and `semantics` override what the files say; `library` adds folders.
+        `seed`, `duration` (simulated s) and `semantics` override what the files say; `library` adds folders; `robots`
+        is how many shall play a multi-instance pool, by its name: more than the file has are copies of its last one,
+        placed by the seed; `faults` break what they name.
         Raises ConfigError and ModelError: file, line, what was found, what would be right.
         """
         from fame.bpmn.reader import read
@@ -171,18 +190,24 @@ class Scenario:
         pools = pools_of(definitions)
         for pool in pools:
             found.closure(definitions, pool.process)
-        if said.world is not None:
-            robots = [robot.name for robot in said.world.robots]
-        else:
-            robots = [f"{pool.name}_1" if pool.multi_instance else pool.name for pool in pools]
+        counts = _counts(pools, robots, str(path))
+        chosen = said.seed if seed is None else seed
+        world = _populated(said.world, counts, chosen) if said.world is not None else None
+        names = [robot.name for robot in world.robots] if world is not None else _names(pools, counts)
+        cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
+        for fault in faults:
+            if fault.robot not in cast:
+                text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
+                raise ConfigError(text, file=str(path))
         return cls(
             file=str(path),
             definitions=definitions,
             library=found,
-            cast=bind(pools, robots, file=str(path)),
-            world=said.world,
-            seed=said.seed if seed is None else seed,
+            cast=cast,
+            world=world,
+            seed=chosen,
             duration=said.duration if duration is None else duration,
+            faults=tuple(faults),
         )
 
     def closures(self) -> list[Definitions]:
@@ -256,6 +281,41 @@ def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
     return read_world(path), 0
 
 
+def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict[str, int]:
+    """How many robots shall play which pool, by its name as drawn. Raises ConfigError."""
+    counts = {}
+    for name, count in robots.items():
+        pool = next((pool for pool in pools if pool.name.casefold() == name.casefold()), None)
+        if pool is None:
+            known = ", ".join(pool.name for pool in pools)
+            raise ConfigError(f"found no pool {name!r} for {name}={count}; the pools are {known}", file=file)
+        if not pool.multi_instance:
+            text = f"found {name}={count}, but pool {pool.name!r} is a single robot; a multi-instance pool would be right"
+            raise ConfigError(text, file=file)
+        counts[pool.name] = count
+    return counts
+
+
+def _populated(world: WorldConfig, counts: Mapping[str, int], seed: int) -> WorldConfig:
+    """The world with so many robots for each of these pools. Raises ConfigError if there is no room for them."""
+    from sim2d.placement import place
+
+    for name, count in counts.items():
+        prefixes = (robot.name[: len(name)] for robot in world.robots if robot.name[len(name) :].startswith("_"))
+        own = next((prefix for prefix in prefixes if prefix.casefold() == name.casefold()), name)
+        world = replace(world, robots=place(world, own, count, seed))
+    return world
+
+
+def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
+    """The robots of a scenario without a world."""
+    names = []
+    for pool in pools:
+        numbers = range(1, counts.get(pool.name, 1) + 1)
+        names += [f"{pool.name}_{number}" for number in numbers] if pool.multi_instance else [pool.name]
+    return names
+
+
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
     """The same model with all processes of one semantics, ``standard`` or ``original``. Raises ConfigError."""
     if semantics not in ("standard", "original"):
@@ -301,6 +361,15 @@ class _Run:
         ]
         for node in self.nodes:
             node.load()
+        self.dead: set[str] = set()
+        self._check_faults()
+
+    def _check_faults(self) -> None:
+        for fault in self.scenario.faults:
+            kinds = ("engine", *(self.world.robots[fault.robot].FAULTS if self.world is not None else ()))
+            if fault.kind not in kinds:
+                text = f"found the fault {fault.kind!r} for {fault.robot}; known are: {', '.join(kinds)}"
+                raise ConfigError(text, file=self.scenario.file)
 
     def _build_world(self, record: bool) -> tuple[World | None, Any]:
         if self.scenario.world is None:
@@ -332,9 +401,11 @@ class _Run:
             status = self._work(begun)
         simulated = self.scheduler.now / SECOND
         waits = {
-            node.name: tuple(node.waits()) if node.engine.instances or not node.started else () for node in self.nodes
+            node.name: tuple(node.waits()) if node.engine.instances or not node.started else ()
+            for node in self.nodes
+            if node.name not in self.dead
         }
-        robots = tuple(_robot_result(node, waits[node.name]) for node in self.nodes)
+        robots = tuple(_robot_result(node, waits.get(node.name, ())) for node in self.nodes)
         if status == "timeout" and any(robot.failed for robot in robots):
             status = "failed"
         world = self.world.summary() if self.world is not None else None
@@ -378,6 +449,8 @@ class _Run:
             self.world.start()
         for node in self.nodes:
             node.start()
+        for fault in self.scenario.faults:
+            self.scheduler.after(round(fault.time * SECOND), partial(self._break, fault))
         end, told = round(self.scenario.duration * SECOND), begun
         slice_ = round((_PROGRESS if isinstance(self.scheduler, WallScheduler) else _SLICE) * SECOND)
         while self.scheduler.now < end and not self._over() and not self.interrupted:
@@ -401,11 +474,36 @@ class _Run:
         at = {node.name: self.captions.now.get(node.name, "") for node in self.nodes}
         self.progress(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
 
+    def _break(self, fault: Fault) -> None:
+        """A fault comes true."""
+        self.reports.append(Event(self.scheduler.now, fault.robot, 0, 0, "", "report", f"fault: {fault.kind}"))
+        if fault.kind != "engine":
+            assert self.world is not None
+            self.world.fault(fault.robot, fault.kind)
+        elif fault.robot not in self.dead:
+            self.dead.add(fault.robot)
+            self._kill(next(node for node in self.nodes if node.name == fault.robot))
+
+    def _kill(self, node: RobotNode) -> None:
+        """Take an engine away as if its process had ended: it says nothing more, and what it was at has failed."""
+        for instance in node.engine.instances.values():
+            element = next((rest.node.id for rest in instance.rests()), "")
+            text = f"its engine died at {self.scheduler.now / SECOND:g} s"
+            instance.error = MissionError(text, robot=node.name, element=element, code="engine")
+            instance.status = "failed"
+            root, process = instance.root.key, node.mission.process.id
+            self._observe(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
+        node.failed += len(node.engine.instances)
+        node.engine.instances.clear()
+        node.node.close()  # first of all, so that no script says a last word
+        node.close()
+
     def _stop(self) -> None:
-        """Bring every robot to its safe state and leave."""
+        """Bring every robot that lives to its safe state and leave."""
         for node in self.nodes:
-            node.stop()
-            node.close()
+            if node.name not in self.dead:
+                node.stop()
+                node.close()
         if self.world is not None:
             self.world.close()
 

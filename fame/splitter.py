@@ -111,7 +111,8 @@ def split(definitions: Definitions, library: Library | None = None) -> list[Part
 def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
     """Which pool each robot (namespace) plays, in the order of the robots.
 
-    Raises ConfigError for a robot that no pool knows, a pool without a robot, and two robots whose names fall together.
+    A multi-instance pool is as many robots as there are, also none. Raises ConfigError for a robot that no pool knows,
+    another pool without a robot, and two robots whose names fall together.
     """
     bound: dict[str, Pool] = {}
     folded: dict[str, str] = {}
@@ -126,7 +127,7 @@ def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dic
             raise ConfigError(f"no pool is named like robot {robot!r}; the pools want {known}", file=file)
         bound[robot] = pool
     for pool in pools:
-        if pool not in bound.values():
+        if not pool.multi_instance and pool not in bound.values():
             have = ", ".join(names) or "none"
             raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; the robots are {have}", file=file)
     return bound

@@ -36,7 +36,7 @@ class TractorParameters(VehicleParameters):
     turn_acceleration: float = parameter(5.0, "rad/s²", above=0)
     friction: float = parameter(FRICTION["grass"], "", above=0, names=FRICTION)
     range: UltrasonicParameters = field(default=UltrasonicParameters(max=3.0))
-    planner: PlannerParameters = field(default=PlannerParameters(margin=0.1))
+    planner: PlannerParameters = field(default=PlannerParameters(margin=0.1, tolerance=0.25))
     blade: BladeParameters = field(default=BladeParameters())
     battery: BatteryParameters = field(default=BatteryParameters())
 

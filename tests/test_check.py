@@ -386,6 +386,10 @@ WARNINGS = {
         row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
         "w: only the first time of its cycle counts, since it fires once: a duration says so",
     ),
+    "a signal that ROS cannot name": (
+        row('<intermediateCatchEvent id="a" name="weed found"><signalEventDefinition/></intermediateCatchEvent>'),
+        "a: ROS 2 refuses the topic /weed found: letters, digits and _ would be right, not beginning with a digit",
+    ),
     "a topic of the robot without a type": (
         row(catch("a", "odom", scope="robot")),
         "a: no event says the type of the robot's topic ~/odom: it has to be known",

@@ -139,7 +139,9 @@ def test_messages_are_plain_objects_with_plain_arrays() -> None:
 def test_what_a_script_publishes_reaches_events_and_subscriptions_of_its_own_robot() -> None:
     hear = "node.createSubscription('std_msgs/msg/String', '/found', (m) => { node.heard = m.data; }); next()"
     content = (
-        '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
+        '<intermediateCatchEvent id="c"><extensionElements><camunda:properties>'
+        '<camunda:property name="type" value="std_msgs/msg/String"/></camunda:properties></extensionElements>'
+        '<signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
         '<parallelGateway id="g"/><parallelGateway id="j"/><startEvent id="s"/><endEvent id="e"/>'
         + task("hear", NODE + hear)
         + task("say", f"{NODE}node.createPublisher('std_msgs/msg/String', '/found').publish('weed'); next()")
@@ -173,7 +175,7 @@ def test_topics_and_services_that_scripts_name_are_known_before_they_run() -> No
 @pytest.mark.parametrize(
     ("text", "line", "complaint"),
     [
-        ("\nnode.createPublisher('std_msgs/msg/ColorRGBA', 'led').publish({red: 1});", 5, "red: there is no such field"),
+        ("\nnode.createPublisher('std_msgs/msg/ColorRGBA', 'led').publish({red: 1});", 5, "red: there is no such"),
         ("node.createPublisher('std_msgs/msg/Bool', 'led')\n.publish({data: [1]});", 5, "std_msgs/msg/Bool: data"),
         ("\n\nnode.createPublisher('std_msgs/msg/Colour', 'led');", 6, "std_msgs/msg/Colour"),
         ("\n node.createSubscription('no/msg/Thing', 'odom', () => {});", 5, "no/msg/Thing"),
@@ -421,11 +423,11 @@ def test_an_error_in_a_callback_of_a_finished_script_fails_the_process_with_its_
 def handled(inner: str) -> fame.Simulation:
     """A sub-process with that script and a boundary event for its errors; and one around it."""
     content = (
-        f'<subProcess id="sub"><startEvent id="i"/>{task("t", inner)}{task("w", "setTimeout(next, 5000)")}'
-        f'<endEvent id="o"/>{flows("i", "t", "w", "o")}</subProcess><boundaryEvent id="b" attachedToRef="sub"><errorEventDefinition/>'
-        f'</boundaryEvent><startEvent id="s"/><endEvent id="e"/><endEvent id="caught"/>{flows("s", "sub", "e")}'
-        f"{flows('b', 'caught')}"
-    )
+        '<subProcess id="sub"><startEvent id="i"/><endEvent id="o"/>'
+        + task("t", inner) + task("w", "setTimeout(next, 5000)") + flows("i", "t", "w", "o")
+        + '</subProcess><boundaryEvent id="b" attachedToRef="sub"><errorEventDefinition/></boundaryEvent>'
+        '<startEvent id="s"/><endEvent id="e"/><endEvent id="caught"/>' + flows("s", "sub", "e") + flows("b", "caught")
+    )  # fmt: skip
     simulation = fame.Simulation(definitions(content), robot="REX")
     Peer(simulation).say("odom", ODOMETRY, *odometry(1.0, 2.0))
     return simulation.run()

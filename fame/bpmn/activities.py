@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from fame.bpmn.context import Context, boolean, find, whole
+from fame.bpmn.context import Context, boolean, find, id_in, whole
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import topic_properties
 from fame.bpmn.events import TopicSource, read_topic
@@ -115,12 +115,9 @@ def _operation(node: HalfRead) -> str:
 
 def read_call(node: HalfRead) -> CallActivity:
     """A call activity: what it calls stays a name, or an expression that gives one."""
-    called = node.extensions.called or node.get("calledElement").strip()
+    called = node.extensions.called or id_in(node.element, "calledElement")
     seen = mapped(called, line_of(node.element)) if called else None
     computed = seen is not None and seen.language in ("juel", "feel", "template")
-    prefix, colon, name = called.partition(":")
-    if colon and not computed and prefix in node.element.nsmap:
-        called = name
     return CallActivity(
         called="" if computed else called,
         called_expression=seen if computed else None,

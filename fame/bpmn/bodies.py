@@ -7,7 +7,7 @@ from functools import partial
 from typing import Literal
 
 from fame.bpmn.activities import TASKS, read_activity, read_call, read_task
-from fame.bpmn.context import Context, find, truth
+from fame.bpmn.context import Context, find, id_in, truth
 from fame.bpmn.data import read_data_objects
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.events import PLACES, read_definitions
@@ -183,7 +183,7 @@ def _event(around: Surroundings, element: Node, wiring: Wiring) -> Event:
     return Event(
         place=place,
         definitions=read_definitions(node, place),
-        attached_to=node.get("attachedToRef"),
+        attached_to=id_in(element, "attachedToRef"),
         interrupting=node.flag("cancelActivity" if place == "boundary" else "isInterrupting", True),
         parallel=node.flag("parallelMultiple"),
         properties=node.extensions.rest(),

@@ -14,6 +14,8 @@ from fame.errors import ModelError
 T = TypeVar("T")
 
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_PARTS = ("Expression", "Definition", "Characteristics", "ondition", "Cardinality", "Duration", "Date", "Cycle", "Path")
+"""Endings of tags within an event, activity or flow: modelers give such elements ids, and show them nowhere."""
 _TYPE = re.compile(r"([A-Za-z]\w*)/(?:(msg|srv|action)/)?([A-Za-z]\w*)")
 
 
@@ -70,15 +72,22 @@ def find(table: Mapping[str, T], reference: str | None) -> T | None:
     return found if found is not None else table.get(reference.rpartition(":")[2])
 
 
+def id_in(element: Node, name: str) -> str:
+    """The id in an attribute that is a qualified name: without the prefix, if that is one of the file."""
+    prefix, colon, id = element.get(name, "").strip().partition(":")
+    return id if colon and prefix in element.nsmap else prefix + colon + id
+
+
 def name_of(element: Node) -> str:
-    """How errors call it: by its id, else by the nearest id around it, else by its tag."""
-    around: Node | None = element
-    while around is not None:
-        id = around.get("id")
-        if id and local(around) != "definitions":
-            return id
-        around = around.getparent()
-    return f"<{local(element)}>"
+    """How errors call it: by the nearest id that modelers show, else by any id around it, else by its tag."""
+    name, around = f"<{local(element)}>", element.getroottree().getroot()
+    for one in (element, *element.iterancestors()):
+        id = one.get("id")
+        if id and one is not around:
+            name = id
+            if not local(one).endswith(_PARTS):
+                break
+    return name
 
 
 def boolean(context: Context, element: Node, name: str, default: bool = False) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from fame.bpmn.context import Context, boolean, find, is_type
+from fame.bpmn.context import Context, boolean, find, id_in, is_type
 from fame.bpmn.dialects import extensions_of, fame_g0
 from fame.bpmn.dialects.extensions import Extensions, TopicProperties, topic_properties
 from fame.bpmn.expressions import body, template
@@ -279,7 +279,7 @@ def _terminate(source: TopicSource, element: Node) -> TerminateDefinition:
 
 def _compensate(source: TopicSource, element: Node) -> CompensateDefinition:
     wait = boolean(source.node.context, element, "waitForCompletion", True)
-    return CompensateDefinition(activity=element.get("activityRef") or None, wait=wait, line=line_of(element))
+    return CompensateDefinition(activity=id_in(element, "activityRef") or None, wait=wait, line=line_of(element))
 
 
 def _cancel(source: TopicSource, element: Node) -> CancelDefinition:

@@ -14,7 +14,8 @@ from fame.bpmn.model import Expression, Language
 from fame.bpmn.xml import Node, line_of, local, text_of
 
 _LANGUAGES: dict[str, Language | None] = {
-    **dict.fromkeys(("", "http://www.w3.org/1999/xpath", "http://www.w3.org/2001/xmlschema"), None),
+    **dict.fromkeys(("", "http://www.w3.org/1999/xpath", "http://www.w3.org/tr/xpath"), None),
+    "http://www.w3.org/2001/xmlschema": None,
     **dict.fromkeys(("python", "python3", "text/python", "text/x-python", "application/python"), "python"),
     **dict.fromkeys(("javascript", "js", "javascript()", "ecmascript"), "javascript"),
     **dict.fromkeys(("text/javascript", "application/javascript"), "javascript"),

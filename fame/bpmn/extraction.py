@@ -139,8 +139,9 @@ def _point_calls(piece: Piece, ids: Mapping[str, str]) -> None:
     for element in piece.elements():
         for tag, attribute in _CALLS:
             value = element.get(attribute) if element.tag == tag else None
-            if value is not None and value.strip() in ids:
-                element.set(attribute, ids[value.strip()])
+            called = find(ids, value)
+            if called is not None:
+                element.set(attribute, called)
 
 
 _CALLS = (

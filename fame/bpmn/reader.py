@@ -144,7 +144,7 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
     if reference and process is None:
         raise context.error(element, f"the pool's process is {reference!r}: the file has no such process")
     found = extensions_of(context, element)
-    marked = any(_MARKER.search(one.tag.rpartition("}")[2]) for one in element.iter() if one is not element)
+    marked = any(_is_many(one) for one in element.iterdescendants())
     marked = marked or any(_MARKER.search(name) for name in found.properties)
     return Participant(
         id=context.claim(element),
@@ -155,6 +155,11 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
         multi_instance=marked,
         properties=found.rest(),
     )
+
+
+def _is_many(element: Node) -> bool:
+    """Whether it marks a pool as many robots; a multiplicity that says one does not."""
+    return _MARKER.search(local(element)) is not None and element.get("maximum", "").strip() not in ("0", "1")
 
 
 def _message_flow(context: Context, element: Node) -> MessageFlow:

@@ -20,6 +20,8 @@ from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import script_topics
 
+_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+
 
 @dataclass(frozen=True, slots=True)
 class End:
@@ -113,6 +115,7 @@ def _scripted(unit: Unit, node: FlowNode) -> Iterator[End]:
 def _judged(topics: Table) -> Iterator[Finding]:
     for name, ends in topics.items():
         type = said_type(ends)
+        yield from _names(name, ends)
         yield from _types(name, ends)
         for end in ends:
             if end.payload is not None and type is None:
@@ -125,6 +128,13 @@ def _judged(topics: Table) -> Iterator[Finding]:
         drawn = [end for end in ends if end.topic is not None]  # a script may do with what is there when it runs
         if type is None and name.startswith("~/") and drawn and not any(end.throws for end in ends):
             yield drawn[0].finding("warning", f"no event says the type of the robot's topic {name}: it has to be known")
+
+
+def _names(name: str, ends: Sequence[End]) -> Iterator[Finding]:
+    """Whether ROS takes the name of a topic. In simulation any name will do."""
+    if not _ROS_NAME.fullmatch(name.removeprefix("~")):
+        text = f"ROS 2 refuses the topic {name}: letters, digits and _ would be right, not beginning with a digit"
+        yield ends[0].finding("warning", text)
 
 
 def _types(name: str, ends: Sequence[End]) -> Iterator[Finding]:

@@ -49,7 +49,7 @@ def run(arguments: Namespace) -> int:
             "a topic that carries code must not be open by accident: give --trust FILE.pub, or --insecure to take any"
         )
     trusted = read_trusted(arguments.trust) if arguments.trust else ()
-    safe = _safe_state(arguments.type)
+    safe, suspended = _safe_states(arguments.type)
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         scheduler.run(scheduler.now + SECOND // 2)  # until others are found
@@ -62,6 +62,7 @@ def run(arguments: Namespace) -> int:
             library=Library(arguments.library),
             on_report=_say,
             safe_state=safe,
+            safe_suspended=suspended,
             trusted=trusted,
         )
 
@@ -69,15 +70,15 @@ def run(arguments: Namespace) -> int:
     return 0
 
 
-def _safe_state(kind: str | None) -> Sequence[Any]:
-    """What brings a robot of a kind to rest."""
+def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]:
+    """What brings a robot of a kind to rest when its process has ended, and while it is suspended."""
     if kind is None:
-        return ()
+        return (), None
     from robots import ROBOTS
 
     if kind not in ROBOTS:
         raise ConfigError(f"no robot type {kind!r}; there are {', '.join(ROBOTS)}")
-    return ROBOTS[kind].SAFE_STATE
+    return ROBOTS[kind].SAFE_STATE, ROBOTS[kind].SAFE_SUSPENDED
 
 
 def _say(event: Event) -> None:

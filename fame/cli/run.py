@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 _EXAMPLES = (
     "fame run examples/ground_vehicles.yaml",
     "fame run examples/ground_vehicles.yaml --seed 7 --animate out/run.gif",
+    "fame run examples/agriculture.yaml --robots Tractor=12 --fault Tractor_2@40:engine",
     "fame run mission.bpmn --duration 60 --log out/run.jsonl --log out/run.xes",
 )
 
@@ -34,6 +36,14 @@ def add(commands: Commands) -> None:
     parser.add_argument("scenario", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
     parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which the run ends")
+    parser.add_argument(
+        "--robots", action="append", default=[], type=_robots, metavar="POOL=N",
+        help="so many robots for a multi-instance pool, on free ground; may be given several times",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fault", action="append", default=[], type=_fault, metavar="ROBOT@S:KIND",
+        help="break something at simulated second S: the robot's engine, or what it has (range, wheels, camera ...)",
+    )  # fmt: skip
     parser.add_argument(
         "--middleware", choices=("local", "dds", "ros"), default="local",
         help="local: all in one process; else the world and each engine in processes of their own, in real time",
@@ -55,9 +65,25 @@ def add(commands: Commands) -> None:
     parser.add_argument("--quiet", action="store_true", help="print nothing if all goes well")
 
 
+def _robots(text: str) -> tuple[str, int]:
+    """``Tractor=12``."""
+    found = re.fullmatch(r"(.*\S)\s*=\s*([0-9]+)", text)
+    if found is None:
+        raise ArgumentTypeError(f"found {text!r}, POOL=N as in Tractor=12 would be right")
+    return found[1], int(found[2])
+
+
+def _fault(text: str) -> tuple[str, float, str]:
+    """``Tractor_2@40:engine``."""
+    found = re.fullmatch(r"(\S+)@([0-9]+\.?[0-9]*):(\w+)", text)
+    if found is None:
+        raise ArgumentTypeError(f"found {text!r}, ROBOT@SECOND:KIND as in Tractor_2@40:engine would be right")
+    return found[1], float(found[2]), found[3]
+
+
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
-    from fame.scenario import Scenario
+    from fame.scenario import Fault, Scenario
 
     scenario = Scenario.load(
         arguments.scenario,
@@ -65,6 +91,8 @@ def run(arguments: Namespace) -> int:
         duration=arguments.duration,
         semantics=arguments.semantics,
         library=arguments.library,
+        robots=dict(arguments.robots),
+        faults=[Fault(*fault) for fault in arguments.fault],
     )
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
@@ -90,10 +118,10 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     """World and engines in processes of their own."""
     from fame.remote import Team
 
-    wanted = {"--log": arguments.log, "--picture": arguments.picture, "--animate": arguments.animate}
-    for option, value in wanted.items():
-        if value:
-            raise ConfigError(f"{option} needs --middleware local: the events are in other processes")
+    wanted = ("log", "picture", "animate", "robots", "fault")
+    for option in wanted:
+        if getattr(arguments, option):
+            raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
     quiet = arguments.quiet or arguments.json
     with progress_line(sys.stderr, wanted=not quiet) as show:
         result = Team(scenario, arguments.middleware, show or (lambda progress: None)).run()

@@ -13,20 +13,23 @@ from collections.abc import Callable, Mapping
 from fame.bpmn.context import Context
 from fame.bpmn.dialects import camunda7, camunda8, fame_g2
 from fame.bpmn.dialects.extensions import Extensions
-from fame.bpmn.xml import BPMN, CAMUNDA, ZEEBE, Node, attributes
+from fame.bpmn.xml import ACTIVITI, BPMN, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes
 
 ElementAdapter = Callable[[Context, Node, Extensions], None]
 AttributeAdapter = Callable[[Context, Node, str, str, Extensions], None]
 
 ELEMENTS: Mapping[str, ElementAdapter] = {
-    CAMUNDA: camunda7.element,
+    **dict.fromkeys((CAMUNDA, FLOWABLE, ACTIVITI), camunda7.element),
     ZEEBE: camunda8.element,
     fame_g2.ROS: fame_g2.element,
     fame_g2.DATA: fame_g2.element,
     fame_g2.QOS: fame_g2.element,
     fame_g2.CALL: fame_g2.element,
 }
-ATTRIBUTES: Mapping[str, AttributeAdapter] = {CAMUNDA: camunda7.attribute, ZEEBE: camunda8.attribute}
+ATTRIBUTES: Mapping[str, AttributeAdapter] = {
+    **dict.fromkeys((CAMUNDA, FLOWABLE, ACTIVITI), camunda7.attribute),
+    ZEEBE: camunda8.attribute,
+}
 
 _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 

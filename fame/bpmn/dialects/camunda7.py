@@ -1,4 +1,7 @@
-"""Camunda 7 (``http://camunda.org/schema/1.0/bpmn``): properties, mappings, services. The FAME paper's form too."""
+"""Camunda 7 (``http://camunda.org/schema/1.0/bpmn``): properties, mappings, services. The FAME paper's form too.
+
+Activiti, from which it comes, and Flowable have the same words in namespaces of their own.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from fame.bpmn.dialects.extensions import Extensions, Property
 from fame.bpmn.dialects.flow_style import listed, mapped_entries
 from fame.bpmn.expressions import code, mapped, variable
 from fame.bpmn.model import Assignment, Expression
-from fame.bpmn.xml import Node, line_of, local, text_of
+from fame.bpmn.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local, text_of
 
 IGNORED = {
     "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",
@@ -38,9 +41,15 @@ def element(context: Context, node: Node, found: Extensions) -> None:
     elif name in REFUSED:
         found.refused = REFUSED[name].format("")
     elif name in ("executionListener", "taskListener"):
-        context.note(node, f"camunda:{name} is not run: FAME has no listeners", "warning")
+        context.note(node, f"{_called(node, name)} is not run: FAME has no listeners", "warning")
     elif name in IGNORED:
-        context.note(node, f"camunda:{name} has no effect")
+        context.note(node, f"{_called(node, name)} has no effect")
+
+
+def _called(node: Node, name: str) -> str:
+    """An element or attribute as the file writes it."""
+    prefixes = {uri: prefix for prefix, uri in node.nsmap.items() if prefix}
+    return f"{next((prefixes[uri] for uri in (CAMUNDA, FLOWABLE, ACTIVITI) if uri in prefixes), 'camunda')}:{name}"
 
 
 def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
@@ -52,7 +61,7 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
     elif name == "expression":
         found.script = code(context, node, value.strip(), None, line_of(node))
     elif name in IGNORED:
-        context.note(node, f"camunda:{name} has no effect")
+        context.note(node, f"{_called(node, name)} has no effect")
 
 
 _ATTRIBUTES = {
@@ -80,7 +89,7 @@ def _input_output(context: Context, node: Node, found: Extensions) -> None:
             continue
         name = one.get("name", "").strip()
         if not name:
-            raise context.error(one, f"a camunda:{local(one)} has no name: say which variable it sets")
+            raise context.error(one, f"a {_called(one, local(one))} has no name: say which variable it sets")
         if local(one) == "outputParameter":
             found.outputs.append(Assignment(name, _parameter(context, one)))
             continue
@@ -127,7 +136,7 @@ def _copy(context: Context, node: Node) -> Assignment:
     source, expression, target = node.get("source"), node.get("sourceExpression"), node.get("target", "").strip()
     if not target or not (source or expression):
         raise context.error(
-            node, f"camunda:{local(node)} needs target and source (or sourceExpression), or variables='all'"
+            node, f"{_called(node, local(node))} needs target and source (or sourceExpression), or variables='all'"
         )
     if expression:
         return Assignment(target, mapped(expression, line_of(node)))

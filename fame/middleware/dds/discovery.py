@@ -77,7 +77,6 @@ class Discovery:
     """
 
     def __init__(self, entities: Entities, watch: Watch, changed: Callable[[], object]) -> None:
-        self._entities = entities
         participant = entities.participant
         self.participant: bytes = participant.guid.bytes
         self.endpoints: dict[bytes, Endpoint] = {}
@@ -91,15 +90,15 @@ class Discovery:
             True: builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication),
             False: builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsSubscription),
         }
-        for reader in (self._reader, self._participants, *self._ends.values()):
-            watch.add(reader, changed)
+        for built_in in (self._participants, *self._ends.values()):
+            built_in._cqos_conv = policies.from_dds
+            watch.add(built_in, changed)
+        watch.add(self._reader, changed)
 
     def close(self) -> None:
         """Give all readers and the writer back, when nobody watches them any more."""
-        for reader in (self._participants, *self._ends.values()):
-            delete(reader)
-        self._entities.discard(self._reader)
-        self._entities.discard(self._writer)
+        for end in (self._writer, self._reader, self._participants, *self._ends.values()):
+            delete(end)
 
     def describe(self, nodes: Iterable[NodeEntry]) -> None:
         """Note which nodes this participant has."""
@@ -153,14 +152,15 @@ class Discovery:
             if known is not None:
                 went.append(self.endpoints.pop(gid))
         elif known is None:
+            qos, data = sample.qos
             self.endpoints[gid] = endpoint = Endpoint(
                 gid,
                 sample.participant_key.bytes,
                 sample.topic_name,
                 wire.ros_type(sample.type_name),
                 writes,
-                policies.from_dds(sample.qos),
-                policies.user_data(sample.qos).get("typehash", ""),
+                qos,
+                data.get("typehash", ""),
             )
             came.append(endpoint)
 

@@ -21,8 +21,12 @@ from fame.middleware.dds.confinement import confine
 _LAST_DOMAIN = 232
 """The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
 
-_LEASE = "3s"
-"""A participant that was killed is taken for dead after this time. ROS 2 leaves it at Cyclone's 10 s."""
+_SHARED = """
+<Discovery><LeaseDuration>3s</LeaseDuration></Discovery>
+<Internal><WriterLingerDuration>200ms</WriterLingerDuration></Internal>
+"""
+"""A participant that was killed is taken for dead after the lease (ROS 2 leaves it at 10 s). A publisher that closes
+waits so long for those who have not got all it sent: Cyclone's 1 s would add up if there are many, and one is dead."""
 
 _LOOPBACK = """
 <General>
@@ -30,7 +34,6 @@ _LOOPBACK = """
   <AllowMulticast>false</AllowMulticast>
 </General>
 <Discovery>
-  <LeaseDuration>{lease}</LeaseDuration>
   <ParticipantIndex>auto</ParticipantIndex>
   <MaxAutoParticipantIndex>120</MaxAutoParticipantIndex>
   <Peers><Peer address="127.0.0.1"/></Peers>
@@ -38,7 +41,6 @@ _LOOPBACK = """
 """
 _NETWORK = """
 <General><Interfaces><NetworkInterface {interface}/></Interfaces></General>
-<Discovery><LeaseDuration>{lease}</LeaseDuration></Discovery>
 """
 _open: WeakValueDictionary[int, Domain] = WeakValueDictionary()
 """The domains of this process. One stays as long as somebody holds it."""
@@ -62,10 +64,10 @@ def domain_id(given: int | None = None) -> int:
 def configuration(network: str | None) -> str:
     """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
     if network is None:
-        inside = _LOOPBACK.format(lease=_LEASE)
+        inside = _LOOPBACK
     else:
-        inside = _NETWORK.format(interface=f"{_attribute(network)}={quoteattr(network)}", lease=_LEASE)
-    document = f"<CycloneDDS><Domain>{''.join(inside.split(chr(10)))}</Domain></CycloneDDS>"
+        inside = _NETWORK.format(interface=f"{_attribute(network)}={quoteattr(network)}")
+    document = f"<CycloneDDS><Domain>{''.join((inside + _SHARED).splitlines())}</Domain></CycloneDDS>"
     more = os.environ.get("CYCLONEDDS_URI", "") if network is not None else ""
     return f"{document},{more}" if more else document
 

@@ -1,18 +1,16 @@
-"""Writers and readers of the participant: made and deleted. Topics are shared, and go with the last.
+"""Writers and readers of the participant, on topics that they share.
 
-What cyclonedds leaves to the garbage collector is deleted at once here: an end that is closed is gone for the others.
-All of it happens in the thread of the scheduler.
+Topics stay until the participant goes: nobody sees a topic without ends, and each new one costs memory that cyclonedds
+does not give back.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
@@ -23,42 +21,42 @@ from fame.middleware.interface import QoS
 
 
 class Entities:
-    """What lives in a participant."""
+    """What makes them."""
 
     def __init__(self, participant: DomainParticipant) -> None:
         self.participant = participant
-        self._topics: dict[tuple[str, str], Topic[Any]] = {}
-        self._users: Counter[Topic[Any]] = Counter()
+        self._topics: dict[tuple[str, str, bool], Topic[Any]] = {}
 
     def writer(self, topic: str, type: str, qos: QoS, user_data: str, *, header: bool = False) -> DataWriter[Any]:
-        """A writer on a DDS topic (``rt/odom``) of a ROS type. Raises MessageError if Cyclone refuses it."""
-        declared = wire.declared(type, header)
-        writer: DataWriter[Any] = self._end(DataWriter, topic, declared, policies.to_dds(qos, user_data, True))
-        return writer
+        """A writer on a DDS topic (``rt/odom``) of a ROS type. Raises MessageError if Cyclone refuses it.
+
+        `header` is for the topics of services, see `wire.declared`.
+        """
+        try:
+            shared = self._topic(topic, type, header)
+            return DataWriter(self.participant, shared, policies.to_dds(qos, user_data, True))
+        except DDSException as error:
+            raise _refused(topic, type, error) from None
 
     def reader(self, topic: str, type: str, qos: QoS, user_data: str, *, header: bool = False) -> DataReader[Any]:
         """A reader likewise."""
-        declared = wire.declared(type, header)
-        reader: DataReader[Any] = self._end(DataReader, topic, declared, policies.to_dds(qos, user_data, False))
-        return reader
+        try:
+            shared = self._topic(topic, type, header)
+            return DataReader(self.participant, shared, policies.to_dds(qos, user_data, False))
+        except DDSException as error:
+            raise _refused(topic, type, error) from None
 
-    def discard(self, end: DataWriter[Any] | DataReader[Any]) -> None:
-        """Delete a writer or reader, and its topic if it was the last on it."""
-        topic = end.topic
-        delete(end)
-        self._users[topic] -= 1
-        if not self._users[topic]:
-            del self._users[topic]
-            self._topics = {key: other for key, other in self._topics.items() if other is not topic}
+    def close(self) -> None:
+        """Delete the topics. Writers and readers have gone before."""
+        for topic in self._topics.values():
             delete(topic)
 
-    def _end(self, kind: Any, name: str, declared: Any, qos: Qos) -> Any:
-        key = name, declared.__idl_typename__
-        try:
-            topic = self._topics.get(key) or Topic(self.participant, name, declared)
-            end = kind(self.participant, topic, qos)
-        except DDSException as error:
-            raise MessageError(f"{name}: Cyclone DDS refuses this end: {error}", type=key[1]) from None
-        self._topics[key] = topic
-        self._users[topic] += 1
-        return end
+    def _topic(self, name: str, type: str, header: bool) -> Topic[Any]:
+        key = name, type, header
+        if key not in self._topics:
+            self._topics[key] = Topic(self.participant, name, wire.declared(type, header))
+        return self._topics[key]
+
+
+def _refused(topic: str, type: str, error: DDSException) -> MessageError:
+    return MessageError(f"Cyclone DDS refuses an end on {topic}: {error}", type=type)

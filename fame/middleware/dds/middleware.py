@@ -131,6 +131,7 @@ class DdsMiddleware:
             self.scheduler.watch = None
             self.data.close()
         self.discovery.close()
+        self.entities.close()
         delete(self._participant)
         del self._open
 
@@ -153,7 +154,7 @@ class DdsMiddleware:
     def discard(self, end: DataWriter[Any] | DataReader[Any]) -> None:
         """An end is closed."""
         self.data.remove(end)
-        self.entities.discard(end)
+        delete(end)
         self.changed()
 
     def check(self, topic: str, type: str) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
-from cyclonedds.qos import Policy, Qos
+from cyclonedds.qos import Policy, Qos, _CQos
 from cyclonedds.util import duration
 
 from fame.clock import SECOND
 from fame.middleware.interface import QoS
 
+_RELIABLE: Any = Policy.Reliability.Reliable
 _FOREVER = duration(infinite=True)
 _PATIENCE = SECOND // 10
 """How long a write waits for subscribers that do not keep up (ns)."""
@@ -34,23 +36,32 @@ def to_dds(qos: QoS, user_data: str, writes: bool) -> Qos:
     return Qos(*policies)
 
 
-def from_dds(qos: Qos) -> QoS:
-    """What decides on whether two ends match."""
-    liveliness = qos[Policy.Liveliness]
-    return QoS(
-        reliability="best_effort" if qos[Policy.Reliability] == Policy.Reliability.BestEffort else "reliable",
-        durability="volatile" if qos[Policy.Durability] == Policy.Durability.Volatile else "transient_local",
-        deadline=_seconds(qos[Policy.Deadline].deadline),
+def from_dds(pointer: int) -> tuple[QoS, dict[str, str]]:
+    """What decides on whether an endpoint matches others, and the entries of its user data.
+
+    `pointer` is Cyclone's. cyclonedds' own conversion is four times as slow, and never frees the user data.
+    """
+    get: Any = _CQos
+    policies = ctypes.c_void_p(pointer)
+    liveliness, deadline = get._get_p_liveliness(policies), get._get_p_deadline(policies)
+    qos = QoS(
+        reliability="reliable" if isinstance(get._get_p_reliability(policies), _RELIABLE) else "best_effort",
+        durability="volatile" if get._get_p_durability(policies) == Policy.Durability.Volatile else "transient_local",
+        deadline=_seconds(deadline.deadline) if deadline else None,
         liveliness="manual_by_topic" if isinstance(liveliness, Policy.Liveliness.ManualByTopic) else "automatic",
-        lease_duration=_seconds(liveliness.lease_duration),
+        lease_duration=_seconds(liveliness.lease_duration) if liveliness else None,
     )
+    data, size = ctypes.c_void_p(), ctypes.c_size_t()
+    if not get._get_userdata(policies, ctypes.byref(data), ctypes.byref(size)) or not data:
+        return qos, {}
+    entries = user_data(ctypes.string_at(data, size.value))
+    get.free(data)
+    return qos, entries
 
 
-def user_data(qos: Qos) -> dict[str, str]:
+def user_data(data: bytes) -> dict[str, str]:
     """The entries of the user data of a participant or endpoint: ``key=value;`` each."""
-    policy = qos[Policy.Userdata]
-    text = policy.data.decode("utf-8", "replace") if policy is not None else ""
-    return dict(entry.split("=", 1) for entry in text.split(";") if "=" in entry)
+    return dict(entry.split("=", 1) for entry in data.decode("utf-8", "replace").split(";") if "=" in entry)
 
 
 def _history(qos: QoS) -> Any:

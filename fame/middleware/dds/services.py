@@ -13,6 +13,8 @@ from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
+from cyclonedds.qos import Policy
+
 from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages
@@ -190,4 +192,5 @@ def _identity(endpoint: Any) -> str:
     """What tells which ends belong to one client: its id or, where there is none, the participant."""
     if endpoint is None:
         return ""  # it left
-    return policies.user_data(endpoint.qos).get("clientid") or str(endpoint.participant_key)
+    policy = endpoint.qos[Policy.Userdata]
+    return policies.user_data(policy.data if policy else b"").get("clientid") or str(endpoint.participant_key)

@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 from fame.engine.host import BpmnError
+from fame.scripting.javascript.limits import explain
 from fame.scripting.javascript.source import Script
 from fame.scripting.python import source_name
 
@@ -18,7 +19,7 @@ class JavaScriptError(Exception):
 
 def thrown(description: dict[str, Any], script: Script) -> BaseException:
     """The error that a script threw or gave to next(). One with a code is a BpmnError."""
-    text, code, stack = str(description["text"]), description.get("code"), str(description.get("stack", ""))
+    text, code, stack = explain(str(description["text"])), description.get("code"), str(description.get("stack", ""))
     error = JavaScriptError(text) if code is None else BpmnError(str(code), text)
     return located(error, script, stack)
 

@@ -69,7 +69,8 @@ function describe(thrown) {
         }
         return { text: thrown instanceof Error ? `${thrown}` : `${message ?? encode(thrown)}`, stack: `${stack}` };
     } catch (error) {
-        return { text: "an error that cannot be shown", stack: "" };
+        const isMemory = error === null || error instanceof InternalError;
+        return { text: isMemory ? "InternalError: out of memory" : "an error that cannot be shown", stack: "" };
     }
 }
 
@@ -170,22 +171,22 @@ const begun = (script, environment) =>
     ({ number: ++numbers, script, environment, over: 0, value: undefined, error: undefined, callbacks: NONE });
 
 // `this` of a script.
-const ACTIVATION = Symbol("activation");
-const ScopePrototype = {
-    get environment() { return this[ACTIVATION].environment.shown; },
-    get id() { return this[ACTIVATION].script.id; },
-    get type() { return this[ACTIVATION].script.type; },
-    get fields() { return { routingKey: "execute.start", exchange: "execution" }; },
-    get content() { return { id: this.id, type: this.type, executionId: `${this.id}_${this[ACTIVATION].number}` }; },
-    get properties() { return {}; },
-    get next() { return nextOf(this[ACTIVATION]); },
-    get logger() { return console; },
-    get console() { return console; },
-    get setTimeout() { return setTimeout; },
-    get clearTimeout() { return clearTimeout; },
-};
+class Scope {
+    #activation;
+    constructor(activation) { this.#activation = activation; }
+    get environment() { return this.#activation.environment.shown; }
+    get id() { return this.#activation.script.id; }
+    get type() { return this.#activation.script.type; }
+    get fields() { return { routingKey: "execute.start", exchange: "execution" }; }
+    get content() { return { id: this.id, type: this.type, executionId: `${this.id}_${this.#activation.number}` }; }
+    get properties() { return {}; }
+    get next() { return nextOf(this.#activation); }
+    get logger() { return console; }
+    get console() { return console; }
+    get setTimeout() { return setTimeout; }
+    get clearTimeout() { return clearTimeout; }
+}
 const nextOf = (activation) => (error, value) => advance(activation, error, value);
-const scopeOf = (activation) => ({ __proto__: ScopePrototype, [ACTIVATION]: activation });
 
 function advance(activation, error, value) {
     if (!activation.over) {
@@ -332,7 +333,7 @@ const console = { log: log("info"), info: log("info"), debug: log("debug"), trac
 // ---- global names ----------------------------------------------------------------------------------------------------
 
 // A function of a script that is called without an object has the global object for `this`.
-for (const name of Object.keys(ScopePrototype)) {
+for (const name of Object.getOwnPropertyNames(Scope.prototype).filter((name) => name !== "constructor")) {
     defineProperty(globalThis, name, {
         get: () => scope?.[name],
         set: (value) => { defineProperty(scope, name, { value, writable: true, configurable: true }); },
@@ -377,7 +378,7 @@ const isAnswer = (value, mode) => !(value instanceof Promise) && (value !== unde
 // Run a script. A condition or value has to answer at once.
 function begin(script, environment, time, text) {
     const activation = current = begun(script, environment);
-    scope = scopeOf(activation);
+    scope = new Scope(activation);
     count += 1;
     now = time;
     try {
@@ -391,7 +392,7 @@ function begin(script, environment, time, text) {
     } catch (error) {
         fail(activation, error);
     }
-    return report(activation);
+    return report(activation, true);
 }
 
 // Call back. `payload` is a JSON text.
@@ -399,7 +400,7 @@ function resume(number, payload, time, text) {
     const callback = callbacks.get(number);
     if (callback === undefined) return undefined;
     const activation = current = callback.activation;
-    scope = scopeOf(activation);
+    scope = new Scope(activation);
     count += 1;
     now = time;
     if (callback.once) drop(number);
@@ -413,13 +414,13 @@ function resume(number, payload, time, text) {
 }
 
 // What is to be said of the activation at work, after promises or an interruption.
-const collect = () => report(current);
+const collect = () => report(current, false);
 
-// What a step came to, as a text. Of what is over for good the changes alone, or the truth value that it gave.
-function report(activation) {
+// What a step came to, as a text; `briefly`: of what is over for good the changes alone, or the truth value it gave.
+function report(activation, briefly) {
     const { over, value, error, callbacks } = activation;
     const changed = changes(activation.environment);
-    if (over && error === undefined && callbacks === NONE && !orders.length && !rejected.length) {
+    if (briefly && over && error === undefined && callbacks === NONE && !orders.length && !rejected.length) {
         if (value === undefined) return changed && `{${changed}}`;
         if (!changed && typeof value === "boolean") return value;
     }

@@ -57,11 +57,12 @@ def failure() -> type[Exception]:
     return raised
 
 
-def explain(error: Exception) -> dict[str, str]:
-    """What a context raised, described as a script's own errors are."""
-    text, _, stack = str(error).partition("\n")
-    if "interrupted" in text:
-        text = f"one step of the script took more than {SECONDS:g} s"
-    elif text in ("null", "") or "out of memory" in text:
-        text = f"out of memory: the scripts of one process may hold {MEMORY // 2**20} MB"
-    return {"text": text, "stack": stack}
+def explain(text: str) -> str:
+    """What the engine says, in words that name the limit. Without memory for an error it throws null."""
+    if text == "InternalError: interrupted":
+        return f"one step of the script took more than {SECONDS:g} s"
+    if text in ("InternalError: out of memory", "[uninitialized]"):
+        return f"out of memory: the scripts of one process may hold {MEMORY // 2**20} MB"
+    if text == "null":
+        return f"null: thrown by the script, or because the {MEMORY // 2**20} MB of its process are used up"
+    return text

@@ -204,7 +204,9 @@ class Realm:
                 return self._heed(script, environment, said, self._finish())
         except limits.failure() as error:
             return self._broken(script, environment, error)
-        return self._heed(script, environment, said) if said else _OVER if said == "" else said
+        if said.__class__ is bool:
+            return said
+        return self._heed(script, environment, said) if said else _OVER
 
     def _finish(self) -> Any:
         """Let promises react until none is left."""
@@ -215,26 +217,23 @@ class Realm:
 
     def _broken(self, script: Script, environment: Environment, error: Exception) -> Outcome:
         """A step was ended by force. What it said before counts; saying it may take a little more memory."""
-        outcome: Any = _OVER
+        outcome = _OVER
         with suppress(limits.failure()), limits.spare_memory(self._context):
             outcome = self._heed(script, environment, self._collect())
-        outcome = _OVER if outcome.__class__ is bool else outcome
         with suppress(limits.failure()):
             self._cancel()
-        return replace(outcome, error=thrown(limits.explain(error), script))
+        text, _, stack = str(error).partition("\n")
+        return replace(outcome, error=thrown({"text": text, "stack": stack}, script))
 
-    def _heed(self, script: Script, environment: Environment, *texts: Any) -> Any:
+    def _heed(self, script: Script, environment: Environment, *texts: Any) -> Outcome:
         """Do what a script says. A text that makes no sense is its own work: it broke built-in objects."""
-        outcome: Any = _OVER
+        outcome = _OVER
         try:
             for text in texts:
-                if text.__class__ is bool:
-                    outcome = text
-                elif text:
-                    said = decode(text)
-                    environment.read_back(said, self._kept)
-                    if "number" in said:
-                        outcome = self._learn(script, environment, said, outcome.error)
+                said = decode(text) if text.__class__ is str and text else {}
+                environment.read_back(said, self._kept)
+                if "number" in said:
+                    outcome = self._learn(script, environment, said, outcome.error)
         except (ValueError, TypeError, LookupError, AttributeError) as error:
             text = f"broke the built-in objects that it needs: {type(error).__name__}: {error}"
             outcome = Outcome(error=located(JavaScriptError(text), script))
