@@ -41,6 +41,7 @@ from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
 
+_new_tuple = tuple.__new__
 _EARLY = 1000
 """How many messages are kept for a process that is loaded and has not been started."""
 
@@ -368,7 +369,9 @@ class RobotNode:
             if self._keep is not None:
                 del self.instances[: -self._keep]
         if self._observer is not None:
-            self._observer(Event(self.scheduler.now, self.name, instance, scope, element, what, detail))
+            # As Event(...) does, without the detour through its keyword arguments: this is called for every move.
+            happened = (self.scheduler.now, self.name, instance, scope, element, what, detail)
+            self._observer(_new_tuple(Event, happened))
 
     def report(self, element: str, text: str) -> None:
         self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))

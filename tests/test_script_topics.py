@@ -39,4 +39,4 @@ def test_a_topic_is_told_once_and_computed_names_not_at_all() -> None:
 def test_other_languages_name_none_and_wrong_python_is_refused() -> None:
     assert script_topics(Expression("${x}", "juel")) == ()
     with pytest.raises(ModelError):
-        script_topics(Expression("x = = 1"))
+        script_topics(Expression("receive = = 1"))

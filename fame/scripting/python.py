@@ -25,13 +25,15 @@ from fame.scripting.budget import count_steps
 Code = Callable[[dict[str, Any]], Any]
 
 _AWAITED = {"sleep", "receive", "until"}
+_REQUESTS = (*_AWAITED, "call")
+_COUNTED = re.compile(r"\b(for|while|def|lambda)\b")  # a text without these words has nothing that goes round
 _PAST_METHODS = bytes((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]))
 
 
 def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: str = "", element: str = "") -> Code:
     """A callable of the variables. Raises ModelError, with the line of the file, if the text is not Python."""
     tree = parse_python(expression, mode, file, element)
-    dropped = _dropped_request(tree)
+    dropped = _dropped_request(tree) if any(name in expression.text for name in _REQUESTS) else None
     if dropped is not None:
         what, line = dropped
         text = f"{what}(...) does nothing unless it is awaited: await {what}(...)"
@@ -39,7 +41,7 @@ def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: 
     flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT if mode == "exec" else 0
     with _located(expression, mode, file, element), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        counted: Any = count_steps(tree)
+        counted: Any = count_steps(tree) if _COUNTED.search(expression.text) else tree
         code: CodeType = compile(counted, source_name(file), mode, flags, dont_inherit=True)
     run: Code = partial(eval, code)
     return partial(_run_and_settle, run) if _writes_past_methods(code) else run

@@ -29,6 +29,10 @@ _MADE = re.compile(
 )
 
 
+_NAMES = ("receive", "robot", "signal")
+"""One of these stands in every text that names a topic."""
+
+
 @dataclass(frozen=True, slots=True)
 class ScriptTopic:
     """A topic as a script names it (relative to its robot), or a service.
@@ -45,11 +49,11 @@ class ScriptTopic:
 def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
     """All of them in the order of the text, each once. A signal's topic is everyone's: ``signal("done")`` is ``/done``.
 
-    Raises ModelError if a text in Python is wrong.
+    A text in Python that names none is not looked at further. Raises ModelError if one that does is wrong.
     """
     if expression.language == "javascript":
         return tuple(dict.fromkeys(_endpoints(expression)))
-    if expression.language != "python":
+    if expression.language != "python" or not any(name in expression.text for name in _NAMES):
         return ()
     calls = [node for node in ast.walk(parse_python(expression)) if isinstance(node, ast.Call)]
     calls.sort(key=lambda call: (call.lineno, call.col_offset))
