@@ -290,7 +290,9 @@ def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict
             known = ", ".join(pool.name for pool in pools)
             raise ConfigError(f"found no pool {name!r} for {name}={count}; the pools are {known}", file=file)
         if not pool.multi_instance:
-            text = f"found {name}={count}, but pool {pool.name!r} is a single robot; a multi-instance pool would be right"
+            text = (
+                f"found {name}={count}, but pool {pool.name!r} is a single robot; a multi-instance one would be right"
+            )
             raise ConfigError(text, file=file)
         counts[pool.name] = count
     return counts

@@ -449,6 +449,7 @@ def test_after_many_deployments_everything_is_where_it_was(here: WallWorld) -> N
         ends = [len(middleware.discovery.endpoints) for middleware in here.middlewares]
         return topics, threading.active_count(), len(Entity._entities), ends
 
+    deploy()
     here.until(lambda: present()[0] == [1, 1])
     before = present()
     for _ in range(50):

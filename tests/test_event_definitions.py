@@ -79,7 +79,7 @@ def test_every_trigger_is_read_where_the_standard_allows_it_and_refused_elsewher
         assert event.place == place
         assert [type(one) for one in event.definitions] == [kind]
     else:
-        with pytest.raises(ModelError, match=f"a {trigger} event cannot be a {place} event"):
+        with pytest.raises(ModelError, match=f"{trigger} events cannot be {place} events"):
             event_of(place, definition)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from fame.bpmn.model import Expression, Language
 from fame.clock import Scheduler
-from fame.errors import ModelError, UnavailableError
+from fame.errors import ModelError
 from fame.middleware.local import LocalMiddleware
 from fame.scripting import Robot, Runner, Variables, compile_expression, interface
 

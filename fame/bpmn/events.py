@@ -81,7 +81,7 @@ def read_definitions(node: HalfRead, place: Place) -> tuple[EventDefinition, ...
             raise node.error(f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are")
         if place not in _ALLOWED[kind].split():
             places = ", ".join(_ALLOWED[kind].split())
-            raise node.error(f"a {kind} event cannot be a {place} event: it can be {places}")
+            raise node.error(f"{kind} events cannot be {place} events: they can be {places}")
     order = {element: number for number, element in enumerate(node.element)} if len(found) > 1 else {}
     found.sort(key=lambda pair: order.get(pair[0], 0))
     source = TopicSource(node, place, node.moves.assigned_out)

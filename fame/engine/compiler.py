@@ -153,8 +153,8 @@ class Compiler:
                 elif node.kind == "timer":
                     program.timed = (*program.timed, node)
                 else:
-                    kind = "parallel multiple event" if node.kind == "all" else node.kind
-                    refuse(f"a {kind} cannot start a process", event, file)
+                    kind = "parallel multiple" if node.kind == "all" else node.kind
+                    refuse(f"{kind} events cannot start a process", event, file)
         if (not program.starts and not program.timed) or wiring.none_starts():
             program.begin = wiring.begin(program.process)
 

@@ -40,7 +40,7 @@ _LOOPBACK = """
 </Discovery>
 """
 _NETWORK = """
-<General><Interfaces><NetworkInterface {interface}/></Interfaces></General>
+<General><Interfaces><NetworkInterface {}/></Interfaces></General>
 """
 _open: WeakValueDictionary[int, Domain] = WeakValueDictionary()
 """The domains of this process. One stays as long as somebody holds it."""
@@ -63,11 +63,8 @@ def domain_id(given: int | None = None) -> int:
 
 def configuration(network: str | None) -> str:
     """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
-    if network is None:
-        inside = _LOOPBACK
-    else:
-        inside = _NETWORK.format(interface=f"{_attribute(network)}={quoteattr(network)}")
-    document = f"<CycloneDDS><Domain>{''.join((inside + _SHARED).splitlines())}</Domain></CycloneDDS>"
+    own = _LOOPBACK if network is None else _NETWORK.format(f"{_attribute(network)}={quoteattr(network)}")
+    document = f"<CycloneDDS><Domain>{''.join((own + _SHARED).splitlines())}</Domain></CycloneDDS>"
     more = os.environ.get("CYCLONEDDS_URI", "") if network is not None else ""
     return f"{document},{more}" if more else document
 

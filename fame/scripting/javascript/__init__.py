@@ -50,11 +50,11 @@ def _evaluate(script: Script, variables: dict[str, Any]) -> Any:
 def realm(variables: dict[str, Any]) -> Realm:
     """The realm of the scripts with these variables: it stands in their interface, made when it is first asked for."""
     names = variables.get(BUILTINS)
+    if names.__class__ is dict and REALM in names:
+        return names[REALM]  # type: ignore[no-any-return]
     if names.__class__ is not dict or names is vars(builtins):
         names = variables[BUILTINS] = dict(vars(builtins))
-    found: Realm | None = names.get(REALM)
-    if found is None:
-        while isinstance(variables, Variables):
-            variables = variables.outer
-        found = names[REALM] = Realm(variables, names.get(SURROUNDINGS))
-    return found
+    while isinstance(variables, Variables):
+        variables = variables.outer
+    names[REALM] = Realm(variables, names.get(SURROUNDINGS))
+    return names[REALM]  # type: ignore[no-any-return]

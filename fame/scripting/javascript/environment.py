@@ -105,13 +105,12 @@ class Environment:
         """What JavaScript has written and deleted. `kept` gives its objects. Raises TypeError for a wrong name."""
         for name, value in said.get("set", _NOTHING).items():
             self._write(name, value)
-        for name in said.get("kept", ()):
-            self._write(name, kept(self.shown, name))
-        for name in said.get("gone", ()):
-            if name[:2] != "__" and name in self.variables:
-                del self.variables[name]
-            for known in (self._known, self._texts, self._watched):
-                known.pop(name, None)
+        if "kept" in said:
+            for name in said["kept"]:
+                self._write(name, kept(self.shown, name))
+        if "gone" in said:
+            for name in said["gone"]:
+                self._delete(name)
 
     def _write(self, name: str, value: Any) -> None:
         if name[:2] == "__":
@@ -123,6 +122,12 @@ class Environment:
         elif self._texts:
             self._texts.pop(name, None)
             self._watched.pop(name, None)
+
+    def _delete(self, name: str) -> None:
+        if name[:2] != "__" and name in self.variables:
+            del self.variables[name]
+        for known in (self._known, self._texts, self._watched):
+            known.pop(name, None)
 
     def forget(self) -> None:
         """Nothing of JavaScript stays behind."""

@@ -1,8 +1,8 @@
 // What scripts find in scope, and how they are run: the JavaScript side of one context.
 //
 // Nothing of the host can be called from here. Each step gets a text (changes of variables, the message of a callback)
-// and gives one back (changes, what the robot is to do), or `undefined` if there is nothing to say. All names that
-// matter are taken before the first script runs, so that a script which tampers with built-in objects fools itself only.
+// and gives one back (changes, what the robot is to do). The names that matter most are taken before the first script
+// runs, and what is said is checked where it is heard: a script that tampers with built-in objects fools itself.
 //
 //   activation   one run of a script: over when it has called next(); its callbacks stay until they are destroyed
 //   callback     a function with a number that the host calls by: subscription, timer, response, promise of a service
@@ -12,8 +12,10 @@
 const { stringify, parse } = JSON;
 const { defineProperty, getOwnPropertyDescriptor } = Reflect;
 const { isFinite } = Number;
-const then = Promise.prototype.then;
-const captureStackTrace = Error.captureStackTrace;
+const { slice } = String.prototype;
+const { then } = Promise.prototype;
+const { captureStackTrace } = Error;
+const LARGE = 10000; // characters: what is longer is looked through for changes only when a script has looked at it
 const HIDDEN = "\0"; // the only key of what stands for a number that JSON has not
 
 let settings = { namespace: "/", name: "", seed: 1 };
@@ -29,7 +31,7 @@ const callbacks = new Map();
 const handled = new WeakSet(); // promises that somebody looks at
 const output = {};
 
-// ---- values ----------------------------------------------------------------------------------------------------------
+// ---- values ---------------------------------------------------------------------------------------------------------
 
 const special = (key, value) => (typeof value === "number" && !isFinite(value) ? { [HIDDEN]: `${value}` } : value);
 const restored = (key, value) =>
@@ -46,6 +48,9 @@ function encode(value) {
         return undefined; // it contains itself, or refuses
     }
 }
+
+// A long text that was put together is a tree inside, which the host does not read.
+const whole = (text) => (text.length > 256 ? slice.call(text, 0) : text);
 
 const decode = (text) => (text.includes("\\u0000") ? parse(text, restored) : parse(text));
 
@@ -74,26 +79,29 @@ function describe(thrown) {
     }
 }
 
-// ---- variables -------------------------------------------------------------------------------------------------------
+// ---- variables ------------------------------------------------------------------------------------------------------
 
 class Unread { // a collection that the host has set and nobody has looked at yet
     constructor(text) { this.text = text; }
 }
 
-// The variable, parsed when it is first looked at; from then on it is compared after each step.
+// The variable, parsed when it is first looked at.
 function read(environment, name) {
     let value = environment.values[name];
     if (value instanceof Unread) {
         value = environment.values[name] = decode(value.text);
         environment.agreed.set(name, encode(value));
     }
+    if (environment.agreed.get(name)?.length > LARGE) environment.large.add(name);
     return value;
 }
 
 function write(environment, name, value) {
-    if (typeof name !== "string" || (name[0] === "_" && name[1] === "_")) refuse(`${String(name)} cannot be the name of a variable`, write);
+    if (typeof name !== "string" || (name[0] === "_" && name[1] === "_")) {
+        refuse(`${String(name)} cannot be the name of a variable`, write);
+    }
     environment.values[name] = value;
-    environment.changed.add(name);
+    if (!environment.changed.includes(name)) environment.changed.push(name);
     return true;
 }
 
@@ -108,8 +116,8 @@ function handler(environment) {
         },
         has: (values, name) => name in values || isNode(name, values),
         set: (values, name, value) => write(environment, name, value),
-        defineProperty: (values, name, descriptor) => "value" in descriptor && write(environment, name, descriptor.value),
-        deleteProperty: (values, name) => delete values[name] && !!environment.changed.add(name),
+        defineProperty: (values, name, given) => "value" in given && write(environment, name, given.value),
+        deleteProperty: (values, name) => write(environment, name, undefined) && delete values[name],
         getOwnPropertyDescriptor(values, name) {
             read(environment, name);
             return getOwnPropertyDescriptor(values, name);
@@ -119,11 +127,14 @@ function handler(environment) {
     };
 }
 
+const keys = { __proto__: null }; // name -> its text
+
 class Environment {
     constructor() {
         this.values = {};
         this.agreed = new Map(); // name -> text of a collection, as the host knows it
-        this.changed = new Set();
+        this.changed = []; // names
+        this.large = new Set(); // names of large collections that were looked at in this step
         const variables = new Proxy(this.values, handler(this));
         this.shown = { variables, output };
     }
@@ -140,29 +151,30 @@ function update(environment, text) {
 
 // What scripts have changed, as text; empty if nothing.
 function changes(environment) {
-    const { values, agreed, changed } = environment;
+    const { values, agreed, changed, large } = environment;
     if (agreed.size) {
         for (const [name, text] of agreed) {
-            if (encode(values[name]) !== text) changed.add(name);
+            if (changed.includes(name) || (text.length > LARGE && !large.has(name))) continue;
+            if (encode(values[name]) !== text) changed.push(name);
         }
+        large.clear();
     }
-    if (!changed.size) return "";
+    if (!changed.length) return "";
     let set = "", gone = "", kept = "";
-    for (const name of changed) {
-        const value = values[name], key = stringify(name), text = encode(value);
-        agreed.delete(name);
-        if (value === undefined) gone += `${gone && ","}${key}`;
-        else if (text === undefined) kept += `${kept && ","}${key}`;
-        else {
-            set += `${set && ","}${key}:${text}`;
-            if (typeof value === "object" && value !== null) agreed.set(name, text);
-        }
+    for (let index = 0; index < changed.length; index += 1) {
+        const name = changed[index], value = values[name], text = encode(value);
+        const key = keys[name] ?? (keys[name] = stringify(name));
+        if (value === undefined) gone += gone ? `,${key}` : key;
+        else if (text === undefined) kept += kept ? `,${key}` : key;
+        else set += set ? `,${key}:${text}` : `${key}:${text}`;
+        if (agreed.size) agreed.delete(name);
+        if (typeof value === "object" && value !== null && text !== undefined) agreed.set(name, text);
     }
-    changed.clear();
+    environment.changed = [];
     return `"set":{${set}}` + (gone && `,"gone":[${gone}]`) + (kept && `,"kept":[${kept}]`);
 }
 
-// ---- activations -----------------------------------------------------------------------------------------------------
+// ---- activations ----------------------------------------------------------------------------------------------------
 
 const NONE = new Set();
 
@@ -234,7 +246,7 @@ function end(activation, error) {
     if (!activation.callbacks.size) activations.delete(activation.number);
 }
 
-// ---- what the robot is to do -----------------------------------------------------------------------------------------
+// ---- what the robot is to do ----------------------------------------------------------------------------------------
 
 const order = (...parts) => orders.push(`[${parts.map((part) => encode(part) ?? "null").join()}]`);
 
@@ -315,7 +327,7 @@ const node = {
 function setTimeout(callback, ms, ...values) {
     const call = called("setTimeout", setTimeout, callback);
     const number = listen(() => call(...values), true);
-    order("timer", number, Number(ms) > 1 ? Number(ms) : 1);
+    order("timer", number, ms > 1 && ms < 2 ** 31 ? Number(ms) : 1); // as in Node.js
     return number;
 }
 
@@ -330,7 +342,7 @@ const log = (level) => (...values) => { order("log", level, values.map(spoken).j
 const console = { log: log("info"), info: log("info"), debug: log("debug"), trace: log("debug"), warn: log("warning"),
     error: log("error") };
 
-// ---- global names ----------------------------------------------------------------------------------------------------
+// ---- global names ---------------------------------------------------------------------------------------------------
 
 // A function of a script that is called without an object has the global object for `this`.
 for (const name of Object.getOwnPropertyNames(Scope.prototype).filter((name) => name !== "constructor")) {
@@ -371,7 +383,7 @@ fixed(Promise.prototype, "then", function (fulfilled, failed) {
     return promise;
 });
 
-// ---- what the host calls ---------------------------------------------------------------------------------------------
+// ---- what the host calls --------------------------------------------------------------------------------------------
 
 const isAnswer = (value, mode) => !(value instanceof Promise) && (value !== undefined || mode === "expression");
 
@@ -421,7 +433,7 @@ function report(activation, briefly) {
     const { over, value, error, callbacks } = activation;
     const changed = changes(activation.environment);
     if (briefly && over && error === undefined && callbacks === NONE && !orders.length && !rejected.length) {
-        if (value === undefined) return changed && `{${changed}}`;
+        if (value === undefined) return changed && whole(`{${changed}}`);
         if (!changed && typeof value === "boolean") return value;
     }
     const parts = [`"number":${activation.number},"over":${over > 0}`];
@@ -436,7 +448,7 @@ function report(activation, briefly) {
     activation.error = undefined; // it is said
     if (over && !callbacks.size) activations.delete(activation.number);
     else activations.set(activation.number, activation);
-    return `{${parts.join()}}`;
+    return whole(`{${parts.join()}}`);
 }
 
 // End an activation (without a number, that at work); gives the numbers of its callbacks as text.

@@ -44,6 +44,8 @@ _PROMISING = frozenset(
 )
 """Words without which no promise comes about."""
 
+_FAR = 100_000
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -330,4 +332,5 @@ def _never(run: Run) -> BaseException | None:
 
 @cache
 def _interface() -> str:
-    return files(__package__).joinpath("interface.js").read_text(encoding="utf-8")
+    """The text, far behind the lines of any file, which tells its places in stacks from those of scripts."""
+    return "\n" * _FAR + files(__package__).joinpath("interface.js").read_text(encoding="utf-8")

@@ -25,7 +25,7 @@ def encode(value: Any) -> str:
 
 def decode(text: str) -> Any:
     """The value of a text that JavaScript made."""
-    return json.loads(text, object_hook=_restored) if "\\u0000" in text else _decoder.raw_decode(text)[0]
+    return json.loads(text, object_hook=_restored) if "\\u0000" in text else _decode(text)[0]
 
 
 def _plain(value: Any) -> Any:
@@ -48,7 +48,7 @@ def _plain(value: Any) -> Any:
 _encoder = json.JSONEncoder(default=_plain, skipkeys=True, separators=(",", ":"))
 
 
-_decoder = json.JSONDecoder()
+_decode = json.JSONDecoder().raw_decode
 
 
 def _marked(value: Any) -> Any:
