@@ -36,7 +36,7 @@ PAYLOAD = "x" * 32
 Trips = Callable[[int], list[int]]
 """Makes round trips, one after the other, and returns how long each took (ns)."""
 
-String = make_idl_struct("String_", "std_msgs.msg.dds_.String_", {"data": str})
+String: Any = make_idl_struct("String_", "std_msgs.msg.dds_.String_", {"data": str})
 
 
 class Bare:

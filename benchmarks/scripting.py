@@ -28,10 +28,17 @@ SCRIPTS = {
     "call of a function": "x = more(x)",
     "loop of 100 passes": "for i in range(100): x = i",
 }
+JAVASCRIPT = {
+    "x = x + 1": "this.environment.variables.x = this.environment.variables.x + 1; next();",
+    "reads an object": "const v = this.environment.variables; if (v.y.z === 2) v.x = v.x + 1; next();",
+    "publishes nothing, says nothing": "next();",
+    "loop of 100 passes": "for (let i = 0; i < 100; i++) this.environment.variables.x = i; next();",
+}
 CONDITIONS: dict[str, tuple[Language, str]] = {
     "python": ("python", "x > 3 and y['z'] == 2"),
     "juel": ("juel", "${x > 3 and y.z == 2}"),
     "feel": ("feel", "x > 3 and y.z = 2"),
+    "javascript": ("javascript", "this.environment.variables.x > 3 && this.environment.variables.y.z == 2"),
     "juel name": ("juel", "${x}"),
     "payload": ("payload", "{x: ${x}, y: ${y.z}, z: 0}"),
     "template": ("template", "PT${x}S"),
@@ -86,6 +93,9 @@ def lines() -> Iterator[dict[str, Any]]:
     """The results, one at a time."""
     for name, text in SCRIPTS.items():
         yield {"case": f"script, {name}", "per_second": per_second(compile_script(Expression(text)), scope())}
+    for name, text in JAVASCRIPT.items():
+        run = compile_script(Expression(text, "javascript"))
+        yield {"case": f"javascript, {name}", "per_second": per_second(run, scope())}
     inner = Variables(scope(), {"i": 1})
     yield {"case": "script, inner scope", "per_second": per_second(compile_script(Expression("x = x + 1")), inner)}
     for name, (language, text) in CONDITIONS.items():

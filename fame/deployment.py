@@ -134,8 +134,8 @@ def read_envelope(text: str, robot: str) -> Envelope:
 class EngineNode:
     """One robot's end: it takes a process, runs it, and takes the next one.
 
-    `observer`, `safe_state` and others as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one of
-    them signed; `wall_time` gives s since 1970. `close` brings the robot to its safe state and leaves.
+    `observer`, `safe_state` and others: as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one
+    of them signed; `wall_time` gives s since 1970. `close` brings the robot to its safe state and leaves.
     """
 
     def __init__(

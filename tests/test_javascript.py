@@ -128,6 +128,15 @@ def test_what_is_changed_inside_a_collection_is_changed() -> None:
     assert script(text, path=[{"x": 0}])["path"] == [{"x": 1}, {"x": 3}]
 
 
+@pytest.mark.parametrize("size", [10, 300, 5000, 100_000])
+def test_values_of_any_size_come_back(size: int) -> None:
+    text = "const v = this.environment.variables; v.y = v.x.concat([v.s + v.s]); v.t = v.s + v.s; v.x[0] = -1; next()"
+    written = script(text, x=list(range(size)), s="s" * size)
+    assert written["y"] == [*range(size), "s" * 2 * size]
+    assert written["t"] == "s" * 2 * size
+    assert written["x"] == [-1, *range(1, size)]
+
+
 def test_a_collection_that_is_only_read_stays_the_same_object() -> None:
     path = [{"x": 0.0}]
     assert script("const n = this.environment.variables.path.length; next()", path=path)["path"] is path

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fame.engine import compensation, faults, loops, scopes, waiting
-from fame.engine.state import DEPTH, Node, Record, Rest, Scope
+from fame.engine.state import DEPTH, SCOPES, Node, Record, Rest, Scope
 from fame.engine.variables import UNDEFINED, Variables, plain
 
 if TYPE_CHECKING:
@@ -141,6 +141,9 @@ def enter(engine: Engine, scope: Scope, node: Node) -> None:
     """A sub-process or call activity, or a task with variables of its own."""
     if scope.depth >= DEPTH:
         faults.fail(engine, scope, node, RecursionError(f"calls deeper than {DEPTH}"))
+        return
+    if scope.instance.scopes >= SCOPES:
+        faults.fail(engine, scope, node, RecursionError(f"more than {SCOPES} calls and sub-processes at a time"))
         return
     variables = scope.variables
     if node.own:

@@ -19,6 +19,7 @@ def child(engine: Engine, parent: Scope, node: Node, body: Body | None, variable
     """A new scope inside another."""
     scope = Scope(engine.new_key(), parent, node, body, variables)
     parent.children[scope] = None
+    parent.instance.scopes += 1
     return scope
 
 
@@ -40,6 +41,7 @@ def open_scope(engine: Engine, scope: Scope) -> None:
 def close_scope(engine: Engine, scope: Scope) -> None:
     """The opposite, with all that guards it."""
     scope.state = DEAD
+    scope.instance.scopes -= 1
     if scope.arms:
         for arm in scope.arms:
             waiting.disarm(engine, arm)

@@ -27,6 +27,8 @@ RUNNING, DEAD = 0, -1
 
 DEPTH = 1000
 """How deep calls and sub-processes may nest."""
+SCOPES = 200_000
+"""How many calls and sub-processes an instance may be in at a time: what calls itself twice would fill any memory."""
 
 UNCOUNTED = 0
 """The slot of nodes whose passing is not the completion of an element."""
@@ -227,6 +229,7 @@ class Instance:
         self.status: Status = "running"
         self.error: MissionError | None = None
         self.counts = [0] * len(program.elements)
+        self.scopes = 0  # how many of its scopes live
         self.root: Scope
 
     @property

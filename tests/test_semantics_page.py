@@ -1,0 +1,294 @@
+"""docs/semantics.md is true: its rules link to tests that exist, its tables say what the engine executes and refuses.
+
+After a change of the engine, change the page: a test that fails here names the row or the message.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+import fame
+from fame.bpmn import read_text
+from fame.check import check
+from fame.errors import ModelError
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "semantics.md").read_text(encoding="utf-8")
+CONFORMANCE = sorted((ROOT / "tests" / "conformance").glob("test_*.py"))
+LINKS = re.findall(r"\]\(\.\./(tests/[^)#]+)#(\w+)\)", PAGE)
+
+# ---- links -----------------------------------------------------------------------------------------------------------
+
+
+def names_in(path: Path) -> list[str]:
+    return re.findall(r"^def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_every_test_that_it_links_exists() -> None:
+    assert len(LINKS) > 200
+    known = {(f"tests/conformance/{path.name}", test) for path in CONFORMANCE for test in names_in(path)}
+    assert [link for link in LINKS if link not in known] == []
+
+
+def test_every_conformance_test_is_linked() -> None:
+    linked = {Path(path).name for path, _ in LINKS}
+    assert [path.name for path in CONFORMANCE if path.name not in linked] == []
+    tests = {test for _, test in LINKS}
+    assert [test for path in CONFORMANCE for test in names_in(path) if test not in tests] == []
+
+
+def test_every_rule_is_linked() -> None:
+    """A rule is an item of a list; what only explains stands in paragraphs. One may say how the others are meant."""
+    rules = re.findall(r"^- (.*?)(?=^- |^#|\Z|^$)", PAGE, re.MULTILINE | re.DOTALL)
+    assert len(rules) > 80
+    assert [rule for rule in rules if "#test_" not in rule and "*stimulus*" not in rule] == []
+
+
+# ---- models ----------------------------------------------------------------------------------------------------------
+
+NEVER = "\N{EN DASH}"
+"""What the tables say where the standard allows nothing."""
+HEAD = (
+    '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="http://fame"'
+    ' xmlns:camunda="http://camunda.org/schema/1.0/bpmn">'
+)
+ROOTS = (
+    '<signal id="S" name="found"/><message id="M" name="order"/><error id="E" errorCode="lost"/>'
+    '<escalation id="X" escalationCode="late"/>'
+)
+START, TASK = '<startEvent id="s"/>', '<task id="t"/>'
+DEFINITIONS = {
+    "none": "",
+    "message": '<messageEventDefinition messageRef="M"/>',
+    "signal": '<signalEventDefinition signalRef="S"/>',
+    "timer": "<timerEventDefinition><timeDuration>PT1S</timeDuration></timerEventDefinition>",
+    "conditional": "<conditionalEventDefinition><condition>False</condition></conditionalEventDefinition>",
+    "error": '<errorEventDefinition errorRef="E"/>',
+    "escalation": '<escalationEventDefinition escalationRef="X"/>',
+    "compensation": "<compensateEventDefinition/>",
+    "cancel": "<cancelEventDefinition/>",
+    "link": '<linkEventDefinition name="l"/>',
+    "terminate": "<terminateEventDefinition/>",
+    "multiple": '<messageEventDefinition messageRef="M"/><signalEventDefinition signalRef="S"/>',
+}
+DEFINITIONS["parallel multiple"] = DEFINITIONS["multiple"]
+HANDLED = '<task id="undo" isForCompensation="true"/><association id="as" sourceRef="x" targetRef="undo"/>'
+
+
+def flow(*ids: str) -> str:
+    return "".join(f'<sequenceFlow id="{a}-{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairwise(ids))
+
+
+def event(trigger: str, place: str) -> str:
+    """A process with one event ``x`` at that place."""
+    inside, tag = DEFINITIONS[trigger], place.partition(",")[0]
+    said = f' isInterrupting="{str("not" not in place).lower()}"' if "event sub" in place else ""
+    said += ' parallelMultiple="true"' if trigger.startswith("parallel") else ""
+    if tag == "process start":
+        return f'<startEvent id="x"{said}>{inside}</startEvent>{TASK}{flow("x", "t")}'
+    if tag == "event sub-process":
+        handler = f'<startEvent id="x"{said}>{inside}</startEvent><task id="h"/>{flow("x", "h")}'
+        return f'{START}{TASK}{flow("s", "t")}<subProcess id="p" triggeredByEvent="true">{handler}</subProcess>'
+    if tag == "boundary":
+        cancels = str("not" not in place).lower()
+        attached = f'<boundaryEvent id="x" attachedToRef="p" cancelActivity="{cancels}"{said}>{inside}</boundaryEvent>'
+        after = HANDLED if trigger == "compensation" else TASK + flow("x", "t")
+        return f'{START}<transaction id="p"><userTask id="u"/></transaction>{attached}{flow("s", "p")}{after}'
+    tag = {"catch": "intermediateCatchEvent", "throw": "intermediateThrowEvent", "end": "endEvent"}[tag]
+    other = (
+        f'<intermediateCatchEvent id="l">{DEFINITIONS["link"]}</intermediateCatchEvent>' if trigger == "link" else ""
+    )
+    return f'{START}<{tag} id="x"{said}>{inside}</{tag}>{flow("s", "x")}{other if place == "throw" else ""}'
+
+
+ACTIVITIES = {
+    "task": "task",
+    "user task": "userTask",
+    "manual task": "manualTask",
+    "script task": "scriptTask",
+    "service task": 'serviceTask implementation="wave"',
+    "send task": 'sendTask messageRef="M"',
+    "receive task": 'receiveTask messageRef="M"',
+    "business rule task": "businessRuleTask",
+    "call activity": 'callActivity calledElement="Q"',
+    "sub-process": "subProcess",
+    "transaction": "transaction",
+    "ad-hoc sub-process": "adHocSubProcess",
+}
+LOOPS = {
+    "loop": '<standardLoopCharacteristics loopMaximum="2"/>',
+    "multi-instance": "<multiInstanceLoopCharacteristics><loopCardinality>2</loopCardinality>"
+    "</multiInstanceLoopCharacteristics>",
+}
+
+
+def activity(kind: str, how: str) -> str:
+    """A process with one activity ``x`` of that kind."""
+    tag, inside = ACTIVITIES[kind], LOOPS.get(how, "")
+    inside += {"scriptTask": "<script>pass</script>"}.get(tag, '<task id="i"/>' if "ransaction" in tag else "")
+    inside += '<task id="i"/>' if tag.lower().endswith("subprocess") else ""
+    said = ' isForCompensation="true"' if how == "as a compensation handler" else ""
+    written = f'<{tag} id="x"{said}>{inside}</{tag.partition(" ")[0]}>'
+    if not said:
+        return f"{START}{written}{flow('s', 'x')}"
+    on = f'<boundaryEvent id="b" attachedToRef="t">{DEFINITIONS["compensation"]}</boundaryEvent>'
+    return f'{START}{TASK}{on}{written}{flow("s", "t")}<association id="as" sourceRef="b" targetRef="x"/>'
+
+
+def gateway(kind: str, how: str) -> str:
+    """A process with one gateway ``x`` of that kind."""
+    tag, both = {"event-based": "eventBasedGateway"}.get(kind, f"{kind}Gateway"), "ab"
+    written = f'<{tag} id="x"/>'
+    if how == "joins":
+        ways = "".join(f'<task id="{id}"/>{flow("s", id, "x")}' for id in both)
+        condition = "<activationCondition>activationCount == 1</activationCondition>" if kind == "complex" else ""
+        return f'{START}{ways}<{tag} id="x">{condition}</{tag}>'
+    tags = dict.fromkeys(both, "intermediateCatchEvent" if kind == "event-based" else "task")
+    signal = DEFINITIONS["signal"] if kind == "event-based" else ""
+    ways = "".join(f'<{tags[id]} id="{id}">{signal}</{tags[id]}>{flow("x", id)}' for id in both)
+    if how == "starts a process":
+        return f'<{tag} id="x" instantiate="true"/>{ways}'
+    return f"{START}{written}{ways}{flow('s', 'x')}"
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def table(corner: str) -> Iterator[tuple[str, str, str]]:
+    """(row, column, what the cell says) of the table whose first column has that title."""
+    lines = iter(PAGE.partition(f"\n| {corner} |")[2].splitlines())
+    columns = [cell.strip() for cell in next(lines).strip(" |").split("|")]
+    next(lines)
+    for line in lines:
+        if not line.startswith("|"):
+            return
+        row, *cells = (cell.strip() for cell in line.strip(" |").split("|"))
+        for column, cell in zip(columns, cells, strict=True):
+            yield row, column, cell.partition(" ")[0]
+
+
+def document(content: str) -> str:
+    return f'{HEAD}<process id="P">\n{content}</process><process id="Q"><task id="q"/></process>{ROOTS}</definitions>'
+
+
+def refusal(content: str) -> str:
+    """Why a process is not executed; empty if it is."""
+    try:
+        definitions = read_text(document(content), file="m.bpmn")
+        fame.Simulation(definitions, "P", services={"wave": lambda variables: None})
+    except ModelError as error:
+        return error.text
+    return ""
+
+
+MESSAGES = dict(re.findall(r"^\| ([a-z]) \| [^|]+ \| (.+) \|$", PAGE, re.MULTILINE))
+"""What is said of the cells with a letter."""
+
+
+@pytest.mark.parametrize(("row", "column", "said"), list(table("trigger or result")))
+def test_the_table_of_events_is_that_of_the_engine(row: str, column: str, said: str) -> None:
+    found = refusal(event(row, column))
+    if said == NEVER:
+        name = {"compensation": "compensate"}.get(row, row)
+        assert found.startswith(f"{name} events cannot be ")
+    else:
+        expected = MESSAGES.get(said, "").replace("error", {"compensation": "compensate"}.get(row, row), said == "c")
+        assert found == expected.replace("conditional", "condition")
+
+
+@pytest.mark.parametrize(("row", "column", "said"), list(table("activity")))
+def test_the_table_of_activities_is_that_of_the_engine(row: str, column: str, said: str) -> None:
+    assert refusal(activity(row, column)) == MESSAGES.get(said, "")
+
+
+@pytest.mark.parametrize(("row", "column", "said"), list(table("gateway")))
+def test_the_table_of_gateways_is_that_of_the_engine(row: str, column: str, said: str) -> None:
+    if said == "yes":
+        assert refusal(gateway(row, column)) == ""
+
+
+def test_the_tables_have_every_element() -> None:
+    assert {row for row, _, _ in table("trigger or result")} == set(DEFINITIONS)
+    assert {row for row, _, _ in table("activity")} == set(ACTIVITIES)
+    assert {row for row, _, _ in table("gateway")} == {"exclusive", "inclusive", "parallel", "complex", "event-based"}
+
+
+REFUSED = {
+    "an event sub-process needs a start event with a trigger": event("none", "event sub-process, interrupting"),
+    "a boundary event needs a trigger": event("none", "boundary, interrupting"),
+    "error events cannot start a process": event("error", "process start"),
+    "business rules are not executed: decide with a gateway or a script task": activity("business rule task", "once"),
+    "adhoc sub-processes are not executed by this version": activity("ad-hoc sub-process", "once"),
+    "gateways that start a process by all of several events are not executed":
+        gateway("event-based", "starts a process").replace("instantiate", 'eventGatewayType="Parallel" instantiate'),
+    "timer events cannot be end events: they can be start, catch, boundary": event("timer", "end"),
+    "a parallel multiple event cannot wait for an error":
+        event("parallel multiple", "boundary").replace(DEFINITIONS["signal"], DEFINITIONS["error"]),
+    "nothing can be thrown after what ends the token: put it last":
+        event("multiple", "end").replace(DEFINITIONS["message"], DEFINITIONS["error"]),
+    "a compensation event needs one handler; it has 0":
+        event("compensation", "boundary").replace("<association", "<association associationDirection='None'")
+        .replace('sourceRef="x"', 'sourceRef="s"'),
+    "link 'l' has 0 catching events in this scope; it needs one":
+        START + f'<intermediateThrowEvent id="x">{DEFINITIONS["link"]}</intermediateThrowEvent>' + flow("s", "x"),
+    "leads to t, which is no catching event or receive task": f'{START}<eventBasedGateway id="x"/>{TASK}'
+        + flow("s", "x", "t"),
+    "has no event to wait for": f'{START}<eventBasedGateway id="x"/>{flow("s", "x")}',
+    "a complex gateway that joins needs an activation condition":
+        gateway("complex", "joins").replace("activationCondition>activationCount == 1<", "documentation>a<")
+        .replace("</activationCondition", "</documentation"),
+    "a loop needs a condition or a maximum": START + "<task id='x'><standardLoopCharacteristics/></task>"
+        + flow("s", "x"),
+    "the multi-instance activity has neither a collection nor a cardinality":
+        START + "<task id='x'><multiInstanceLoopCharacteristics/></task>" + flow("s", "x"),
+    "a send task needs a message": START + "<sendTask id='x'/>" + flow("s", "x"),
+    "a receive task needs a message": START + "<receiveTask id='x'/>" + flow("s", "x"),
+    "a service task needs the name of what it calls": START + "<serviceTask id='x'/>" + flow("s", "x"),
+    "calls the service 'grip'; known are: wave": START + "<serviceTask id='x' implementation='grip'/>"
+        + flow("s", "x"),
+    "it runs the Java class org.example.Grip; FAME has no Java: make it a script task, or name an operation that is "
+    "registered": START + "<serviceTask id='x' camunda:class='org.example.Grip'/>" + flow("s", "x"),
+    "language 'groovy': accepted are python (meant if nothing is said), javascript, ${...} and =...":
+        START + "<scriptTask id='x' scriptFormat='groovy'><script>1</script></scriptTask>" + flow("s", "x"),
+    "names no called element: give it the id of a process or a library file": START + "<callActivity id='x'/>"
+        + flow("s", "x"),
+    "the called element is computed at run time; name a process":
+        START + "<callActivity id='x' calledElement='${q}'/>" + flow("s", "x"),
+    "P has 2 none start events; one can begin it": START + "<startEvent id='x'/>",
+    "has no none start event, so it cannot be called or entered":
+        START + f"<subProcess id='x'><startEvent id='i'>{DEFINITIONS['signal']}</startEvent></subProcess>"
+        + flow("s", "x"),
+    "has nothing to begin with: add a start event": START + "<subProcess id='x'/>" + flow("s", "x"),
+}  # fmt: skip
+"""A process that is refused so."""
+
+
+@pytest.mark.parametrize(("message", "content"), REFUSED.items(), ids=REFUSED.keys())
+def test_what_it_says_is_refused_is_refused(message: str, content: str) -> None:
+    assert refusal(content) == message
+
+
+def test_it_tells_every_refusal() -> None:
+    told = re.findall(r"^\| [a-z]? ?\| [^|]+ \| (.+) \|$", PAGE.partition("### What is refused")[2], re.MULTILINE)
+    assert [one.replace("known are: none", "known are: wave") for one in told[1:]] == list(REFUSED)
+
+
+@pytest.mark.parametrize(("message", "content"), REFUSED.items(), ids=REFUSED.keys())
+def test_fame_check_knows_it(message: str, content: str) -> None:
+    if message.startswith("calls the service"):  # known where it runs
+        assert "needs the service 'grip' where it runs: Simulation(services=...)" in findings(content, "note")
+    else:
+        assert message in findings(content, "error")
+
+
+def findings(content: str, level: str) -> list[str]:
+    """What the check says of a process; that it cannot be read is a finding too."""
+    try:
+        return [one.text for one in check(read_text(document(content), file="m.bpmn")) if one.level == level]
+    except ModelError as error:
+        return [error.text]
