@@ -190,9 +190,9 @@ def test_nodes_of_others_are_known_by_what_they_say_of_themselves(here: WallWorl
 
 
 def test_every_type_can_be_declared(here: WallWorld, stranger: DomainParticipant) -> None:
-    for name in messages.types():
-        for header in (False, True):
-            Topic(stranger, "rt/x", wire.declared(name, header)).__del__()
+    kinds = [(name, header) for name in messages.types() for header in (False, True)]
+    topics = [Topic(stranger, "rt/x", wire.declared(*kind)) for kind in kinds]
+    assert [topic.typename for topic in topics] == [wire.dds_type(name) for name, _ in kinds]
 
 
 @pytest.mark.skipif(not WIRE.exists(), reason="needs samples.json of ros2_jazzy_wire")

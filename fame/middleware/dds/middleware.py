@@ -131,7 +131,6 @@ class DdsMiddleware:
             self.scheduler.watch = None
             self.data.close()
         self.discovery.close()
-        self.entities.close()
         delete(self._participant)
         del self._open
 

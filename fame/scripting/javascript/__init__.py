@@ -40,14 +40,14 @@ def compile_javascript(
 
 
 def _run(script: Script, variables: dict[str, Any]) -> Any:
-    return realm(variables).run(script, variables)
+    return realm_of(variables).run(script, variables)
 
 
 def _evaluate(script: Script, variables: dict[str, Any]) -> Any:
-    return realm(variables).evaluate(script, variables)
+    return realm_of(variables).evaluate(script, variables)
 
 
-def realm(variables: dict[str, Any]) -> Realm:
+def realm_of(variables: dict[str, Any]) -> Realm:
     """The realm of the scripts with these variables: it stands in their interface, made when it is first asked for."""
     names = variables.get(BUILTINS)
     if names.__class__ is dict and REALM in names:

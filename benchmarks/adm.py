@@ -1,0 +1,79 @@
+"""Time to score one sample, and to learn: python benchmarks/adm.py [--data DIR] [--learn].
+
+One JSON line per classifier: microseconds per sample, median and 99th percentile over some runs, on one core; with
+--learn the seconds that learning with the default configuration takes on two. The data are those of the MH5.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fame.anomaly.classifiers import DEFAULTS, make
+from fame.anomaly.config import Entry, Learning, Source
+from fame.anomaly.detector import fit, is_supervised
+from fame.anomaly.files import read_csv
+from fame.anomaly.learn import best, learn
+from fame.anomaly.model import Model
+from fame.anomaly.paths import PathDetector
+from fame.anomaly.process import DataProcess
+from fame.anomaly.recording import Recording
+
+ROOT = Path(__file__).resolve().parent.parent
+PATH = Entry("path", "PathDetector", {"chain": str(ROOT / "robots" / "arm" / "mh5.yaml")}, reduction=0, threshold=0.002)
+COLUMNS = (0, 1, 2, 3, 4, 5)
+
+
+def model(entry: Entry, benign: Recording, both: Recording) -> Model:
+    """A classifier fitted to all data: only its speed is of interest."""
+    estimator, process = make(entry, ROOT), DataProcess(entry.reduction or 0)
+    process.fit(benign.values)
+    supervised = is_supervised(estimator)
+    fit(estimator, process, both if supervised else benign, supervised=supervised, unique=entry.unique)
+    kept = None if isinstance(estimator, PathDetector) else process
+    return Model(entry.name, benign.joints, estimator, kept, 0.0, 518, benign.select([0]).values)
+
+
+def microseconds(scorer: Any, runs: Recording) -> np.ndarray:
+    """Per sample."""
+    taken = []
+    for run in runs:
+        scorer.reset()
+        for row in run.values.tolist():
+            began = time.perf_counter()
+            scorer.step(row)
+            taken.append(time.perf_counter() - began)
+    return 1e6 * np.array(taken)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data" / "mh5")
+    parser.add_argument("--learn", action="store_true", help="time learning too")
+    arguments = parser.parse_args()
+    files = [arguments.data / name for name in ("original_30.csv", "rbfsvm_train_30.csv")]
+    benign, both = (read_csv(path) for path in files)
+    for entry in (*DEFAULTS, PATH):
+        scorer = model(entry, benign, both).scorer()
+        taken = microseconds(scorer, benign.select(range(10)))
+        line = {"case": f"score, {entry.name}", "us_median": np.median(taken), "us_99": np.quantile(taken, 0.99)}
+        print(
+            json.dumps(
+                {key: value if isinstance(value, str) else round(float(value), 1) for key, value in line.items()}
+            )
+        )
+    if arguments.learn:
+        first, second = (Source(path, COLUMNS, 6) for path in files)
+        learning = Learning(ROOT / "learning.yaml", first, first, second, ())
+        began = time.perf_counter()
+        chosen = best(learn(learning, jobs=2))
+        print(json.dumps({"case": "learn", "s": round(time.perf_counter() - began, 1), "best": chosen.entry.name}))
+
+
+if __name__ == "__main__":
+    main()

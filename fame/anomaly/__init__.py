@@ -1,0 +1,69 @@
+"""The anomaly detection module: learn what a repetitive task of an arm looks like, raise an alarm when a run leaves it.
+
+::
+
+    recording    joint states over time, cut into runs: what is learned from and scored
+    files        recordings as CSV; joining them
+    bags         recordings from bags
+    runs         where one run of the task ends and the next begins
+    config       the learning file
+    process      DataProcess: splitting columns, scaling, principal components
+    persist      DataPersist, and stored models: in a format that cannot execute code
+    matrix       OutputMatrix: the confusion matrix and what follows from it
+    detector     AnomalyDetector: the classifiers, fitted and asked
+    interface    Interface: the published script's four steps
+    chain        forward kinematics of any serial arm
+    paths        PathDetector: how far the tool is from the benign paths, and how late
+    learn        the table of classifiers, the best of them stored
+    model        a stored model: scores points, quickly
+    live         scores a run while it goes on
+    collect      the node that records, `operate` the node that watches
+    cli          `fame adm`
+
+A point is one joint state. Positive means anomalous; labels are +1 benign, -1 anomalous. The anomaly score of a run is
+its anomalous points divided by all its points; a run is anomalous if the score exceeds the threshold. Splits never
+take a run apart. A figure that comes from the data that was learned from says so.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_HOMES = {
+    "AnomalyDetector": "detector",
+    "Chain": "chain",
+    "DataPersist": "persist",
+    "DataProcess": "process",
+    "Interface": "interface",
+    "Model": "model",
+    "OutputMatrix": "matrix",
+    "PathDetector": "paths",
+    "Recording": "recording",
+    "load_chain": "chain",
+    "load_model": "persist",
+    "read_csv": "files",
+    "write_csv": "files",
+}
+__all__ = [
+    "AnomalyDetector",
+    "Chain",
+    "DataPersist",
+    "DataProcess",
+    "Interface",
+    "Model",
+    "OutputMatrix",
+    "PathDetector",
+    "Recording",
+    "load_chain",
+    "load_model",
+    "read_csv",
+    "write_csv",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """What is asked for, imported now: importing `fame.anomaly` itself costs nothing."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

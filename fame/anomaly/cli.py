@@ -1,0 +1,240 @@
+"""`fame adm`: collect, learn, operate and merge on the command line.
+
+`add_arguments` declares the four on a parser's subparsers, `run` does what the parsed arguments say and gives the exit
+code. Nodes need a middleware and its scheduler: `run` gets a function that makes both, unless a bag is read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.errors import ConfigError, MissionError
+
+if TYPE_CHECKING:
+    from fame.anomaly.learn import Progress
+    from fame.anomaly.recording import Recording
+    from fame.clock import Scheduler
+    from fame.middleware.interface import Middleware
+
+    Connect = Callable[[], tuple[Middleware, Scheduler]]
+
+FIELDS, RULES = ("position", "velocity", "effort"), ("home", "signal", "count")
+
+
+def add_arguments(subparsers: Any) -> None:
+    """Declare collect, learn, operate and merge."""
+    collect = subparsers.add_parser("collect", help="record joint states of runs of a task as a labelled CSV file")
+    _add_source(collect)
+    collect.add_argument("--label", type=int, choices=(1, -1), required=True, help="1 benign, -1 anomalous")
+    collect.add_argument("--runs", type=int, default=0, metavar="N", help="stop after N runs")
+    collect.add_argument("-o", "--output", type=Path, required=True, metavar="CSV")
+    collect.set_defaults(adm=_collect)
+    learn = subparsers.add_parser("learn", help="fit and judge classifiers, and store the best as a model")
+    learn.add_argument("config", type=Path, metavar="CONFIG.yaml")
+    learn.add_argument("-o", "--output", type=Path, default=Path("best.skops"), metavar="MODEL.skops")
+    learn.add_argument("--jobs", type=int, default=2, metavar="N", help="fits at a time (default: 2)")
+    learn.set_defaults(adm=_learn)
+    operate = subparsers.add_parser("operate", help="score runs with a model, and raise the signal anomaly")
+    _add_source(operate)
+    operate.add_argument("--model", type=Path, required=True, metavar="MODEL.skops")
+    operate.add_argument("--threshold", type=float, metavar="SCORE", help="a run is anomalous above it")
+    operate.add_argument("--runs", type=int, default=0, metavar="N", help="stop after N runs")
+    operate.set_defaults(adm=_operate)
+    merge = subparsers.add_parser("merge", help="join labelled CSV files into one")
+    merge.add_argument("files", type=Path, nargs="+", metavar="CSV")
+    merge.add_argument("-o", "--output", type=Path, required=True, metavar="CSV")
+    merge.set_defaults(adm=_merge)
+    for parser in (collect, learn, operate, merge):
+        parser.add_argument("--json", action="store_true", help="print one JSON object, also if something goes wrong")
+
+
+def run(arguments: argparse.Namespace, connect: Connect | None = None) -> int:
+    """Do it. `connect` gives a middleware and its scheduler. Returns the exit code; raises FameError."""
+    code: int = arguments.adm(arguments, connect)
+    return code
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--topic", default="/joint_states", help="default: /joint_states")
+    parser.add_argument("--field", choices=FIELDS, default="position")
+    parser.add_argument("--bag", type=Path, metavar="BAG", help="read a bag instead of listening")
+    parser.add_argument("--rule", choices=RULES, default="home", help="what delimits a run (default: home)")
+    parser.add_argument("--points", type=int, default=0, metavar="N", help="with --rule count: points of a run")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+# ---- collect and merge -----------------------------------------------------------------------------------------------
+
+
+def _collect(arguments: argparse.Namespace, connect: Connect | None) -> int:
+    from fame.anomaly.collect import Collect, Collector
+    from fame.anomaly.files import write_csv
+
+    collector = Collector(arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs)
+    of = f" of {arguments.runs}" if arguments.runs else ""
+
+    def progress(count: int) -> None:
+        _say(f"{count}{of} runs")
+
+    def make(middleware: Middleware, scheduler: Scheduler) -> Any:
+        return Collect(
+            middleware, scheduler, collector, topic=arguments.topic, field=arguments.field,
+            report=_say, progress=progress, done=scheduler.stop,
+        )  # fmt: skip
+
+    _drive(arguments, connect, make)
+    recording = collector.recording()
+    write_csv(arguments.output, recording)
+    return _written(arguments, recording)
+
+
+def _merge(arguments: argparse.Namespace, connect: Connect | None) -> int:
+    from fame.anomaly.files import merge, write_csv
+
+    recording = merge(arguments.files)
+    write_csv(arguments.output, recording)
+    return _written(arguments, recording)
+
+
+def _written(arguments: argparse.Namespace, recording: Recording) -> int:
+    labels = recording.run_labels()
+    told = {
+        "status": "completed", "file": str(arguments.output), "points": len(recording), "runs": len(labels),
+        "benign_runs": labels.count(1), "anomalous_runs": labels.count(-1),
+    }  # fmt: skip
+    text = (
+        f"{arguments.output}: {len(recording)} points, {labels.count(1)} benign and {labels.count(-1)} anomalous runs"
+    )
+    print(json.dumps(told, indent=2) if arguments.json else text)
+    return 0
+
+
+# ---- learn -----------------------------------------------------------------------------------------------------------
+
+
+def _learn(arguments: argparse.Namespace, connect: Connect | None) -> int:
+    from fame.anomaly.config import load
+    from fame.anomaly.learn import best, learn
+    from fame.anomaly.persist import save_model
+    from fame.anomaly.table import plain, render, rows
+
+    learning = load(arguments.config)
+    learned = learn(learning, jobs=max(1, arguments.jobs), progress=_show if sys.stderr.isatty() else None)
+    chosen = best(learned)
+    save_model(chosen.model, arguments.output)
+    if arguments.json:
+        told = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
+        print(json.dumps(told, indent=2, default=str))
+        return 0
+    print(render(rows(learned, chosen)))
+    for item in learned:
+        if item.note:
+            print(f"{item.entry.name}: {item.note}")
+    print(f"* {chosen.entry.name} is the best; stored in {arguments.output}")
+    if learning.folds == 0:
+        print("  (chosen by the data that it learned from: Split.folds is 0)")
+    return 0
+
+
+def _show(progress: Progress) -> None:
+    left = "" if progress.left is None else f", about {progress.left:.0f} s left"
+    print(f"\r\x1b[2K{progress.done} of {progress.total} fits{left}: {progress.name}", end="", file=sys.stderr)
+    if progress.done == progress.total:
+        print("\r\x1b[2K", end="", file=sys.stderr)
+
+
+# ---- operate ---------------------------------------------------------------------------------------------------------
+
+
+def _operate(arguments: argparse.Namespace, connect: Connect | None) -> int:
+    from fame.anomaly.operate import Operate
+    from fame.anomaly.persist import load_model
+
+    model = load_model(arguments.model)
+    nodes: list[Operate] = []
+
+    def report(text: str) -> None:
+        _say(text)
+        if arguments.runs and nodes and len(nodes[0].runs) >= arguments.runs:
+            nodes[0].scheduler.stop()
+
+    def make(middleware: Middleware, scheduler: Scheduler) -> Operate:
+        nodes.append(
+            Operate(
+                middleware, scheduler, model, topic=arguments.topic, field=arguments.field,
+                threshold=arguments.threshold, rule=arguments.rule, report=report,
+            )
+        )  # fmt: skip
+        return nodes[0]
+
+    _drive(arguments, connect, make)
+    runs = nodes[0].runs
+    above = [item for item in runs if item.above]
+    if arguments.json:
+        told = [
+            {"run": r.run, "points": r.points, "anomalous": r.anomalous, "score": r.score, "above": r.above}
+            for r in runs
+        ]
+        print(json.dumps({"status": "failed" if above else "completed", "runs": told}, indent=2))
+    else:
+        print(f"{len(runs)} runs, {len(above)} of them anomalous")
+    return 1 if above else 0
+
+
+# ---- where messages come from ----------------------------------------------------------------------------------------
+
+
+def _drive(
+    arguments: argparse.Namespace, connect: Connect | None, make: Callable[[Middleware, Scheduler], Any]
+) -> None:
+    """Make the node and let it work: on a bag until that ends, on a middleware until it is done or interrupted."""
+    if arguments.bag is not None:
+        _play(arguments, make)
+        return
+    if connect is None:
+        raise ConfigError("without a middleware give a bag: --bag BAG")
+    middleware, scheduler = connect()
+    node = make(middleware, scheduler)
+    try:
+        scheduler.run()
+    except KeyboardInterrupt:
+        _say("interrupted: what has come so far counts")
+    finally:
+        node.close()
+        middleware.close()
+
+
+def _play(arguments: argparse.Namespace, make: Callable[[Middleware, Scheduler], Any]) -> None:
+    """A bag on topics within this process, in the time of the bag."""
+    from fame.anomaly.bags import read_bag
+    from fame.anomaly.joints import TYPE
+    from fame.clock import SECOND, Kind, Scheduler
+    from fame.middleware import messages
+    from fame.middleware.interface import SENSOR_DATA
+    from fame.middleware.local import LocalMiddleware
+
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    node = make(middleware, scheduler)
+    player = middleware.node("bag").publisher(arguments.topic, TYPE, SENSOR_DATA)
+    first, empty = None, True
+    for time, message in read_bag(arguments.bag, arguments.topic):
+        first = time if first is None else first
+        header = {"stamp": {"sec": message.header.stamp.sec, "nanosec": message.header.stamp.nanosec}}
+        content = {name: list(getattr(message, name)) for name in ("name", *FIELDS)}
+        sent = messages.create(TYPE, {"header": header, **content})
+        due = round((time - first) * SECOND)
+        scheduler.at(due, lambda sent=sent: player.publish(sent), Kind.WORLD)  # type: ignore[misc]
+        scheduler.run(due)
+        empty = False
+    if empty:
+        raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
+    node.close()

@@ -1,0 +1,156 @@
+"""Recordings as CSV files: with a header, as `collect` writes them, or headerless, as the published data is.
+
+With a header: ``stamp`` (s), ``run``, one column per joint, ``label``; stamp and run may be missing. Without: numbers
+only, the columns named by the learning file; runs are found by `fame.anomaly.runs`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from fame.anomaly.recording import Floats, Recording, Whole, join
+from fame.anomaly.runs import number_runs
+from fame.errors import ConfigError
+
+STAMP, RUN, LABEL = "stamp", "run", "label"
+_FORMAT = "%.10g"
+
+
+class Table(NamedTuple):
+    """A CSV file as it is: `names` is empty without a header; `first` is the line of the first row."""
+
+    names: tuple[str, ...]
+    cells: Floats
+    first: int
+
+
+def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int | None = None) -> Recording:
+    """Read a recording.
+
+    `inputs` and `output` are 0-based columns; by default those that the header names, or all but the last and the last.
+    All-zero separator rows are left out. Raises ConfigError for anything that is not a table of finite numbers.
+    """
+    path = Path(path)
+    table = read_table(path)
+    inputs, output = _columns(table, path, inputs, output)
+    values, labels = table.cells[:, inputs], _labels(table, output, path)
+    _refuse_gaps(table, [*inputs], path)
+    stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
+    if RUN in table.names:
+        given = table.cells[:, table.names.index(RUN)]
+        kept = np.ones(len(values), dtype=bool)
+        runs = np.cumsum(np.diff(given, prepend=given[:1]) != 0).astype(np.int64)
+    else:
+        kept, runs = number_runs(values, labels)
+    names = tuple(table.names[column] if table.names else f"joint_{column + 1}" for column in inputs)
+    return Recording(names, values[kept], labels[kept], runs, None if stamps is None else stamps[kept], str(path))
+
+
+def read_table(path: Path) -> Table:
+    """The numbers of a CSV file. Raises ConfigError."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is no UTF-8 text"
+        raise ConfigError(f"cannot be read: {reason}", file=str(path)) from None
+    head = next(csv.reader(lines[:1]), [])
+    names = () if _numbers(head) is not None else tuple(name.strip() for name in head)
+    first = 2 if names else 1
+    width = len(head)
+    rows = []
+    for number, row in enumerate(csv.reader(lines[first - 1 :]), start=first):
+        cells = _numbers(row)
+        if cells is None or len(cells) != width:
+            found = f"{len(row)} columns" if cells is not None else ",".join(row)[:60]
+            raise ConfigError(f"found {found!r}; {width} numbers would be right", file=str(path), line=number)
+        rows.append(cells)
+    if not rows or not width:
+        raise ConfigError("has no rows of numbers", file=str(path))
+    return Table(names, np.array(rows, dtype=np.float64), first)
+
+
+def write_csv(path: str | Path, recording: Recording) -> None:
+    """Write a recording with a header; times to the nanosecond."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        rows = csv.writer(stream, lineterminator="\n")
+        rows.writerow([*([STAMP] if recording.stamps is not None else []), RUN, *recording.joints, LABEL])
+        for index, values in enumerate(recording.values):
+            stamp = [] if recording.stamps is None else [f"{recording.stamps[index]:.9f}"]
+            cells = [_FORMAT % value for value in values]
+            rows.writerow([*stamp, int(recording.runs[index]), *cells, int(recording.labels[index])])
+
+
+def merge(paths: Sequence[str | Path]) -> Recording:
+    """Labelled files as one recording. Raises ConfigError if they are not of the same joints."""
+    recordings = [read_csv(path) for path in paths]
+    for other in recordings[1:]:
+        if other.values.shape[1] != recordings[0].values.shape[1] or not _same(other.joints, recordings[0].joints):
+            raise ConfigError(
+                f"has the joints {', '.join(other.joints)}; those of {recordings[0].source} "
+                f"({', '.join(recordings[0].joints)}) would be right",
+                file=other.source,
+            )
+    return join(recordings)
+
+
+def _same(some: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether names agree; those made up for a headerless file agree with any."""
+    made_up = all(name.startswith("joint_") for name in some) or all(name.startswith("joint_") for name in others)
+    return made_up or tuple(some) == tuple(others)
+
+
+def _numbers(row: Sequence[str]) -> list[float] | None:
+    try:
+        return [float(cell) for cell in row]
+    except ValueError:
+        return None
+
+
+def _columns(
+    table: Table, path: Path, inputs: Sequence[int] | None, output: int | None
+) -> tuple[list[int], int | None]:
+    """Which columns are joints, which is the label."""
+    width = table.cells.shape[1]
+    if inputs is None:
+        special = {STAMP, RUN, LABEL}
+        inputs = [index for index in range(width) if table.names and table.names[index] not in special]
+        inputs = inputs or list(range(width - 1))
+        output = table.names.index(LABEL) if LABEL in table.names else None if table.names else width - 1
+    elif table.names and LABEL in table.names and RUN in table.names:
+        # The learning file counts the joints' columns, as in headerless files; stamp and run stand before them.
+        before = sum(name in (STAMP, RUN) for name in table.names)
+        inputs, output = [index + before for index in inputs], None if output is None else output + before
+    wrong = [index for index in (*inputs, *([] if output is None else [output])) if not 0 <= index < width]
+    if wrong or not inputs:
+        text = f"has {width} columns; column {wrong[0]} (counted from 0) is not there" if wrong else "has no joints"
+        raise ConfigError(text, file=str(path))
+    return list(inputs), output
+
+
+def _labels(table: Table, output: int | None, path: Path) -> Whole:
+    if output is None:
+        return np.ones(len(table.cells), dtype=np.int64)
+    column = table.cells[:, output]
+    wrong = np.flatnonzero(~np.isin(column, (1, -1)))
+    if len(wrong):
+        line = int(wrong[0]) + table.first
+        text = f"found the label {column[wrong[0]]:g} in column {output}; 1 (benign) or -1 (anomalous) would be right"
+        raise ConfigError(text, file=str(path), line=line)
+    return column.astype(np.int64)
+
+
+def _refuse_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
+    bad = np.flatnonzero(~np.isfinite(table.cells[:, inputs]).all(axis=1))
+    if len(bad):
+        more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
+        raise ConfigError(
+            f"found a value that is not finite{more}; every joint needs a number", file=str(path),
+            line=int(bad[0]) + table.first,
+        )  # fmt: skip

@@ -1,0 +1,151 @@
+"""DataPersist, and model files: stored with skops, which holds data and never code.
+
+A model file names its format and the packages that made it. What is refused, each with its reason: a file that is no
+model, one that holds anything beyond plain data, numpy and scikit-learn's own classes (it could be code), one of
+another format or of another scikit-learn, one whose parts do not fit. What was processed from data is stored under the
+hash of that data, and not taken again for any other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fame.anomaly.model import Model
+from fame.anomaly.paths import PathDetector
+from fame.anomaly.process import DataProcess
+from fame.anomaly.recording import Recording
+from fame.errors import ConfigError, UnavailableError
+
+FORMAT = "fame-adm-1"
+_PACKAGES = ("scikit-learn", "numpy", "skops")
+
+
+def data_hash(*recordings: Recording) -> str:
+    """SHA-256 of the values, labels and runs of recordings."""
+    digest = hashlib.sha256()
+    for recording in recordings:
+        for part in (recording.values, recording.labels, recording.runs):
+            digest.update(np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Of the packages that a stored model depends on."""
+    return {name: version(name) for name in _PACKAGES}
+
+
+def save_model(model: Model, path: str | Path) -> None:
+    """Store a model."""
+    estimator = model.estimator
+    process = model.process
+    content = {
+        "format": FORMAT,
+        "versions": versions(),
+        "name": model.name,
+        "joints": list(model.joints),
+        "estimator": estimator.to_plain() if isinstance(estimator, PathDetector) else estimator,
+        "process": None if process is None else [process.reduction, process.scaling, process.scaler, process.pca],
+        "threshold": float(model.threshold),
+        "nominal": int(model.nominal),
+        "reference": model.reference,
+        "data": model.data,
+    }
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    _skops().dump(content, path)
+
+
+def load_model(path: str | Path) -> Model:
+    """Read a stored model. Raises ConfigError, for each of the reasons above."""
+    content = _load(Path(path))
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != FORMAT:
+        raise ConfigError(
+            f"is no model of fame adm learn: found format {found!r}, {FORMAT!r} would be right", file=str(path)
+        )
+    made = content["versions"].get("scikit-learn", "unknown")
+    ours = version("scikit-learn")
+    if made.split(".")[:2] != ours.split(".")[:2]:
+        text = f"was made with scikit-learn {made}, here is {ours}: learn it again, or install scikit-learn {made}"
+        raise ConfigError(text, file=str(path))
+    try:
+        return _model(content)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
+
+
+def _load(path: Path) -> Any:
+    io = _skops()
+    if not path.is_file():
+        raise ConfigError("there is no such file", file=str(path))
+    try:
+        unknown = io.get_untrusted_types(file=path)
+    except Exception as error:  # skops raises whatever its parts do on a file that is none of its own
+        text = f"is corrupt, or no model of fame adm learn ({type(error).__name__})"
+        raise ConfigError(text, file=str(path)) from None
+    if unknown:
+        text = f"refused: it contains code or unknown classes ({', '.join(unknown)}); a model holds data only"
+        raise ConfigError(text, file=str(path))
+    try:
+        return io.load(path, trusted=[])
+    except Exception as error:
+        raise ConfigError(f"is corrupt ({type(error).__name__}: {error})", file=str(path)) from None
+
+
+def _model(content: dict[str, Any]) -> Model:
+    estimator, parts = content["estimator"], content["process"]
+    if isinstance(estimator, dict):
+        estimator = PathDetector.from_plain(estimator)
+    joints = tuple(map(str, content["joints"]))
+    reference = np.asarray(content["reference"], dtype=np.float64)
+    if reference.ndim != 2 or reference.shape[1] != len(joints):
+        raise ValueError(f"reference of shape {reference.shape} for {len(joints)} joints")
+    return Model(
+        name=str(content["name"]),
+        joints=joints,
+        estimator=estimator,
+        process=None if parts is None else DataProcess(*parts),
+        threshold=float(content["threshold"]),
+        nominal=int(content["nominal"]),
+        reference=reference,
+        data=str(content["data"]),
+        versions=dict(content["versions"]),
+    )
+
+
+class DataPersist:
+    """The published role: keeps processed data and fitted processing in a folder, each under the hash of its origin."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    def save(self, name: str, content: Any, data: str) -> Path:
+        """Store something made from the data of that hash."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / f"{name}.skops"
+        _skops().dump({"format": FORMAT, "data": data, "versions": versions(), "content": content}, path)
+        return path
+
+    def retrieve(self, name: str, data: str) -> Any:
+        """What was stored. Raises ConfigError if it is not there, or was made from other data."""
+        path = self.folder / f"{name}.skops"
+        stored = _load(path)
+        if not isinstance(stored, dict) or stored.get("format") != FORMAT:
+            raise ConfigError("was not stored by fame adm", file=str(path))
+        if stored["data"] != data:
+            text = f"is stale: made from data {stored['data'][:12]}, asked for {data[:12]}; learn again"
+            raise ConfigError(text, file=str(path))
+        return stored["content"]
+
+
+def _skops() -> Any:
+    try:
+        import skops.io
+    except ImportError:
+        text = "learning and operating need scikit-learn and skops: pip install 'fame-robots[ml]'"
+        raise UnavailableError(text) from None
+    return skops.io

@@ -1,0 +1,89 @@
+"""`fame adm` on bags and files, through the handlers of the command line."""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_data import BENIGN, needs_data, recording
+
+from fame.anomaly.chain import Chain
+from fame.anomaly.cli import add_arguments, run
+from fame.anomaly.files import read_csv, write_csv
+from fame.anomaly.recording import of_runs
+from fame.errors import ConfigError
+from robots.arm.mh5 import FILE, MH5
+from robots.arm.sabotage import alter, knots
+
+LEARNING = """
+Files:
+  unsupervised_train: {{name: benign.csv, input_col: [0, 1, 2, 3, 4, 5], output_col: [6]}}
+Classifiers:
+  - {{name: path, class: PathDetector, parameters: {{chain: {chain}}}, threshold: 0.002}}
+Split: {{folds: 0}}
+"""
+
+
+def adm(*words: object) -> int:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser.add_subparsers(required=True))
+    return run(parser.parse_args([str(word) for word in words]))
+
+
+def write_bag(path: Path, values: np.ndarray, chain: Chain = MH5) -> Path:
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    names = ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    state, header, time = (types[name] for name in names)
+    with Writer(path, version=9) as writer:
+        connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        for number, row in enumerate(values):
+            stamp = 1_000_000_000 + number * 25_000_000
+            head = header(time(stamp // 10**9, stamp % 10**9), "")
+            message = state(head, list(chain.joints), row, np.zeros(0), np.zeros(0))
+            writer.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
+    return path
+
+
+def runs(*numbers: int) -> np.ndarray:
+    return recording(BENIGN).select(numbers).values
+
+
+@needs_data
+def test_from_bag_to_alarm(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    bag = write_bag(tmp_path / "benign", runs(*range(20, 27)))
+    assert adm("collect", "--bag", bag, "--label", 1, "--runs", 6, "-o", tmp_path / "benign.csv") == 0
+    collected = read_csv(tmp_path / "benign.csv")
+    assert (collected.joints, collected.run_labels()) == (MH5.joints, [1] * 6)
+    assert "6 of 6 runs" in capsys.readouterr().err
+    (tmp_path / "learning.yaml").write_text(LEARNING.format(chain=FILE))
+    pytest.importorskip("skops")
+    assert adm("learn", tmp_path / "learning.yaml", "-o", tmp_path / "m.skops", "--jobs", 1) == 0
+    assert "chosen by the data that it learned from" in capsys.readouterr().out
+    bag = write_bag(tmp_path / "wrong", np.vstack([runs(26), alter(runs(27), knots("g", 1.0)).values]))
+    assert adm("operate", "--bag", bag, "--model", tmp_path / "m.skops", "--json") == 1
+    told = json.loads(capsys.readouterr().out)
+    assert [item["above"] for item in told["runs"]] == [False, True]
+
+
+def test_merging_tells_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    for name, label in (("a.csv", 1), ("b.csv", -1)):
+        write_csv(tmp_path / name, of_runs([np.ones((3, 2))], label, ("s", "l")))
+    assert adm("merge", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "c.csv") == 0
+    assert "6 points, 1 benign and 1 anomalous runs" in capsys.readouterr().out
+
+
+@needs_data
+def test_a_topic_that_the_bag_does_not_hold_is_named_with_those_it_holds(tmp_path: Path):
+    bag = write_bag(tmp_path / "bag", runs(20)[:3])
+    with pytest.raises(ConfigError, match=r"has no topic /other; it has /joint_states"):
+        adm("collect", "--bag", bag, "--topic", "/other", "--label", 1, "-o", tmp_path / "x.csv")
+
+
+def test_without_a_middleware_a_bag_is_asked_for(tmp_path: Path):
+    with pytest.raises(ConfigError, match="give a bag"):
+        adm("collect", "--label", 1, "-o", tmp_path / "x.csv")

@@ -1,0 +1,83 @@
+"""Recordings as CSV files, and the runs in them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_data import BENIGN, BOTH, needs_data, recording
+
+from fame.anomaly.files import merge, read_csv, write_csv
+from fame.anomaly.recording import Recording, of_runs
+from fame.errors import ConfigError
+
+
+def made(label: int = 1) -> Recording:
+    values = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
+    return Recording(("s", "l"), values, np.full(3, label), np.array([0, 0, 1]), np.array([1.0, 1.025, 2.0]))
+
+
+@needs_data
+def test_the_benign_recording_holds_thirty_runs():
+    found = recording(BENIGN)
+    lengths = [rows.stop - rows.start for rows in found.slices()]
+    assert (len(found), found.count, min(lengths), max(lengths)) == (15528, 30, 510, 528)
+
+
+@needs_data
+def test_the_mixed_recording_loses_its_separators_and_holds_twenty_loops():
+    found = recording(BOTH)
+    labels = found.run_labels()
+    loops = [rows.stop - rows.start for rows in found.slices()[:20]]
+    assert (len(found), labels.count(-1), labels.count(1)) == (20221 - 2, 20, 30)
+    assert (min(loops[:10]), max(loops[:10])) == (215, 229)
+    assert (min(loops[10:]), max(loops[10:])) == (238, 253)
+
+
+def test_what_is_written_is_read_again(tmp_path: Path):
+    write_csv(tmp_path / "a.csv", made())
+    again = read_csv(tmp_path / "a.csv")
+    assert (again.joints, again.run_labels()) == (("s", "l"), [1, 1])
+    assert np.array_equal(again.values, made().values)
+    assert again.stamps is not None
+    assert again.stamps.tolist() == [1.0, 1.025, 2.0]
+
+
+def test_columns_of_a_learning_file_count_joints_in_files_with_a_header_too(tmp_path: Path):
+    write_csv(tmp_path / "a.csv", made())
+    assert read_csv(tmp_path / "a.csv", [1], 2).values.ravel().tolist() == [0.2, 0.4, 0.6]
+
+
+def test_merging_keeps_labels_and_numbers_the_runs_on(tmp_path: Path):
+    write_csv(tmp_path / "a.csv", made())
+    write_csv(tmp_path / "b.csv", made(-1))
+    both = merge([tmp_path / "a.csv", tmp_path / "b.csv"])
+    assert (both.run_labels(), both.runs.tolist()) == ([1, 1, -1, -1], [0, 0, 1, 2, 2, 3])
+
+
+def test_files_of_different_joints_are_not_merged(tmp_path: Path):
+    write_csv(tmp_path / "a.csv", made())
+    write_csv(tmp_path / "b.csv", of_runs([np.ones((2, 2))], 1, ("u", "r")))
+    with pytest.raises(ConfigError, match=r"b\.csv: has the joints u, r; those of .*a\.csv \(s, l\)"):
+        merge([tmp_path / "a.csv", tmp_path / "b.csv"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1,2,1\n1,nan,1\n", r"x\.csv:2: found a value that is not finite"),
+        ("1,2,1\n1,2\n", r"x\.csv:2: found '2 columns'; 3 numbers"),
+        ("s,l,label\n1,2,x\n", r"x\.csv:2: found '1,2,x'"),
+        ("1,2,7\n", r"x\.csv:1: found the label 7 in column 2"),
+        ("", "has no rows"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_line(tmp_path: Path, text: str, message: str):
+    (tmp_path / "x.csv").write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        read_csv(tmp_path / "x.csv")
+
+
+def test_a_column_that_is_not_there_is_named(tmp_path: Path):
+    (tmp_path / "x.csv").write_text("1,2,1\n")
+    with pytest.raises(ConfigError, match="has 3 columns; column 6"):
+        read_csv(tmp_path / "x.csv", [0, 1], 6)

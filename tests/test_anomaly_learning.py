@@ -1,0 +1,245 @@
+"""Learning: the file, the table, the best model, and how it is stored."""
+
+from pathlib import Path
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+pytest.importorskip("skops")
+
+from arm_data import BENIGN, BOTH, needs_data, recording
+from sklearn.linear_model import LogisticRegression
+from sklearn.svm import SVC, OneClassSVM
+
+from fame.anomaly import persist
+from fame.anomaly.config import load
+from fame.anomaly.files import write_csv
+from fame.anomaly.interface import Interface
+from fame.anomaly.learn import TRAIN, VALIDATION, best, learn
+from fame.anomaly.matrix import OutputMatrix
+from fame.anomaly.persist import DataPersist, load_model, save_model
+from fame.anomaly.process import DataProcess
+from fame.anomaly.recording import join, of_runs
+from fame.anomaly.table import render, rows
+from fame.errors import ConfigError
+
+FILES = """
+Files:
+  fit_file: {name: benign.csv, input_col: [0, 1, 2], output_col: [3]}
+  unsupervised_train: {name: benign.csv, input_col: [0, 1, 2], output_col: [3]}
+  supervised_train: {name: both.csv, input_col: [0, 1, 2], output_col: [3]}
+  testing:
+    - {name: test.csv, input_col: [0, 1, 2], output_col: [3]}
+Operations:
+  reduction: 2
+"""
+CLASSIFIERS = """
+Classifiers:
+  - {name: one, class: OneClassSVM, parameters: {nu: 0.1, gamma: 5}, threshold: 0.5}
+  - {name: two, class: SVC, parameters: {gamma: 20, C: 100}}
+Split: {folds: 3}
+"""
+
+
+def circle(radius: float, random: np.random.Generator, points: int = 60) -> np.ndarray:
+    angle = np.linspace(0, 2 * np.pi, points)
+    path = np.stack([radius * np.cos(angle), radius * np.sin(angle), 1 + 0 * angle], axis=1)
+    return path + random.normal(0, 0.01, path.shape)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A task that is a circle, and anomalies that are larger ones."""
+    random = np.random.default_rng(1)
+    names = ("a", "b", "c")
+    benign = of_runs([circle(1.0, random) for _ in range(6)], 1, names)
+    wrong = of_runs([circle(1.4, random) for _ in range(6)], -1, names)
+    fresh = of_runs([circle(1.0, random) for _ in range(2)], 1, names)
+    write_csv(tmp_path / "benign.csv", benign)
+    write_csv(tmp_path / "both.csv", join([benign, wrong]))
+    write_csv(tmp_path / "test.csv", join([fresh, of_runs([circle(1.4, random)], -1, names)]))
+    (tmp_path / "learning.yaml").write_text(FILES + CLASSIFIERS)
+    (tmp_path / "published.yaml").write_text(FILES)
+    return tmp_path
+
+
+def test_a_positive_is_an_anomaly():
+    matrix = OutputMatrix().output_matrix([-1, -1, 1, 1, 1], [-1, 1, -1, 1, 1])
+    assert tuple(matrix) == (1, 1, 2, 1)
+    assert (matrix.accuracy, matrix.recall, matrix.precision, matrix.f1) == (0.6, 0.5, 0.5, 0.5)
+
+
+def test_every_classifier_is_judged_on_train_validation_and_test(folder: Path):
+    one, two = learn(load(folder / "learning.yaml"))
+    assert [judged.data.split(":")[0] for judged in two.judged] == ["train", "validation", "test"]
+    assert tuple(two.on(VALIDATION).runs) == (6, 0, 6, 0)
+    assert tuple(two.judged[2].runs) == (1, 0, 2, 0)
+    assert one.model.threshold == 0.5
+    assert best([one, two]).on(VALIDATION).runs.f1 == 1.0
+
+
+def test_automatic_threshold_lies_between_benign_and_anomalous_runs(folder: Path):
+    _, two = learn(load(folder / "learning.yaml"))
+    judged = two.on(VALIDATION)
+    benign = [score for score, label in zip(judged.scores, judged.labels, strict=True) if label == 1]
+    anomalous = [score for score, label in zip(judged.scores, judged.labels, strict=True) if label == -1]
+    assert max(benign) <= two.model.threshold < min(anomalous)
+
+
+def test_figures_from_training_data_say_so(folder: Path):
+    learned = learn(load(folder / "learning.yaml"))
+    text = render(rows(learned, best(learned)))
+    assert "train (learned from)" in text
+    assert all("learned from" in line for line in text.splitlines() if " train" in line)
+
+
+def test_a_testing_file_that_was_learned_from_is_no_test(folder: Path):
+    text = (folder / "learning.yaml").read_text().replace("test.csv", "both.csv")
+    (folder / "learning.yaml").write_text(text)
+    assert all(
+        judged.data.startswith((TRAIN, VALIDATION)) for judged in learn(load(folder / "learning.yaml"))[1].judged
+    )
+
+
+def test_the_grid_multiplies_parameters_and_reductions(folder: Path):
+    grid = "Grid:\n  reduction: [0, 2]\n  two: {gamma: [5, 20]}\n"
+    (folder / "learning.yaml").write_text(
+        FILES + CLASSIFIERS.replace("Split: {folds: 3}", "Split: {folds: 0}\n" + grid)
+    )
+    (folder / "learning.yaml").write_text((folder / "learning.yaml").read_text() + "Threshold: 0.2\n")
+    names = [item.entry.name for item in learn(load(folder / "learning.yaml"))]
+    assert names == ["one pca 0", "one pca 2", *(f"two gamma {g} pca {n}" for n in (0, 2) for g in (5, 20))]
+
+
+def test_the_published_script_works(folder: Path, capsys: pytest.CaptureFixture[str]):
+    interface = Interface(folder / "published.yaml")
+    interface.genmodel_train([("ocsvm", OneClassSVM(nu=0.1, gamma=5))], [("rbfsvm1", SVC(gamma=20, C=100))])
+    unsupervised, supervised = interface.get_testing_predictions()
+    assert (list(unsupervised[0]), list(supervised[0])) == (["ocsvm"], ["rbfsvm1"])
+    assert (supervised[0]["rbfsvm1"] == np.repeat([1, 1, -1], 60)).mean() > 0.99
+    assert "train (learned from)" in capsys.readouterr().out
+
+
+def test_what_was_kept_for_other_data_is_not_taken_again(folder: Path, tmp_path: Path):
+    first = Interface(folder / "published.yaml", tmp_path / "kept").process
+    assert np.allclose(
+        Interface(folder / "published.yaml", tmp_path / "kept").process.scaler.scale_, first.scaler.scale_
+    )
+    write_csv(folder / "benign.csv", of_runs([circle(3.0, np.random.default_rng(2))], 1, ("a", "b", "c")))
+    assert not np.allclose(
+        Interface(folder / "published.yaml", tmp_path / "kept").process.scaler.scale_, first.scaler.scale_
+    )
+    with pytest.raises(ConfigError, match="is stale"):
+        DataPersist(tmp_path / "kept").retrieve("process", "other")
+
+
+# ---- stored models ---------------------------------------------------------------------------------------------------
+
+
+def test_a_stored_model_judges_as_before_and_one_by_one_as_all_at_once(folder: Path):
+    for item in learn(load(folder / "learning.yaml")):
+        save_model(item.model, folder / "m.skops")
+        model = load_model(folder / "m.skops")
+        points = persist_points(folder)
+        together = model.predict(points)
+        scorer = model.scorer()
+        assert [-1 if scorer.step(row).anomalous else 1 for row in points.values.tolist()] == together.tolist()
+        assert together.tolist() == item.model.predict(points).tolist()
+
+
+def persist_points(folder: Path):
+    from fame.anomaly.files import read_csv
+
+    return read_csv(folder / "test.csv")
+
+
+def stored(folder: Path, **changes: object) -> Path:
+    """A model file, with some of its content replaced."""
+    import skops.io
+
+    save_model(learn(load(folder / "learning.yaml"))[1].model, folder / "m.skops")
+    content = skops.io.load(folder / "m.skops", trusted=[])
+    skops.io.dump({**content, **changes}, folder / "m.skops")
+    return folder / "m.skops"
+
+
+class Strange(LogisticRegression):
+    """A class that is none of scikit-learn's."""
+
+
+def test_a_model_with_code_is_refused(folder: Path):
+    with pytest.raises(ConfigError, match=r"refused: it contains code or unknown classes \(.*Strange"):
+        load_model(stored(folder, estimator=Strange()))
+
+
+def test_a_model_of_another_version_is_refused(folder: Path):
+    with pytest.raises(ConfigError, match=r"was made with scikit-learn 0\.1\.0, here is .*learn it again"):
+        load_model(stored(folder, versions={"scikit-learn": "0.1.0"}))
+
+
+def test_a_model_of_another_format_is_refused(folder: Path):
+    with pytest.raises(ConfigError, match="found format 'other'"):
+        load_model(stored(folder, format="other"))
+
+
+def test_a_damaged_model_is_refused(folder: Path):
+    with pytest.raises(ConfigError, match=r"is damaged: .*reference of shape"):
+        load_model(stored(folder, joints=["a"]))
+
+
+def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
+    (folder / "x.skops").write_bytes(b"nothing")
+    with ZipFile(folder / "y.skops", "w") as archive:
+        archive.writestr("schema.json", "{")
+    for name in ("x.skops", "y.skops"):
+        with pytest.raises(ConfigError, match="is corrupt"):
+            load_model(folder / name)
+    with pytest.raises(ConfigError, match="there is no such file"):
+        load_model(folder / "z.skops")
+
+
+# ---- bad input -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("reduction: 2", "reductoin: 2", r"learning\.yaml: Operations: found the key 'reductoin'; known are reduction"),
+        ("reduction: 2", "reduction: 9", "reduction: found 9; 0"),
+        ("class: SVC", "class: Magic", "two: found the class 'Magic'; known are"),
+        ("{gamma: 20, C: 100}", "{gama: 20}", "SVC does not take that: .*gama"),
+        ("threshold: 0.5", "threshold: 5", r"Classifiers\[0\].threshold: found 5"),
+        ("both.csv", "benign.csv", "has benign points only"),
+        ("folds: 3", "folds: 9", "at least 9 are needed"),
+    ],
+)
+def test_a_wrong_learning_file_is_refused(folder: Path, old: str, new: str, message: str):
+    path = folder / "learning.yaml"
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(ConfigError, match=message):
+        learn(load(path))
+
+
+def test_fewer_points_than_columns_are_refused():
+    with pytest.raises(ConfigError, match="has 2 points of 3 columns"):
+        DataProcess().fit(np.ones((2, 3)))
+
+
+def test_the_hash_tells_data_apart(folder: Path):
+    points = persist_points(folder)
+    assert persist.data_hash(points) != persist.data_hash(points.select([0]))
+
+
+@needs_data
+def test_the_one_class_svm_of_the_paper_by_resubstitution():
+    from fame.anomaly.classifiers import DEFAULTS, make
+    from fame.anomaly.detector import fit, predict
+    from fame.anomaly.matrix import by_run, run_scores
+
+    entry, benign, both = DEFAULTS[0], recording(BENIGN), recording(BOTH)
+    estimator, process = make(entry, Path()), DataProcess().fit(benign.values)
+    fit(estimator, process, benign, supervised=False, unique=True)
+    scores = run_scores(both, predict(estimator, process, both))
+    assert tuple(by_run(both.run_labels(), scores, 0.22)) == (20, 2, 28, 0)

@@ -1,0 +1,160 @@
+"""Collect and operate as nodes: joint states on topics, runs cut apart, the signal raised."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+pytest.importorskip("scipy")
+
+from arm_data import BENIGN, needs_data, recording
+
+from fame.anomaly.collect import Collect, Collector
+from fame.anomaly.joints import TYPE
+from fame.anomaly.model import Model
+from fame.anomaly.operate import Operate
+from fame.anomaly.paths import PathDetector
+from fame.clock import SECOND, Scheduler
+from fame.errors import MissionError
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from robots.arm.mh5 import MH5
+from robots.arm.sabotage import alter, knots
+
+PERIOD = SECOND // 40
+
+
+@cache
+def model() -> Model:
+    benign = recording(BENIGN)
+    detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
+    return Model("path", MH5.joints, detector, None, 0.002, 518, benign.select([0, 1]).values)
+
+
+class Arm:
+    """Publishes joint states, one every 25 ms."""
+
+    def __init__(self) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.node = self.middleware.node("arm")
+        self.joints = self.node.publisher("/joint_states", TYPE)
+        self.heard: list[object] = []
+        self.middleware.node("listener").subscription("/anomaly", TYPE, self.heard.append)
+        self.texts: list[str] = []
+
+    def play(self, values: np.ndarray, names: tuple[str, ...] = MH5.joints) -> None:
+        for row in values.tolist():
+            stamp = {"sec": self.scheduler.now // SECOND, "nanosec": self.scheduler.now % SECOND}
+            content = {"header": {"stamp": stamp}, "name": list(names), "position": row}
+            self.joints.publish(messages.create(TYPE, content))
+            self.scheduler.run(self.scheduler.now + PERIOD)
+
+    def signal(self, topic: str) -> None:
+        self.node.publisher(topic, "std_msgs/msg/Empty").publish(messages.create("std_msgs/msg/Empty"))
+        self.scheduler.run(self.scheduler.now)
+
+    def operate(self, **options) -> Operate:
+        return Operate(self.middleware, self.scheduler, model(), report=self.texts.append, **options)
+
+
+def runs(*numbers: int) -> np.ndarray:
+    return recording(BENIGN).select(numbers).values
+
+
+@needs_data
+def test_benign_runs_pass_and_a_sabotaged_one_raises_the_signal_once():
+    arm = Arm()
+    operate = arm.operate()
+    arm.play(np.vstack([runs(21), alter(runs(23), knots("b", 0.5)).values, runs(25)]))
+    operate.close()
+    assert [report.above for report in operate.runs] == [False, True, False]
+    [signal] = arm.heard
+    assert signal.header.frame_id == "mm"
+    assert 0.05 < signal.position[0] < 1.2
+    assert signal.name[0] in MH5.joints
+    assert any("run 1: alarm at point" in text for text in arm.texts)
+    assert any(text.startswith("run 1: ANOMALOUS, score") for text in arm.texts)
+
+
+@needs_data
+def test_runs_are_cut_live_as_they_are_cut_afterwards():
+    arm = Arm()
+    operate = arm.operate()
+    arm.play(runs(21, 22, 23))
+    operate.close()
+    assert [report.points for report in operate.runs] == [len(runs(number)) for number in (21, 22, 23)]
+
+
+@needs_data
+def test_signals_delimit_runs_and_a_task_cut_off_is_said():
+    arm = Arm()
+    operate = arm.operate(rule="signal")
+    arm.play(runs(21)[:50])
+    arm.signal("/task_start")
+    arm.play(runs(21)[:300])
+    arm.signal("/task_end")
+    arm.play(runs(21)[300:])
+    operate.close()
+    [report] = operate.runs
+    assert (report.points, report.whole) == (300, False)
+    assert arm.texts[-1].endswith("cut off before its end")
+
+
+@needs_data
+def test_a_message_of_too_few_joints_is_left_out_and_said_once():
+    arm = Arm()
+    operate = arm.operate()
+    arm.play(runs(21)[:5, :5], MH5.joints[:5])
+    operate.close()
+    assert operate.runs == []
+    assert [text for text in arm.texts if "without joint_t; the model has 6" in text] == arm.texts[:1]
+
+
+@needs_data
+def test_a_value_that_is_not_finite_is_left_out_and_said():
+    arm = Arm()
+    operate = arm.operate()
+    arm.play(np.full((3, 6), np.nan))
+    operate.close()
+    assert "not finite" in arm.texts[0]
+
+
+@needs_data
+def test_a_topic_that_stops_is_said_and_goes_on():
+    arm = Arm()
+    operate = arm.operate()
+    arm.play(runs(21)[:5])
+    arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
+    arm.play(runs(21)[5:6])
+    operate.close()
+    assert "has stopped: nothing for 1 s; run 0 waits" in arm.texts[0]
+    assert "goes on" in arm.texts[1]
+
+
+@needs_data
+def test_collecting_stops_after_the_runs_that_are_wanted():
+    arm = Arm()
+    counted: list[int] = []
+    collector = Collector(-1, limit=2)
+    Collect(arm.middleware, arm.scheduler, collector, progress=counted.append)
+    arm.play(runs(21, 23, 25))
+    found = collector.recording()
+    assert counted == [1, 2]
+    assert (found.joints, found.run_labels()) == (MH5.joints, [-1, -1])
+    assert np.allclose(found.values, runs(21, 23))
+    assert found.stamps is not None
+    assert np.diff(found.stamps) == pytest.approx(0.025)
+
+
+def test_cycles_are_counted():
+    arm = Arm()
+    collector = Collector(1, "count", cycle=4, limit=2)
+    Collect(arm.middleware, arm.scheduler, collector)
+    arm.play(np.ones((11, 6)))
+    assert collector.recording().runs.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+
+
+def test_nothing_collected_is_an_error():
+    with pytest.raises(MissionError, match="nothing was collected"):
+        Collector(1).recording()

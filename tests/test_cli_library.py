@@ -1,0 +1,119 @@
+"""``fame library``: what it lists is what the files draw, and what their documentation says."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from bpmn_text import extensions, process
+
+from fame.behaviours import Behaviour, behaviours
+from fame.cli import main
+from fame.cli.library import paragraphs
+from fame.library import BUILT_IN
+
+KNOWN = {behaviour.name: behaviour for behaviour in behaviours()}
+
+
+def data(id: str, **values: str) -> str:
+    """A data object that holds variables."""
+    held = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in values.items())
+    properties = extensions(f"<camunda:properties>{held}</camunda:properties>")
+    return f'<dataObjectReference id="{id}" dataObjectRef="{id}_o">{properties}</dataObjectReference><dataObject id="{id}_o"/>'
+
+
+def task(id: str, script: str, *, reads: str = "", sets: str = "") -> str:
+    """A script task with data associations."""
+    ins = f'<dataInputAssociation id="{id}_i"><sourceRef>{reads}</sourceRef></dataInputAssociation>' if reads else ""
+    outs = f'<dataOutputAssociation id="{id}_u"><targetRef>{sets}</targetRef></dataOutputAssociation>' if sets else ""
+    return f'<scriptTask id="{id}">{ins}{outs}<script>{script}</script></scriptTask>'
+
+
+def flows(*ids: str) -> str:
+    ends = zip(ids, ids[1:], strict=False)
+    return "".join(f'<sequenceFlow id="{a}_{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ends)
+
+
+def behaviour(tmp_path: Path, content: str, name: str = "Dig") -> Behaviour:
+    """The one that a file of its own draws."""
+    (tmp_path / f"{name}.bpmn").write_text(process(content).replace('id="P"', f'id="{name}"'))
+    return next(one for one in behaviours([tmp_path]) if one.name == name)
+
+
+def test_every_file_of_the_library_is_listed_once_by_name() -> None:
+    assert list(KNOWN) == sorted(path.stem for path in BUILT_IN.glob("*.bpmn"))
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_the_inputs_are_those_that_the_documentation_says_are_needed(name: str) -> None:
+    needs = [text for text in paragraphs(KNOWN[name].documentation) if text.startswith("Needs: ")]
+    bare = re.sub(r"\([^)]*\)", "", needs[0].removeprefix("Needs: ")) if needs else ""
+    words = re.findall(r"\b[a-z][a-z_]*\b", re.sub(r"and what \w+ needs|\band\b", "", bare))
+    assert sorted(KNOWN[name].inputs) == sorted(words)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_its_own_topics_are_in_the_documentation(name: str) -> None:
+    for topic in KNOWN[name].topics:
+        assert re.search(rf"\b{topic.name.lstrip('~/')}\b", KNOWN[name].documentation), topic
+        assert topic.type
+
+
+def test_a_variable_is_needed_only_if_it_is_read_before_it_is_set(tmp_path: Path) -> None:
+    objects = data("Hole", depth="", width="") + data("Fixed", speed="0.5")
+    begin = task("a", "depth = width + speed", reads="Fixed")
+    nodes = f'<startEvent id="s"/>{begin}{task("b", "rest = depth")}<endEvent id="e"/>'
+    assert behaviour(tmp_path, objects + nodes + flows("s", "a", "b", "e")).inputs == ("width",)
+
+
+def test_a_variable_that_only_one_way_sets_is_needed(tmp_path: Path) -> None:
+    nodes = '<startEvent id="s"/><exclusiveGateway id="g"/>' + task("a", "depth = 1") + task("b", "rest = depth")
+    drawn = data("Hole", depth="") + nodes + flows("s", "g", "a", "b") + flows("g", "b")
+    assert behaviour(tmp_path, drawn).inputs == ("depth",)
+
+
+def test_what_a_script_counts_up_is_needed_and_what_it_sets_first_is_not(tmp_path: Path) -> None:
+    nodes = '<startEvent id="s"/>' + task("a", "count = count + 1\nlast = 3\nbest = last")
+    assert behaviour(tmp_path, data("D", count="", last="", best="") + nodes + flows("s", "a")).inputs == ("count",)
+
+
+def test_what_a_called_behaviour_sets_is_not_needed(tmp_path: Path) -> None:
+    behaviour(
+        tmp_path, data("D", depth="") + '<startEvent id="s"/>' + task("a", "depth = 2") + flows("s", "a"), "Probe"
+    )
+    nodes = '<startEvent id="s"/><callActivity id="c" calledElement="Probe"/>' + task("b", "rest = depth")
+    found = behaviour(tmp_path, data("D", depth="") + nodes + flows("s", "c", "b"))
+    assert (found.inputs, found.calls) == ((), ("Probe",))
+
+
+def test_the_folder_that_is_named_first_wins(tmp_path: Path) -> None:
+    found = behaviour(tmp_path, '<startEvent id="s"/>', "GoTo")
+    assert found.file == str(tmp_path / "GoTo.bpmn")
+
+
+def test_a_person_reads_what_each_needs_hears_and_tells(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["library"]) == 0
+    out = capsys.readouterr().out
+    text = next(block for block in out.split("\n\n") if block.startswith("FlyTo: Fly To\n"))
+    assert text.splitlines()[-3:] == [
+        "  needs  x_goal, y_goal",
+        "  tells  ~/cmd_vel  geometry_msgs/msg/Twist",
+        "  hears  ~/odom     nav_msgs/msg/Odometry",
+    ]
+    assert max(map(len, out.splitlines())) <= 110
+
+
+def test_a_machine_reads_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["library", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["behaviours"]
+    assert [one["name"] for one in told] == list(KNOWN)
+    (turn,) = [one for one in told if one["name"] == "Turn"]
+    assert turn["inputs"] == ["angle"]
+    assert {"name": "~/odom", "type": "nav_msgs/msg/Odometry", "direction": "subscribe"} in turn["topics"]
+
+
+def test_a_folder_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["library", "nowhere"]) == 2
+    assert capsys.readouterr().err == "fame: error: nowhere: there is no such folder\n"

@@ -1,0 +1,141 @@
+"""Element templates for Camunda Modeler: valid, up to date, and read as what they say when a model was made with them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import pytest
+from bpmn_text import body_of, extensions, node_of
+
+from fame.behaviours import behaviours
+from fame.bpmn.model import CallActivity, Event, SignalDefinition
+from fame.cli import main
+from fame.middleware import messages
+from fame.scripting import compile_expression
+from fame.templates import COMMON, fields_of, payload_of, templates
+
+FOLDER = Path(__file__).parent.parent / "models" / "templates"
+MADE = templates(behaviours())
+ALL = {template["id"]: template for found in MADE.values() for template in found}
+VALIDATE = """
+const { validateAll } = require('@bpmn-io/element-templates-validator');
+const found = JSON.parse(require('node:fs').readFileSync(0, 'utf-8'));
+const { valid, results } = validateAll(found);
+console.log(JSON.stringify({ valid, count: results.length, errors: results.flatMap(one => one.errors || []) }));
+"""
+
+
+def applied(template: dict[str, Any], **values: str) -> str:
+    """The extension elements that the modeler writes for a template, with some of the fields filled in."""
+    written = ""
+    for entry in template["properties"]:
+        binding = entry["binding"]
+        if binding["type"] == "camunda:property":
+            value = values.get(binding["name"], entry["value"])
+            written += f"<camunda:property name={quoteattr(binding['name'])} value={quoteattr(value)}/>"
+    return extensions(f"<camunda:properties>{written}</camunda:properties>")
+
+
+def thrown(template: dict[str, Any], **values: str) -> Any:
+    """The topic of an event that was made with it."""
+    tag = "intermediateThrowEvent" if template["id"].startswith("fame.publish") else "intermediateCatchEvent"
+    event = f'<{tag} id="e" name="done">{applied(template, **values)}<signalEventDefinition/></{tag}>'
+    node = node_of(event)
+    assert isinstance(node, Event)
+    (definition,) = node.definitions
+    assert isinstance(definition, SignalDefinition)
+    return definition.topic
+
+
+def test_the_files_in_the_tree_are_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["templates", "-o", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["files"]
+    assert sorted(told) == sorted(path.stem for path in FOLDER.glob("*.json")) == sorted(MADE)
+    for name, path in told.items():
+        same = Path(path).read_text() == (FOLDER / f"{name}.json").read_text()
+        assert same, "run: fame templates -o models/templates"
+
+
+def test_every_template_has_what_the_schema_asks_for() -> None:
+    assert len(ALL) == sum(len(found) for found in MADE.values())
+    for template in ALL.values():
+        assert template["name"]
+        assert template["appliesTo"]
+        for entry in template["properties"]:
+            assert entry["type"] in ("String", "Hidden", "Dropdown")
+            assert entry["binding"]["type"] in ("camunda:property", "property")
+            if entry["type"] == "Dropdown":
+                assert entry["value"] in [choice["value"] for choice in entry["choices"]]
+
+
+def test_the_validator_of_the_modeler_accepts_them() -> None:
+    """With `npm install @bpmn-io/element-templates-validator` somewhere, and NODE_PATH its node_modules."""
+    node = shutil.which("node")
+    found = [
+        Path(path) / "@bpmn-io" / "element-templates-validator" for path in os.environ.get("NODE_PATH", "").split(":")
+    ]
+    if node is None or not any(path.is_dir() for path in found):
+        pytest.skip("needs node, and @bpmn-io/element-templates-validator on NODE_PATH")
+    given = json.dumps(list(ALL.values()))
+    done = subprocess.run([node, "-e", VALIDATE], input=given, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == {"valid": True, "count": len(ALL), "errors": []}
+
+
+@pytest.mark.parametrize("type", COMMON)
+def test_a_type_is_published_with_its_fields_at_their_defaults(type: str) -> None:
+    topic = thrown(ALL[f"fame.publish.{type.replace('/msg/', '.')}"])
+    assert (topic.qualified, topic.type) == ("/done", type)
+    value = compile_expression(topic.payload)({}) if topic.payload else None
+    assert messages.to_mapping(messages.create(type, value)) == messages.to_mapping(messages.create(type))
+
+
+def test_every_field_is_in_the_payload_but_for_times() -> None:
+    assert payload_of("geometry_msgs/msg/Vector3") == "{x: 0.0, y: 0.0, z: 0.0}"
+    assert payload_of("geometry_msgs/msg/PointStamped") == "{header: {frame_id: ''}, point: {x: 0.0, y: 0.0, z: 0.0}}"
+    assert (payload_of("std_msgs/msg/Bool"), payload_of("std_msgs/msg/Empty")) == ("false", "")
+
+
+def test_a_type_is_chosen_from_those_there_are() -> None:
+    for id in ("fame.publish", "fame.receive"):
+        (types,) = [entry for entry in ALL[id]["properties"] if entry["binding"]["name"] == "type"]
+        names = [choice["value"] for choice in types["choices"]]
+        assert len(names) == len(set(names)) > 80
+        assert set(names) <= set(messages.types())
+        assert "nav_msgs/msg/Odometry" in names
+
+
+def test_a_topic_is_received_as_the_fields_say() -> None:
+    topic = thrown(ALL["fame.receive"], type="nav_msgs/msg/Odometry", queue="3", scope="robot")
+    assert (topic.qualified, topic.type, topic.queue) == ("~/done", "nav_msgs/msg/Odometry", 3)
+    assert dict(topic.qos) == {"reliability": "reliable", "durability": "volatile"}
+    assert thrown(ALL["fame.receive"]).queue == 0
+
+
+def test_a_data_object_takes_the_fields_of_a_message() -> None:
+    assert fields_of("geometry_msgs/msg/Vector3") == ("x", "y", "z")
+    assert fields_of("geometry_msgs/msg/Twist") == ()  # linear.x and angular.x have one name
+    assert fields_of("std_msgs/msg/String") == ()
+    assert "fame.fields.geometry_msgs.Vector3" in ALL
+
+
+def test_the_data_of_a_behaviour_are_its_inputs() -> None:
+    template = ALL["fame.inputs.GoTo"]
+    drawn = f'<dataObjectReference id="d" dataObjectRef="o">{applied(template, x_goal="4.5")}</dataObjectReference>'
+    (item,) = body_of(f'{drawn}<dataObject id="o"/>').data_objects
+    assert [(name, value.text) for name, value in item.values] == [("x_goal", "4.5"), ("y_goal", "")]
+
+
+@pytest.mark.parametrize("behaviour", behaviours(), ids=lambda one: one.name)
+def test_a_behaviour_is_called_by_the_name_that_it_has(behaviour: Any) -> None:
+    template = ALL[f"fame.call.{behaviour.name}"]
+    said = {entry["binding"]["name"]: entry["value"] for entry in template["properties"]}
+    assert template["elementType"] == {"value": "bpmn:CallActivity"}
+    node = node_of(f'<callActivity id="c" name="{said["name"]}" calledElement="{said["calledElement"]}"/>')
+    assert isinstance(node, CallActivity)
+    assert (node.called, node.label) == (behaviour.name, behaviour.label)
