@@ -3,7 +3,8 @@
 The tractors stand in rows beside the field, and every one that is idle answers every weed. Each size runs in a process
 of its own, as often as `--runs` says; the quickest counts. Times are CPU times of the one thread there is, so that it
 does not matter what else the machine does. `cost` is that per robot and simulated second, the drone among the robots,
-without building the scenario and ending it; memory per robot is the growth of the largest resident set from the smallest size on.
+without building the scenario and ending it; memory per robot is the growth of the largest resident set from the
+smallest size on.
 
     python benchmarks/scale.py
     python benchmarks/scale.py --sizes 1 10 100 --seconds 120 --json

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,8 @@ def data(id: str, **values: str) -> str:
     """A data object that holds variables."""
     held = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in values.items())
     properties = extensions(f"<camunda:properties>{held}</camunda:properties>")
-    return f'<dataObjectReference id="{id}" dataObjectRef="{id}_o">{properties}</dataObjectReference><dataObject id="{id}_o"/>'
+    reference = f'<dataObjectReference id="{id}" dataObjectRef="{id}_o">{properties}</dataObjectReference>'
+    return f'{reference}<dataObject id="{id}_o"/>'
 
 
 def task(id: str, script: str, *, reads: str = "", sets: str = "") -> str:
@@ -32,8 +34,7 @@ def task(id: str, script: str, *, reads: str = "", sets: str = "") -> str:
 
 
 def flows(*ids: str) -> str:
-    ends = zip(ids, ids[1:], strict=False)
-    return "".join(f'<sequenceFlow id="{a}_{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in ends)
+    return "".join(f'<sequenceFlow id="{a}_{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairwise(ids))
 
 
 def behaviour(tmp_path: Path, content: str, name: str = "Dig") -> Behaviour:

@@ -1,4 +1,4 @@
-"""Element templates for Camunda Modeler: valid, up to date, and read as what they say when a model was made with them."""
+"""Element templates for Camunda Modeler: valid, up to date, and read as what they say in a model made with them."""
 
 from __future__ import annotations
 
