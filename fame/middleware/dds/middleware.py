@@ -181,8 +181,13 @@ class DdsMiddleware:
             self.scheduler.soon(self._check_clients)
 
     def _announce(self) -> None:
-        if not self._closed:
-            self.discovery.announce()
+        try:
+            if not self._closed:
+                self.discovery.announce()
+        except DDSException as error:
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:
+                raise
+            self._watch.ring()  # somebody does not keep up: once more
 
     def _pairs(self, endpoint: Endpoint) -> Iterator[tuple[Endpoint, Endpoint]]:
         """Writer and reader of each pair that an endpoint makes with another, if one of them is here."""

@@ -16,7 +16,7 @@ STACK = 512 * 2**10
 """Bytes of stack: endless recursion ends in an error of the script."""
 
 SECONDS = 5.0
-"""Processor time of one step (s), loops inside built-in functions and regular expressions included."""
+"""Processor time of one step (s), as the whole process spends it; built-in functions and regular expressions count."""
 
 REACTIONS = 1_000_000
 """Reactions of promises in one step."""
