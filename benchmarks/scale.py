@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT))
 
 from fame.middleware.local import LocalSubscription  # noqa: E402
 from fame.scenario import Scenario  # noqa: E402
-from fame.scenario import _Run as Run  # noqa: E402 - building it and running it are measured apart
+from fame.scenario.run import Run  # noqa: E402 - building it and running it are measured apart
 
 SIZES = (1, 10, 100, 1000)
 ROW = 15

@@ -10,17 +10,23 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fame.bpmn.model import CallActivity, Definitions, Process
-from fame.errors import ModelError
+from fame.errors import ConfigError, ModelError
 
 BUILT_IN = Path(__file__).resolve().parent.parent / "models" / "library"
 """The behaviours that come with FAME."""
 
 
 class Library:
-    """The library path: `folders`, the folder of the calling file and ``library`` in it, then what is built in."""
+    """The library path: `folders`, the folder of the calling file and ``library`` in it, then what is built in.
+
+    Raises ConfigError for a folder that there is not.
+    """
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:
         self.folders = tuple(Path(folder) for folder in folders)
+        for folder in self.folders:
+            if not folder.is_dir():
+                raise ConfigError("is no folder; the library path is of folders with .bpmn files", file=str(folder))
         self._files: dict[Path, Definitions] = {}
 
     def path(self, file: str) -> Iterator[Path]:

@@ -262,6 +262,9 @@ class RobotNode:
         if node.alternatives:
             texts = (self._topic_text(item.topic) if item.topic else item.kind for item in node.alternatives)
             return " or ".join(texts)
+        awaited = self.runner.awaited_topic(rest.key)
+        if awaited is not None:
+            return f"receive on {self._topic_text(awaited)}"
         return self.runner.waits(rest.key) or node.kind
 
     def _topic_text(self, topic: str) -> str:

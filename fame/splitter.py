@@ -128,8 +128,8 @@ def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dic
         bound[robot] = pool
     for pool in pools:
         if not pool.multi_instance and pool not in bound.values():
-            have = ", ".join(names) or "none"
-            raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; the robots are {have}", file=file)
+            have = f"the robots are {', '.join(names)}" if names else "there are no robots at all"
+            raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; {have}", file=file)
     return bound
 
 

@@ -96,6 +96,8 @@ class Entry:
     def wrong(self, right: str) -> ConfigError:
         """The complaint that this value was found where `right` belongs."""
         found = repr(self.value)
+        if self.value is None:
+            found = "nothing" if self.path else "an empty file"
         return self.error(f"found {found if len(found) < 60 else found[:57] + '...'}, {right} would be right")
 
     def mapping(self, known: Iterable[str] | None = None) -> dict[str, Entry]:

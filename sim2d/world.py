@@ -74,7 +74,11 @@ class World:
         self._origin = 0
         self._next: Entry | None = None
         self._names: dict[pymunk.Shape, str] = {}
-        self._build()
+        try:
+            self._build()
+        except BaseException:
+            self._clear()
+            raise
 
     @property
     def now(self) -> float:
@@ -101,10 +105,11 @@ class World:
             self._next = None
 
     def close(self) -> None:
-        """Stand still, and take the robots out of the middleware."""
+        """Stand still, and take the robots out of the middleware. Nothing can be asked of the space afterwards."""
         self.stop()
         for robot in self.robots.values():
             robot.close()
+        self._clear()
 
     def summary(self) -> dict[str, Any]:
         """How things stand, fit for JSON: m, rad, s, rounded to 0.1 mm.
@@ -140,6 +145,15 @@ class World:
             raise ConfigError(f"found the robot {robot!r} to be at fault; {suggestion(robot, self.robots)}")
         self.robots[robot].fault(kind)
         self.faults.setdefault(robot, []).append(kind)
+
+    def _clear(self) -> None:
+        """Take the space apart.
+
+        The destructors of pymunk are Python functions that the garbage collector calls, wherever a script may stand
+        then. Where one fails, at the end of a deep recursion, a body is freed that the space still holds, and the
+        process dies. An empty space holds none.
+        """
+        self.space.remove(*self.space.shapes, *self.space.bodies)
 
     def _do_step(self) -> None:
         begin = self._origin + self._nanoseconds(self.steps)

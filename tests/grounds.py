@@ -11,6 +11,9 @@ from fame.middleware.local import LocalMiddleware
 from sim2d.config import WorldConfig
 from sim2d.world import World
 
+OPEN: list[World] = []
+"""The worlds that the tests have made, for ``tests/conftest.py`` to close."""
+
 
 class Ground:
     """`hear` and `say` are a node outside of all robots."""
@@ -19,6 +22,7 @@ class Ground:
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
         self.world = World(config, seed=seed, scheduler=self.scheduler, middleware=self.middleware)
+        OPEN.append(self.world)
         self._node = self.middleware.node("test")
         self._started = False
         self._publishers: dict[str, Any] = {}

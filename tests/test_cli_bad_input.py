@@ -138,12 +138,13 @@ def test_a_topic_that_nobody_publishes_ends_the_run_at_its_duration(tmp_path: Pa
     assert main(["run", str(tmp_path / "s.yaml"), "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert (told["status"], told["simulated"]) == ("timeout", 3.0)
-    assert any("P waits at t" in line and "battery" in line for line in told["messages"])
+    assert "P waits at t for receive on topic /P/battery, which nobody else publishes" in told["messages"]
 
 
 WORLD = "{{size: [4, 4], obstacles: [{{name: rock, at: [3, 3], radius: 0.5}}], robots: {{{robots}}}}}"
 SCENARIOS = {
     "no YAML": ("model: [", ("s.yaml:1",)),
+    "an empty file": ("", ("s.yaml", "empty")),
     "not a mapping": ("- model", ("s.yaml",)),
     "no model": ("seed: 1", ("s.yaml", "model")),
     "a model that is not there": ("model: gone.bpmn", ("gone.bpmn",)),
@@ -193,6 +194,7 @@ REQUESTS = {
     "splitting into a file": (["split", "mission.bpmn", "-o", "mission.bpmn"], ("mission.bpmn", "exists")),
     "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
     "no diagram to draw": (["draw", "mission.bpmn", "-o", "out.svg"], ("mission.bpmn", "no diagram")),
+    "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "no folder")),
     "checking what is not there": (["check", "mission.bpmn", "gone.bpmn"], ("gone.bpmn", "no such file")),
 }
 

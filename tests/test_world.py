@@ -8,12 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pymunk
 import pytest
 from grounds import Ground, ground
 
 from fame.errors import ConfigError
 from sim2d.config import read_world, world_config
 from sim2d.shapes import Circle, Polygon, convex
+from sim2d.world import World
 
 ROOT = Path(__file__).parents[1]
 WORLD = """\
@@ -291,3 +293,22 @@ def test_two_cars_with_all_their_sensors_drive_without_a_collision():
 def test_a_mapping_without_a_file_is_refused_by_its_keys():
     with pytest.raises(ConfigError, match=r"^world.robots.REX.type: found the robot type 'boat'"):
         world_config({"size": [1, 1], "robots": {"REX": {"type": "boat"}}}, path="world")
+
+
+def test_a_closed_world_leaves_nothing_to_the_collector() -> None:
+    at = ground(obstacles=[{"name": "rock", "at": [3, 3], "radius": 0.5}])
+    at.world.close()
+    assert not at.world.space.shapes
+    assert not at.world.space.bodies
+
+
+def test_a_world_that_cannot_be_built_leaves_nothing_either() -> None:
+    spaces: list[pymunk.Space] = []
+    with pytest.raises(ConfigError) as caught:
+        ground(obstacles=[{"name": "rock", "at": [1, 2], "radius": 0.5}])
+    frame = caught.value.__traceback__
+    while frame is not None:
+        spaces += [item.space for item in frame.tb_frame.f_locals.values() if isinstance(item, World)]
+        frame = frame.tb_next
+    assert spaces
+    assert not any(space.shapes or space.bodies for space in spaces)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from argparse import ArgumentTypeError, Namespace
@@ -105,6 +106,7 @@ def run(arguments: Namespace) -> int:
             progress=show,
             record=arguments.picture is not None or arguments.animate is not None,
             strict=arguments.strict,
+            on_interrupt=_say_stopping,
         )
     _draw(arguments, result)
     if arguments.json:
@@ -112,6 +114,11 @@ def run(arguments: Namespace) -> int:
     else:
         _tell(result, quiet=arguments.quiet)
     return result.exit_code
+
+
+def _say_stopping() -> None:
+    """Said from inside a signal handler, where a buffered stream may be at work."""
+    os.write(sys.stderr.fileno(), b"\nstopping after this step; Ctrl-C again to stop now\n")
 
 
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:

@@ -113,6 +113,11 @@ class Runner:
         task = self._tasks.get(key)
         return str(task.request) if task is not None and task.request is not None else ""
 
+    def awaited_topic(self, key: int) -> str | None:
+        """The topic that a script waits for with `receive`, if it does."""
+        task = self._tasks.get(key)
+        return task.request.topic if task is not None and isinstance(task.request, Receive) else None
+
     def poll(self) -> None:
         """Something may have changed: try the conditions awaited by `until`, in the order of arming."""
         for task in tuple(self._untils.values()):

@@ -1,0 +1,116 @@
+"""How a run goes, and how it went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from fame.clock import SECOND
+from fame.errors import MissionError
+from fame.node import Event, Wait
+
+if TYPE_CHECKING:
+    from sim2d.record import Record
+
+Status = Literal["completed", "failed", "timeout", "interrupted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What breaks of a robot at simulated second `time`, for good.
+
+    `kind`: its ``engine``, which vanishes without a safe state, or what a robot of its type can break.
+    """
+
+    robot: str
+    time: float
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is: simulated s, and what each robot is at."""
+
+    simulated: float
+    duration: float
+    robots: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotResult:
+    """How it went for one robot. `elements`: how many were completed; `waits`: what still waited at the end."""
+
+    name: str
+    instances: int
+    completed: int
+    failed: int
+    elements: int
+    errors: tuple[MissionError, ...]
+    waits: tuple[Wait, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
+
+    `ending` says why it was not over when it ended: its time was up, or nothing could move any more; else it is empty.
+    """
+
+    status: Status
+    seed: int
+    robots: tuple[RobotResult, ...]
+    simulated: float
+    wall: float
+    reports: tuple[Event, ...]
+    ending: str
+    world: Mapping[str, Any] | None
+    record: Record | None = field(default=None, repr=False)
+    labels: tuple[tuple[float, str, str], ...] = field(default=(), repr=False)
+
+    @property
+    def exit_code(self) -> int:
+        """That of the command: 0 completed, 1 not, 130 interrupted."""
+        return {"completed": 0, "interrupted": 130}.get(self.status, 1)
+
+    @property
+    def messages(self) -> list[str]:
+        """What went wrong, a line each, for people."""
+        lines = [str(error) for robot in self.robots for error in robot.errors]
+        if self.status == "timeout" or (self.status == "failed" and self.ending):
+            lines.append(f"{self.ending} after {self.simulated:g} simulated seconds")
+        if self.status != "completed":
+            waits = [wait for robot in self.robots for wait in robot.waits]
+            lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
+        return lines
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the record, fit for JSON."""
+        return {
+            "status": self.status,
+            "seed": self.seed,
+            "simulated": round(self.simulated, 9),
+            "wall": round(self.wall, 3),
+            "robots": {
+                robot.name: {
+                    "instances": robot.instances,
+                    "completed": robot.completed,
+                    "failed": robot.failed,
+                    "elements": robot.elements,
+                    "errors": [_error(error) for error in robot.errors],
+                    "waits": [{"element": wait.element, "for": wait.text} for wait in robot.waits],
+                }
+                for robot in self.robots
+            },
+            "world": self.world,
+            "reports": [
+                {"time": event.time / SECOND, "robot": event.robot, "element": event.element, "text": event.detail}
+                for event in self.reports
+            ],
+            "messages": self.messages,
+        }
+
+
+def _error(error: MissionError) -> dict[str, Any]:
+    keys = ("code", "element", "file", "line", "text")
+    return {key: getattr(error, key) for key in keys}

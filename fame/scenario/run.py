@@ -1,0 +1,241 @@
+"""One run of a scenario, while it lasts."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import SECOND, Scheduler, WallScheduler
+from fame.errors import ConfigError, MissionError
+from fame.middleware.local import LocalMiddleware
+from fame.node import Event, RobotNode, Wait, mission
+from fame.scenario.captions import Captions
+from fame.scenario.result import Fault, Progress, Result, RobotResult, Status
+from fame.scripting import heartbeat
+from fame.splitter import pools_of, shared_topics
+
+if TYPE_CHECKING:
+    from fame.scenario.scenario import Scenario
+    from sim2d.world import World
+
+_SLICE = 1.0  # simulated s between two looks at the wall clock
+_PROGRESS = 0.1  # wall s between two reports
+
+
+class Run:
+    """One run of a scenario, while it lasts."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        real_time: bool,
+        observer: Callable[[Event], object] | None,
+        progress: Callable[[Progress], object] | None,
+        record: bool = False,
+        strict: bool = False,
+        on_interrupt: Callable[[], object] | None = None,
+    ) -> None:
+        self.scenario, self.observer, self.progress, self.on_interrupt = scenario, observer, progress, on_interrupt
+        self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.interrupted = self._stuck = False
+        self.reports: list[Event] = []
+        self.captions = Captions(scenario.closures()) if record or progress else None
+        self.dead: set[str] = set()
+        self.world, self.recorder = self._build_world(record)
+        try:
+            self.nodes = self._build_nodes(strict)
+            self._check_faults()
+        except BaseException:
+            if self.world is not None:
+                self.world.close()
+            raise
+
+    def _build_nodes(self, strict: bool) -> list[RobotNode]:
+        """An engine for each robot, loaded."""
+        scenario = self.scenario
+        watching = self.observer is not None or self.captions is not None
+        shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library)
+        nodes = [
+            RobotNode(
+                robot,
+                mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
+                scheduler=self.scheduler,
+                middleware=self.middleware,
+                observer=self._observe if watching else None,
+                on_report=self.reports.append,
+                safe_state=self.world.robots[robot].SAFE_STATE if self.world is not None else (),
+                safe_suspended=self.world.robots[robot].SAFE_SUSPENDED if self.world is not None else (),
+                strict=strict,
+            )
+            for robot, pool in scenario.cast.items()
+        ]
+        for node in nodes:
+            node.load()
+        return nodes
+
+    def _check_faults(self) -> None:
+        for fault in self.scenario.faults:
+            kinds = ("engine", *(self.world.robots[fault.robot].FAULTS if self.world is not None else ()))
+            if fault.kind not in kinds:
+                text = f"found the fault {fault.kind!r} for {fault.robot}; known are: {', '.join(kinds)}"
+                raise ConfigError(text, file=self.scenario.file)
+
+    def _build_world(self, record: bool) -> tuple[World | None, Any]:
+        if self.scenario.world is None:
+            return None, None
+        from sim2d.record import Recorder
+        from sim2d.world import World
+
+        world = World(
+            self.scenario.world, seed=self.scenario.seed, scheduler=self.scheduler, middleware=self.middleware
+        )
+        recorder = Recorder(world) if record else None
+        world.watchers.append(lambda _: self.scheduler.stop() if self._over() else None)
+        return world, recorder
+
+    def _observe(self, event: Event) -> None:
+        if self.captions is not None:
+            self.captions.add(event)
+        if self.observer is not None:
+            self.observer(event)
+
+    def _over(self) -> bool:
+        """Something has run, and nothing runs any more."""
+        return any(node.instances for node in self.nodes) and not any(node.engine.instances for node in self.nodes)
+
+    def result(self) -> Result:
+        """Let it go on until it is over, stop everything safely, and say how it went."""
+        begun = time.monotonic()
+        with self._interruptible(), heartbeat():
+            status = self._work(begun)
+        simulated = self.scheduler.now / SECOND
+        waits = {
+            node.name: tuple(node.waits()) if node.engine.instances or not node.started else ()
+            for node in self.nodes
+            if node.name not in self.dead
+        }
+        robots = tuple(_robot_result(node, waits.get(node.name, ())) for node in self.nodes)
+        ending = "" if self._over() else "nothing can move any more" if self._stuck else "not over"
+        if status == "timeout" and any(robot.failed for robot in robots):
+            status = "failed"
+        world = self.world.summary() if self.world is not None else None
+        if self.recorder is not None:
+            self.recorder.finish(self.world)
+        self._stop()
+        return Result(
+            status=status,
+            seed=self.scenario.seed,
+            robots=robots,
+            simulated=simulated,
+            wall=time.monotonic() - begun,
+            reports=tuple(self.reports),
+            ending=ending,
+            world=world,
+            record=self.recorder.record if self.recorder is not None else None,
+            labels=tuple(self.captions.labels) if self.captions is not None else (),
+        )
+
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """The first Ctrl-C ends the run after the stimulus that is at work; a second one does what it always does."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def interrupt(number: int, frame: Any) -> None:
+            self.interrupted = True
+            self.scheduler.stop()
+            signal.signal(signal.SIGINT, former)
+            if self.on_interrupt is not None:
+                self.on_interrupt()
+
+        former = signal.signal(signal.SIGINT, interrupt)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, former)
+
+    def _work(self, begun: float) -> Status:
+        """Run until the mission is over or its time is up."""
+        if self.world is not None:
+            self.world.start()
+        for node in self.nodes:
+            node.start()
+        for fault in self.scenario.faults:
+            self.scheduler.after(round(fault.time * SECOND), partial(self._break, fault))
+        end, told = round(self.scenario.duration * SECOND), begun
+        slice_ = round((_PROGRESS if isinstance(self.scheduler, WallScheduler) else _SLICE) * SECOND)
+        while self.scheduler.now < end and not self._over() and not self.interrupted:
+            if self.world is None and self.scheduler.next_time() is None:
+                self._stuck = True
+                break
+            self.scheduler.run(min(end, self.scheduler.now + slice_))
+            if self.progress is not None and (now := time.monotonic()) - told >= _PROGRESS:
+                told = now
+                self._tell()
+        if self.progress is not None:
+            self._tell()
+        if self.interrupted:
+            return "interrupted"
+        if not self._over():
+            return "timeout"
+        failed = any(instance.status == "failed" for node in self.nodes for instance in node.instances)
+        return "failed" if failed else "completed"
+
+    def _tell(self) -> None:
+        assert self.progress is not None
+        assert self.captions is not None
+        at = {node.name: self.captions.now.get(node.name, "") for node in self.nodes}
+        self.progress(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
+
+    def _break(self, fault: Fault) -> None:
+        """A fault comes true."""
+        self.reports.append(Event(self.scheduler.now, fault.robot, 0, 0, "", "report", f"fault: {fault.kind}"))
+        if fault.kind != "engine":
+            assert self.world is not None
+            self.world.fault(fault.robot, fault.kind)
+        elif fault.robot not in self.dead:
+            self.dead.add(fault.robot)
+            self._kill(next(node for node in self.nodes if node.name == fault.robot))
+
+    def _kill(self, node: RobotNode) -> None:
+        """Take an engine away as if its process had ended: it says nothing more, and what it was at has failed."""
+        for instance in node.engine.instances.values():
+            element = next((rest.node.id for rest in instance.rests()), "")
+            text = f"its engine died at {self.scheduler.now / SECOND:g} s"
+            instance.error = MissionError(text, robot=node.name, element=element, code="engine")
+            instance.status = "failed"
+            root, process = instance.root.key, node.mission.process.id
+            self._observe(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
+        node.failed += len(node.engine.instances)
+        node.engine.instances.clear()
+        node.node.close()  # first of all, so that no script says a last word
+        node.close()
+
+    def _stop(self) -> None:
+        """Bring every robot that lives to its safe state and leave."""
+        for node in self.nodes:
+            if node.name not in self.dead:
+                node.stop()
+                node.close()
+        if self.world is not None:
+            self.world.close()
+
+
+def _robot_result(node: RobotNode, waits: tuple[Wait, ...]) -> RobotResult:
+    instances = node.instances
+    return RobotResult(
+        name=node.name,
+        instances=len(instances),
+        completed=sum(instance.status == "completed" for instance in instances),
+        failed=sum(instance.status == "failed" for instance in instances),
+        elements=sum(instance.visits.total() for instance in instances),
+        errors=tuple(instance.error for instance in instances if instance.error is not None),
+        waits=waits,
+    )

@@ -1,0 +1,162 @@
+"""The scenario: who plays which pool, in which world, and what will break."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from fame.bpmn.model import Definitions
+from fame.errors import ConfigError
+from fame.library import Library
+from fame.node import Event
+from fame.scenario.file import Said, read_scenario
+from fame.scenario.result import Fault, Progress, Result
+from fame.splitter import Pool, bind, pools_of
+
+if TYPE_CHECKING:
+    from sim2d.config import WorldConfig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """What is to be run. `cast` is who plays which pool, by robot; `faults` is what will break."""
+
+    file: str
+    definitions: Definitions
+    library: Library
+    cast: Mapping[str, Pool]
+    world: WorldConfig | None
+    seed: int
+    duration: float
+    faults: tuple[Fault, ...] = ()
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        *,
+        seed: int | None = None,
+        duration: float | None = None,
+        semantics: str | None = None,
+        library: Sequence[str | Path] = (),
+        robots: Mapping[str, int] = MappingProxyType({}),
+        faults: Sequence[Fault] = (),
+    ) -> Scenario:
+        """A scenario file (.yaml), or a model (.bpmn), whose robots then are engines without a world.
+
+        `seed`, `duration` (simulated s) and `semantics` override what the files say; `library` adds folders; `robots`
+        is how many shall play a multi-instance pool, by its name: more than the file has are copies of its last one,
+        placed by the seed; `faults` break what they name.
+        Raises ConfigError and ModelError: file, line, what was found, what would be right.
+        """
+        from fame.bpmn.reader import read
+
+        path = Path(path)
+        if path.suffix.lower() in (".yaml", ".yml"):
+            said = read_scenario(path)
+        elif path.suffix.lower() in (".bpmn", ".xml"):
+            said = Said(model=path)
+        else:
+            raise ConfigError("is neither a scenario (.yaml) nor a model (.bpmn)", file=str(path))
+        definitions = read(said.model)
+        if semantics is not None:
+            definitions = with_semantics(definitions, semantics)
+        found = Library([*library, *said.library])
+        pools = pools_of(definitions)
+        for pool in pools:
+            found.closure(definitions, pool.process)
+        counts = _counts(pools, robots, str(path))
+        chosen = said.seed if seed is None else seed
+        world = _populated(said.world, counts, chosen) if said.world is not None else None
+        names = [robot.name for robot in world.robots] if world is not None else _names(pools, counts)
+        cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
+        for fault in faults:
+            if fault.robot not in cast:
+                text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
+                raise ConfigError(text, file=str(path))
+        return cls(
+            file=str(path),
+            definitions=definitions,
+            library=found,
+            cast=cast,
+            world=world,
+            seed=chosen,
+            duration=said.duration if duration is None else duration,
+            faults=tuple(faults),
+        )
+
+    def closures(self) -> list[Definitions]:
+        """The files of all that runs: that of the model first, then those of called processes."""
+        files = {self.definitions.file: self.definitions}
+        for pool in self.cast.values():
+            files.update((home.file, home) for home, _ in self.library.closure(self.definitions, pool.process))
+        return list(files.values())
+
+    def run(
+        self,
+        *,
+        real_time: bool = False,
+        observer: Callable[[Event], object] | None = None,
+        progress: Callable[[Progress], object] | None = None,
+        record: bool = False,
+        strict: bool = False,
+        on_interrupt: Callable[[], object] | None = None,
+    ) -> Result:
+        """Run it. Simulated time unless `real_time`; `observer` gets every event; `record` keeps what pictures need.
+
+        The first Ctrl-C calls `on_interrupt` and ends the run after the step that is at work; the second ends that too.
+
+        Raises ModelError, MessageError and ConfigError for what is wrong before anything moves; what goes wrong later
+        is in the result.
+        """
+        from fame.scenario.run import Run
+
+        return Run(self, real_time, observer, progress, record, strict, on_interrupt).result()
+
+
+def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict[str, int]:
+    """How many robots shall play which pool, by its name as drawn. Raises ConfigError."""
+    counts = {}
+    for name, count in robots.items():
+        pool = next((pool for pool in pools if pool.name.casefold() == name.casefold()), None)
+        if pool is None:
+            known = ", ".join(pool.name for pool in pools)
+            raise ConfigError(f"found no pool {name!r} for {name}={count}; the pools are {known}", file=file)
+        if not pool.multi_instance:
+            text = (
+                f"found {name}={count}, but pool {pool.name!r} is a single robot; a multi-instance one would be right"
+            )
+            raise ConfigError(text, file=file)
+        counts[pool.name] = count
+    return counts
+
+
+def _populated(world: WorldConfig, counts: Mapping[str, int], seed: int) -> WorldConfig:
+    """The world with so many robots for each of these pools. Raises ConfigError if there is no room for them."""
+    from sim2d.placement import place
+
+    for name, count in counts.items():
+        prefixes = (robot.name[: len(name)] for robot in world.robots if robot.name[len(name) :].startswith("_"))
+        own = next((prefix for prefix in prefixes if prefix.casefold() == name.casefold()), name)
+        world = replace(world, robots=place(world, own, count, seed))
+    return world
+
+
+def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
+    """The robots of a scenario without a world."""
+    names = []
+    for pool in pools:
+        numbers = range(1, counts.get(pool.name, 1) + 1)
+        names += [f"{pool.name}_{number}" for number in numbers] if pool.multi_instance else [pool.name]
+    return names
+
+
+def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
+    """The same model with all processes of one semantics, ``standard`` or ``original``. Raises ConfigError."""
+    if semantics not in ("standard", "original"):
+        raise ConfigError(f"semantics {semantics!r}: it is standard or original")
+    processes = tuple(replace(process, semantics=semantics) for process in definitions.processes)  # type: ignore[arg-type]
+    return replace(definitions, processes=processes)
