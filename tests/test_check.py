@@ -430,6 +430,15 @@ WARNINGS = {
         row(catch("a", "log")),
         "a: sets a variable `log`, which hides log of the script interface: name it otherwise",
     ),
+    "a script in JavaScript that never says next": (
+        row(script("this.environment.variables.x = 1;", format="javascript")),
+        "t: never calls next(), so it fails when it has run: next() completes a script",
+    ),
+    "a message that fills variables by their names": (
+        row(script("next();", format="javascript"), catch("a", "found", type="geometry_msgs/msg/Vector3"))
+        + data("goal", x_goal="${x_goal}"),
+        "a: fills `x_goal` with field x, by the name alone: connect the event with the data object",
+    ),
     "a process that calls itself without end, in time": (
         row(timer("intermediateCatchEvent", "timeDuration", "PT1S"), call("again", "P")),
         "again: P calls itself without end: every way through it meets such a call",

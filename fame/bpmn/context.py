@@ -23,12 +23,14 @@ _TYPE = re.compile(r"([A-Za-z]\w*)/(?:(msg|srv|action)/)?([A-Za-z]\w*)")
 class Context:
     """Of one file.
 
-    `roots`: signals, messages, errors ... by id; `language`: its expressionLanguage; `elements`: what has been read.
+    `roots`: signals, messages, errors ... by id; `language`: its expressionLanguage; `elements`: what has been read;
+    `original`: it is one of the original FaMe's, by its looks.
     """
 
     file: str
     roots: dict[str, Node] = field(default_factory=dict)
     language: str = ""
+    original: bool = False
     notes: list[Note] = field(default_factory=list)
     elements: dict[str, Node] = field(default_factory=dict)
 
@@ -36,9 +38,13 @@ class Context:
         """The error to raise at an element."""
         return ModelError(text, file=self.file, line=line_of(element), element=name_of(element))
 
-    def note(self, element: Node, text: str, level: Literal["warning", "note"] = "note") -> None:
+    def note(self, element: Node, text: str, level: Literal["warning", "note"] = "note", quirk: bool = False) -> None:
         """Something to tell that stops nothing."""
-        self.notes.append(Note(level, text, name_of(element), line_of(element)))
+        self.notes.append(Note(level, text, name_of(element), line_of(element), quirk))
+
+    def quirk(self, element: Node, text: str) -> None:
+        """A habit of the tool that wrote the file, and what it is read as: told to those who ask for it."""
+        self.notes.append(Note("reading", text, name_of(element), line_of(element), True))
 
     def claim(self, element: Node) -> str:
         """Its id, now taken; made from tag and line where the standard lets it have none."""

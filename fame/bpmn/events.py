@@ -124,11 +124,16 @@ def _topic_name(node: HalfRead, referred: Node | None, say: TopicProperties) -> 
     if node.extensions.topic:
         return node.extensions.topic
     if node.around.labels and label:
+        if name and name != label:
+            text = f"the topic is the label {label!r}, not the name of the signal {name!r} (topics=labels)"
+            node.context.quirk(node.element, text)
         return label
-    if name and label and name != label and (say.type or say.payload or node.extensions.original):
-        level: Literal["warning", "note"] = "warning" if node.extensions.original else "note"
+    if name and label and name != label and (say.type or say.payload or node.context.original):
+        level: Literal["warning", "note"] = "warning" if node.context.original else "note"
         text = f"the topic is {name!r}, the name of the signal, not the label {label!r}"
-        node.context.note(node.element, text, level)
+        node.context.note(node.element, text, level, quirk=True)
+    if label and not name and referred is not None:
+        node.context.quirk(node.element, f"the signal has no name: the topic is the label {label!r}")
     return name or label
 
 
@@ -144,7 +149,7 @@ def _item_type(context: Context, referred: Node | None) -> str | None:
 def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
     node = source.node
     if source.say is None:
-        fame_g0.apply(node.extensions)
+        fame_g0.apply(node.context, node.element, node.extensions)
         source.say = topic_properties(node.context, node.element, node.extensions)
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)

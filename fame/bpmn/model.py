@@ -374,12 +374,14 @@ class SubProcess(Activity):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Process(Element):
     """A process. `instances`: how many not yet ended may be at a time (None: no bound). `semantics`: ``original`` for
-    models of the original FaMe, whose interrupting event sub-processes suspend and resume."""
+    models of the original FaMe, whose interrupting event sub-processes suspend and resume. `by_prefix`: one of those,
+    whose messages fill variables by their names alone where no data object is connected (FORMATS, rules of reading)."""
 
     body: Body
     executable: bool = True
     instances: int | None = None
     semantics: Literal["standard", "original"] = "standard"
+    by_prefix: bool = False
     lanes: tuple[Element, ...] = ()
 
 
@@ -454,12 +456,17 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something the reader wants to say about the file, not an error. `level`: ``warning`` or ``note``."""
+    """Something the reader wants to say about the file, not an error.
 
-    level: Literal["warning", "note"]
+    `level`: ``warning``, ``note``, or ``reading`` for what is told to those who ask how the file was read. `quirk`: the
+    file relies on a habit of the tool that wrote it.
+    """
+
+    level: Literal["warning", "note", "reading"]
     text: str
     element: str = ""
     line: int = 0
+    quirk: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

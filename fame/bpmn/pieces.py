@@ -67,6 +67,8 @@ def copied(
     for process in processes:
         piece.processes.append(deepcopy(by_id[process.id]))
         _write_types(piece.processes[-1], process, types)
+        if process.by_prefix and not _says(piece.processes[-1], "fields"):
+            _add_property(piece.processes[-1], "fields", "prefix")  # what tells it may stand in another pool
     if pool is not None:
         piece.collaboration = _collaboration(definitions, root, pool)
     piece.shared = [deepcopy(one) for one in _needed(root, piece)]
@@ -195,6 +197,12 @@ def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
         return [element]
     tags = (f"{_B}signalEventDefinition", f"{_B}messageEventDefinition")
     return [one for one in element.iterchildren("*") if one.tag in tags]
+
+
+def _says(element: Node, name: str) -> bool:
+    """Whether its own extension elements have a property of that name."""
+    extensions = element.find(_EXTENSION_ELEMENTS)
+    return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))
 
 
 def _add_property(element: Node, name: str, value: str) -> None:

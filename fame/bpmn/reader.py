@@ -25,7 +25,7 @@ from fame.bpmn.bodies import read_body
 from fame.bpmn.context import Context, boolean, find, whole
 from fame.bpmn.data import data_ids
 from fame.bpmn.diagram import read_diagrams
-from fame.bpmn.dialects import extensions_of, fame_g2
+from fame.bpmn.dialects import extensions_of, fame_g2, looks_original
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
 from fame.bpmn.nodes import Surroundings, documentation
 from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
@@ -68,6 +68,7 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     fame_g2.unfold(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
     context.language = root.get("expressionLanguage", "")
+    context.original = looks_original(root)
     for one in context.roots.values():
         context.claim(one)
     processes = tuple(_process(context, one) for one in children(root, "process"))
@@ -106,10 +107,11 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
 
 def _process(context: Context, element: Node) -> Process:
     found, parts = extensions_of(context, element), parts_of(element)
-    topics, instances, semantics = (found.take(name) for name in ("topics", "instances", "semantics"))
+    topics, instances, semantics, fields = map(found.take, ("topics", "instances", "semantics", "fields"))
     for name, given, choices in (
         ("topics", topics, ("signals", "labels")),
         ("semantics", semantics, ("standard", "original")),
+        ("fields", fields, ("associations", "prefix")),
     ):
         if given is not None and given.value.strip() not in choices:
             raise context.error(element, f"{name}={given.value!r}: expected {' or '.join(choices)}")
@@ -126,6 +128,7 @@ def _process(context: Context, element: Node) -> Process:
         executable=boolean(context, element, "isExecutable", True),
         instances=whole(context, element, "instances", instances.value, 1) if instances is not None else None,
         semantics=meaning,
+        by_prefix=fields.value.strip() == "prefix" if fields is not None else context.original,
         lanes=tuple(_lanes(context, element)),
         properties=found.rest(),
     )

@@ -11,7 +11,9 @@
     texts        what each text reads and writes
     variables    what is read and never set
     guidelines   the guidelines of the FaMe paper, as notes
+    quirks       habits of other tools that a model relies on
     findings     what all of them give
+    explain      no finding: what a foreign file was read as
 
 A finding is an ``error`` if the model cannot run, a ``warning`` if it hardly means what it says, a ``note`` else.
 What is called is checked too; of other files errors and warnings are told, their notes are not.
@@ -27,6 +29,7 @@ from fame.check.compiling import compiler_findings
 from fame.check.findings import Finding, Level, arranged, of_error, summary
 from fame.check.flow import flow_findings
 from fame.check.guidelines import guideline_findings
+from fame.check.quirks import unfinished_findings
 from fame.check.recursion import recursion_findings
 from fame.check.subject import Subject, subject
 from fame.check.timers import timer_findings
@@ -55,6 +58,7 @@ def check(definitions: Definitions, *, library: Library | None = None, strict: b
         *topic_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
         *guideline_findings(about),
+        *unfinished_findings(about),
     ]
     told = (finding for finding in found if finding.level != "note" or finding.file == definitions.file)
     return arranged(told, [definitions.file, *(unit.home.file for unit in about.units)])
@@ -64,7 +68,8 @@ def _reader_notes(about: Subject) -> Iterator[Finding]:
     """What the reader had to say of each file."""
     for home in {id(unit.home): unit.home for unit in about.units}.values() or (about.definitions,):
         for note in home.notes:
-            yield Finding(note.level, note.text, home.file, note.line, note.element)
+            if note.level != "reading":
+                yield Finding(note.level, note.text, home.file, note.line, note.element)
 
 
 def _pool_errors(definitions: Definitions) -> Iterator[Finding]:

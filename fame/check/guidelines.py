@@ -6,7 +6,6 @@ talk by signals alone; G4 what decides or is sent is held by data objects.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -154,20 +153,16 @@ def _undeclared(unit: Unit) -> Iterator[Finding]:
 
 def _original(unit: Unit) -> Iterator[Finding]:
     """Interrupting event sub-processes of a file that looks like one of the original's, which suspended."""
-    if unit.process.semantics == "original" or not _looks_original(unit):
-        return
-    for node in unit.process.body.walk():
+    if unit.process.semantics == "standard" and unit.process.by_prefix:
+        for node in suspending(unit.process):
+            text = "ends what its scope was doing; the original FaMe went on with it afterwards"
+            yield unit.finding("warning", f"{text}: property semantics=original on the process does that", node)
+
+
+def suspending(process: Process) -> Iterator[SubProcess]:
+    """The event sub-processes to which semantics=original makes a difference."""
+    for node in process.body.walk():
         if isinstance(node, SubProcess) and node.triggered_by_event and not node.resume:
-            starts = [one for one in node.body.nodes if isinstance(one, Event) and one.place == "start"]
+            starts = (one for one in node.body.nodes if isinstance(one, Event) and one.place == "start")
             if any(one.interrupting for one in starts):
-                text = "ends what its scope was doing; the original FaMe went on with it afterwards"
-                yield unit.finding("warning", f"{text}: property semantics=original on the process does that", node)
-
-
-def _looks_original(unit: Unit) -> bool:
-    """Whether it has scripts in JavaScript, or the file elements of its web modeler."""
-    prefix = re.search(rb'xmlns:(\w+)="http://ros"', unit.home.source)
-    if prefix is not None and b"<" + prefix[1] + b":" in unit.home.source:
-        return True
-    tasks = (node for node in unit.process.body.walk() if isinstance(node, Task))
-    return any(task.script is not None and task.script.language == "javascript" for task in tasks)
+                yield node

@@ -15,7 +15,7 @@ from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.findings import Finding, Level
 from fame.check.payloads import payload_findings, publish_findings
 from fame.check.subject import Subject, Unit
-from fame.engine.data import match, variable_name
+from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import script_topics
@@ -70,10 +70,29 @@ def said_type(ends: Iterable[End]) -> str | None:
 
 def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ...]:
     """The variables of a data object that a caught message of the type sets; all, if the type is not known."""
+    return tuple(message_fields(names, topic, type)) if type and _is_known(type) else tuple(names)
+
+
+def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str, str]:
+    """The same: variable -> field, ``pose.position.x``; none if the type is not known."""
+    found = match(names, variable_name(topic.name), messages.create(type)) if _is_known(type) else {}
+    return {name: ".".join(path) for name, path in found.items()}
+
+
+def _is_known(type: str) -> bool:
     try:
-        return tuple(match(names, variable_name(topic.name), messages.create(type))) if type else tuple(names)
+        messages.fields(type)
     except MessageError:
-        return tuple(names)
+        return False
+    return True
+
+
+def taken_by_prefix(unit: Unit, node: FlowNode, topic: Topic, type: str) -> Mapping[str, str]:
+    """Variables that a caught message sets though nothing says so, but that they begin like a field: name -> field."""
+    if topic.takes or node.data_outputs or not _is_known(type):
+        return {}
+    found = match_prefix(unfilled(unit.process), "", messages.create(type))
+    return {name: ".".join(path) for name, path in found.items()}
 
 
 # ---- ends ------------------------------------------------------------------------------------------------------------
@@ -162,6 +181,9 @@ def _taking(end: End, topic: Topic, type: str | None) -> Iterator[Finding]:
     elif type is not None and names and not topic.takes and not fields_taken(names, topic, type):
         fields = ", ".join(messages.fields(type)) or "none"
         text = f"{type} has no field for {wanted}: name them like its fields ({fields}), or <field>_..."
+        yield end.finding("warning", text)
+    for name, field in taken_by_prefix(end.unit, end.node, topic, type or "").items():
+        text = f"fills `{name}` with field {field}, by the name alone: connect the event with the data object"
         yield end.finding("warning", text)
 
 

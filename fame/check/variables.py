@@ -2,7 +2,8 @@
 
 Called processes share the variables of their caller, unless a mapping gives them variables of their own. So what counts
 is a space: a process and all that it calls without a mapping. In a space every name that anything sets is set; the
-order of things is not looked at. A space in which people, services or JavaScript set variables is not judged.
+order of things is not looked at. A space in which people, services or JavaScript that names no names set
+variables is not judged.
 """
 
 from __future__ import annotations
@@ -29,9 +30,10 @@ from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding, Level
 from fame.check.subject import Subject, Unit
 from fame.check.texts import Text, names_of, texts_of
-from fame.check.topics import fields_taken
+from fame.check.topics import fields_taken, taken_by_prefix
 from fame.engine.data import variable_name
 from fame.scripting.interface import NAMES
+from fame.scripting.javascript.words import words_of
 
 
 @dataclass(slots=True)
@@ -74,9 +76,9 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
             uses.texts.append(text)
             for name in text.writes:
                 uses.sets.setdefault(name, text.element)
-            uses.opaque |= text.use == "script" and text.expression.language == "javascript"
+            uses.opaque |= text.expression.language == "javascript" and words_of(text.expression.text).open
         for node in body.nodes:
-            for name in (*_set_by(node), *_caught(node, objects, types)):
+            for name in (*_set_by(node), *_caught(unit, node, objects, types)):
                 uses.sets.setdefault(name, node)
             uses.opaque |= isinstance(node, Task) and node.kind in ("user", "manual", "service", "business_rule")
         for item in body.data_objects:
@@ -100,11 +102,12 @@ def _set_by(node: FlowNode) -> Iterator[str]:
         yield node.result_variable
 
 
-def _caught(node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
+def _caught(unit: Unit, node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
     """The variables that a caught message sets."""
     for topic, throws in topics_of(node):
         if not throws:
             yield from _taken(node, topic, objects, types)
+            yield from taken_by_prefix(unit, node, topic, types.get(topic.qualified, ""))
 
 
 def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:

@@ -13,10 +13,12 @@ from fame.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
     from fame.check import Finding
+    from fame.check.explain import Reading
     from fame.library import Library
 
 _LEVELS = ("error", "warning", "note")
-_EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json")
+_EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
+             "fame check --explain foreign.bpmn")  # fmt: skip
 
 
 def add(commands: Commands) -> None:
@@ -27,6 +29,7 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("models", type=Path, nargs="+", metavar="MODEL.bpmn")
     parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
+    parser.add_argument("--explain", action="store_true", help="say first what each file was read as")
     add_library(parser)
     add_json(parser)
 
@@ -41,18 +44,31 @@ def run(arguments: Namespace) -> int:
             raise ConfigError("there is no such file", file=str(path))
     library = Library(arguments.library)
     found = [finding for path in arguments.models for finding in _findings(path, library, arguments.strict)]
+    readings = [one for path in arguments.models for one in _readings(path, library)] if arguments.explain else []
     failed = any(finding.level == "error" for finding in found)
     if arguments.json:
         print_json(
             {
                 "status": "failed" if failed else "completed",
                 **{f"{level}s": sum(finding.level == level for finding in found) for level in _LEVELS},
+                **({"readings": [asdict(reading) for reading in readings]} if arguments.explain else {}),
                 "findings": [asdict(finding) for finding in found],
             }
         )
     else:
-        print(*found, summary(found), sep="\n")
+        print(*readings, *found, summary(found), sep="\n")
     return 1 if failed else 0
+
+
+def _readings(path: Path, library: Library) -> list[Reading]:
+    """Of one file; none of one that cannot be read, which is a finding."""
+    from fame.bpmn.reader import read
+    from fame.check.explain import explain
+
+    try:
+        return explain(read(path), library=library)
+    except ModelError:
+        return []
 
 
 def _findings(path: Path, library: Library, strict: bool) -> list[Finding]:

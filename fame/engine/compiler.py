@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from fame.bpmn import model
 from fame.engine import activities, elements, events, gateways, steps
+from fame.engine.data import unfilled
 from fame.engine.host import Compiled, Host
 from fame.engine.state import Body, Node, Program, Step
 from fame.errors import ModelError
@@ -28,7 +29,7 @@ def compile_program(
     Raises ModelError (file, line, element) for what cannot be executed.
     """
     compiler = Compiler(Program(process.id, hash, observed), host, library)
-    compiler.original = process.semantics == "original"
+    compiler.original, compiler.unfilled = process.semantics == "original", unfilled(process)
     program = compiler.program
     program.sources.append(process)
     program.instances = process.instances
@@ -53,6 +54,7 @@ class Compiler:
         self.program, self.host, self.library, self.observed = program, host, library, program.observed
         self.called: dict[tuple[str, str], Body] = {}
         self.original = False  # whether the process at hand means suspension by interruption (DESIGN section 3)
+        self.unfilled: tuple[str, ...] = ()  # its variables that a caught message may fill by their names alone
 
     # ---- nodes ---------------------------------------------------------------------------------------
 
@@ -97,9 +99,10 @@ class Compiler:
         if key not in self.called:
             self.called[key] = Body(process.id)
             self.program.sources.append(process)
-            outside, self.original = self.original, process.semantics == "original"
+            outside = self.original, self.unfilled
+            self.original, self.unfilled = process.semantics == "original", unfilled(process)
             self.body(process.id, process.body, home, body=self.called[key])
-            self.original = outside
+            self.original, self.unfilled = outside
         return self.called[key]
 
     def body(

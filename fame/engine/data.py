@@ -1,7 +1,8 @@
 """What a caught message does to the variables (DESIGN section 3, "A caught message").
 
 An explicit mapping decides alone; else the data objects at the event's output association; else one variable named like
-the topic takes the message, or its bare value if it is a wrapper (one field ``data``).
+the topic takes the message, or its bare value if it is a wrapper (one field ``data``). In that last case, in a model of
+the original FaMe, variables that a data object declares and nothing else fills take the fields that they begin like.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from fame.bpmn.model import DataObject, Topic
+from fame.bpmn.model import DataObject, Process, SubProcess, Topic
 from fame.engine.variables import UNDEFINED, Variables
 
 if TYPE_CHECKING:
     from fame.engine.state import Node
 
 Take = Callable[[dict[str, Any], Any], None]
+Match = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
 
 
 def variable_name(topic: str) -> str:
@@ -30,15 +32,38 @@ def variable_name(topic: str) -> str:
 
 
 def receiver(
-    topic: Topic, objects: Sequence[DataObject], assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]
+    topic: Topic,
+    objects: Sequence[DataObject],
+    assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]],
+    loose: Sequence[str] = (),
 ) -> Take:
-    """The function (variables, message) of one catching event. `assignments` is its mapping, compiled."""
+    """The function (variables, message) of one catching event.
+
+    `assignments` is its mapping, compiled; `loose` are variables of the process that nothing else fills (`unfilled`).
+    """
     if assignments:
         return _mapped(assignments)
     names = tuple(name for item in objects for name in item.names)
     if names:
-        return _matched(names, variable_name(topic.name))
-    return _whole(variable_name(topic.name))
+        return _matched(names, variable_name(topic.name), match)
+    whole = _whole(variable_name(topic.name))
+    return _both(_matched(tuple(loose), "", match_prefix), whole) if loose else whole
+
+
+def unfilled(process: Process) -> tuple[str, ...]:
+    """The variables of a process that a caught message may fill by their names alone: none, unless the model says so.
+
+    They are those that data objects declare without a value, and that no element fills by an association.
+    """
+    if not process.by_prefix:
+        return ()
+    nodes = list(process.body.walk())
+    bodies = [process.body, *(node.body for node in nodes if isinstance(node, SubProcess))]
+    objects = [item for body in bodies for item in body.data_objects if item.kind == "object"]
+    filled = {id for node in nodes for id in node.data_outputs}
+    names = {name for item in objects if item.id in filled for name in item.names}
+    pairs = [pair for item in objects for pair in item.values if pair[0] not in names]
+    return tuple(dict.fromkeys(name for name, value in pairs if value.text in ("", f"${{{name}}}")))
 
 
 def _mapped(assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]) -> Take:
@@ -59,7 +84,15 @@ def _whole(name: str) -> Take:
     return take
 
 
-def _matched(names: tuple[str, ...], topic: str) -> Take:
+def _both(first: Take, second: Take) -> Take:
+    def take(variables: dict[str, Any], message: Any) -> None:
+        first(variables, message)
+        second(variables, message)
+
+    return take
+
+
+def _matched(names: tuple[str, ...], topic: str, match: Match) -> Take:
     getters: dict[type, list[tuple[str, Callable[[Any], Any]]]] = {}
 
     def take(variables: dict[str, Any], message: Any) -> None:
@@ -96,6 +129,18 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
         named = named or next((name for name in free if name.startswith(f"{field}_")), None)
         if named is not None:
             found[named] = path
+    return found
+
+
+def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str, ...]]:
+    """As `match`, where no data object brings the variables to the event: all that counts is that they begin like a
+    field of the message itself."""
+    found: dict[str, tuple[str, ...]] = {}
+    for field in message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", ()):
+        free = [name for name in names if name not in found and name.startswith(field)]
+        named = min(free, key=lambda name: (name != field, not name.startswith(f"{field}_")), default=None)
+        if named is not None:
+            found[named] = (field,)
     return found
 
 

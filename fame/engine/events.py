@@ -75,7 +75,8 @@ def listen(wiring: Wiring, element: model.FlowNode, node: Node, topic: model.Top
     node.topic, node.queue = topic.qualified, topic.queue
     objects = [wiring.objects[id] for id in element.data_outputs if id in wiring.objects]
     pairs = [(item.target, item.source) for item in topic.takes]
-    node.take = data.receiver(topic, objects, wiring.compiler.assignments(pairs, element, wiring.file))
+    node.take = data.receiver(topic, objects, wiring.compiler.assignments(pairs, element, wiring.file),
+                              wiring.compiler.unfilled)  # fmt: skip
 
 
 def start(wiring: Wiring, event: model.Event) -> None:

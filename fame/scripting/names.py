@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from fame.bpmn.model import Expression
 from fame.scripting.interface import interface
+from fame.scripting.javascript.words import words_of
 from fame.scripting.languages import parse_expression
 from fame.scripting.python import parse_python
 
@@ -19,7 +20,8 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
     names of the interface and builtins that it does not set. Raises ModelError if the text is wrong.
     """
     if expression.language == "javascript":
-        return frozenset(), frozenset()
+        words = words_of(expression.text)
+        return words.reads, words.writes
     if expression.language != "python":
         return frozenset(parse_expression(expression)[1]), frozenset()
     tree = parse_python(expression, "exec" if script else "eval")

@@ -70,3 +70,22 @@ def test_a_boundary_event_and_an_event_sub_process_take_messages_too(play: Play)
     content += handler("h", start("t", signal("B"), interrupting=False).replace("<signal", typed + "<signal"))
     run = play(content).run().signal("A", 4).signal("B", 5)
     assert (run.variables["A"], run.variables["B"]) == (4, 5)
+
+
+def test_in_a_model_of_the_original_declared_variables_take_the_fields_that_they_begin_like(play: Play) -> None:
+    said = properties(fields="prefix") + element("dataObject", "o") + element("dataObject", "p")
+    goal = element("dataObjectReference", "d", properties(x_goal="${x_goal}", zoom="1"), dataObjectRef="o")
+    limits = element("dataObjectReference", "l", properties(y_min="0.0"), dataObjectRef="p")
+    found = play(said + goal + limits + caught()).run().signal("A", POINT).variables
+    assert sorted(found) == ["A", "x_goal"]
+    assert found["x_goal"] == 1.0
+    plain = play(goal + element("dataObject", "o") + caught()).run().signal("A", POINT).variables
+    assert list(plain) == ["A"]
+
+
+def test_of_those_none_that_an_arrow_fills_elsewhere(play: Play) -> None:
+    said = properties(fields="prefix") + element("dataObject", "o")
+    goal = element("dataObjectReference", "d", properties(x_goal="${x_goal}"), dataObjectRef="o")
+    arrow = element("dataOutputAssociation", "a", "<targetRef>d</targetRef>")
+    model = said + goal + caught() + element("task", "t", arrow) + path("c t")
+    assert list(play(model).run().signal("A", POINT).variables) == ["A"]

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from fame.bpmn.context import Context
-from fame.bpmn.dialects import camunda7, camunda8, fame_g2
+from fame.bpmn.dialects import camunda7, camunda8, fame_g0, fame_g2
 from fame.bpmn.dialects.extensions import Extensions
 from fame.bpmn.xml import ACTIVITI, BPMN, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes
 
@@ -31,6 +31,8 @@ ATTRIBUTES: Mapping[str, AttributeAdapter] = {
     ZEEBE: camunda8.attribute,
 }
 
+_OURS = {fame_g2.ROS, fame_g2.DATA, fame_g2.QOS, fame_g2.CALL}
+_JAVASCRIPT = ("javascript", "js")
 _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 
 
@@ -49,3 +51,34 @@ def extensions_of(context: Context, element: Node) -> Extensions:
             if read_element is not None:
                 read_element(context, extension, found)
     return found
+
+
+def looks_original(root: Node) -> bool:
+    """Whether a file looks like one of the original FaMe's: by elements of its web modeler, lists, or JavaScript."""
+    return any(
+        one.tag[1:].partition("}")[0] in _OURS
+        or (one.get("scriptFormat") or one.get("language") or "").lower().strip(" ()") in _JAVASCRIPT
+        or fame_g0.is_message(one)
+        for one in root.iter("*")
+    )
+
+
+_FORMS: Mapping[str, str] = {
+    fame_g0.LIST: "lists of type and payload (FaMe G0)",
+    CAMUNDA: "Camunda 7 (FaMe G1, FAME)",
+    **dict.fromkeys((fame_g2.ROS, fame_g2.DATA, fame_g2.QOS, fame_g2.CALL), "FaMe's web modeler (G2)"),
+    ZEEBE: "Camunda 8",
+    FLOWABLE: "Flowable",
+    ACTIVITI: "Activiti",
+}
+
+
+def forms_of(root: Node) -> tuple[str, ...]:
+    """Whose extension elements and attributes a file has, in words; in the order of generations."""
+    seen = set[str]()
+    for one in root.iter("*"):
+        seen.add(one.tag[1:].partition("}")[0])
+        seen.update(key[1:].partition("}")[0] for key in attributes(one) if key[0] == "{")
+        if fame_g0.is_message(one):
+            seen.add(fame_g0.LIST)
+    return tuple(dict.fromkeys(text for form, text in _FORMS.items() if form in seen))

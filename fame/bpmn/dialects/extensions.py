@@ -63,7 +63,6 @@ class Extensions:
     script: Expression | None = None
     key: Expression | None = None
     refused: str = ""
-    original: bool = False
 
     def take(self, name: str) -> Property | None:
         """The property of that name, used up; None if there is none or it is empty."""

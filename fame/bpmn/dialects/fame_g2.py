@@ -23,12 +23,11 @@ _PREFIXES = {
 
 def element(context: Context, node: Node, found: Extensions) -> None:
     """One extension element. Attributes that mean nothing (``selection``, ``is_output``) are passed over."""
-    found.original = True
     name = local(node)
     if name == "message":
         found.type = node.get("type", "")
     elif name == "payload":
-        found.payload = _payload(node)
+        found.payload = _payload(context, node)
     elif name == "service":
         found.operation, found.type, found.service = node.get("name", "").strip(), node.get("type", ""), True
     elif name == "policy":
@@ -36,20 +35,27 @@ def element(context: Context, node: Node, found: Extensions) -> None:
             if str(key).replace("_", "").lower() in _POLICIES:
                 policy_name, meaning = policy(context, node, str(key), str(value))
                 found.qos[policy_name] = meaning
+                if meaning != str(value):
+                    context.quirk(node, f"quality of service {key!s}={value!s} is {policy_name} {meaning}")
     elif name == "parameters":
-        found.values += [(_name(one), Property(one.get("value", ""), line_of(one))) for one in node if _name(one)]
+        named = [(_name(context, one), one) for one in node]
+        found.values += [(name, Property(one.get("value", ""), line_of(one))) for name, one in named if name]
     elif name == "process":
         found.called = node.get("process", "").strip()
 
 
-def _name(node: Node) -> str:
-    return node.get("name", "").strip().removesuffix(":").strip()
+def _name(context: Context, node: Node) -> str:
+    given = node.get("name", "").strip()
+    name = given.removesuffix(":").strip()
+    if name != given:
+        context.quirk(node, f"the parameter {given!r} is {name!r}")
+    return name
 
 
-def _payload(node: Node) -> Property | None:
+def _payload(context: Context, node: Node) -> Property | None:
     if node.get("data") is not None:
         return Property(node.get("data", ""), line_of(node))
-    given = [(_name(one), one.get("value", "")) for one in node if one.get("value", "").strip()]
+    given = [(_name(context, one), one.get("value", "")) for one in node if one.get("value", "").strip()]
     return Property(mapped_entries(given), line_of(node)) if given else None
 
 
@@ -70,6 +76,7 @@ def unfold(context: Context, root: Node) -> None:
             number += 1
             id = f"{stem}_{number}"
         holder.set("process", id)
+        context.quirk(holder, f"the process embedded in it is read as process {id} of the file")
         if id not in ids:
             ids[id] = plain
             process.set("id", id)

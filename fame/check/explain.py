@@ -1,0 +1,183 @@
+"""What a file was read as, for people whose models were made elsewhere: one reading per line of the explanation.
+
+::
+
+    form       which tool's extension elements the file has
+    topic      what an event or task throws, catches or asks: topic, type, payload, where its fields go
+    data       the variables of a data object
+    call       where a called process was found
+    script     the language of a script, condition or other text, as far as that is not Python
+    quirk      a habit of the tool that wrote the file, on which the model relies
+    semantics  what semantics=original changes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from fame.bpmn.dialects import forms_of
+from fame.bpmn.expressions import is_mixed
+from fame.bpmn.model import DataObject, Definitions, Element, Expression, Task
+from fame.bpmn.topics import EMPTY_TYPE
+from fame.bpmn.xml import children, parse
+from fame.check.guidelines import suspending
+from fame.check.quirks import quirks_of
+from fame.check.subject import Subject, Unit, subject
+from fame.check.texts import texts_of
+from fame.check.topics import End, message_fields, said_type, table, taken_by_prefix
+from fame.engine.data import variable_name
+from fame.library import Library
+
+Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
+KINDS: tuple[Kind, ...] = ("form", "topic", "data", "call", "script", "quirk", "semantics")
+
+_LANGUAGES = {"javascript": "JavaScript", "juel": "Camunda 7, ${...}", "feel": "FEEL", "template": "text with ${...}"}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One thing that was read. `line` is 1-based, 0 unknown; `element` is an id, empty for the file."""
+
+    kind: Kind
+    text: str
+    file: str = ""
+    line: int = 0
+    element: str = ""
+
+    def __str__(self) -> str:
+        """One line: ``mission.bpmn:12: topic: Event_1: catches /done, std_msgs/msg/Bool, into done``."""
+        place = ":".join(part for part in (self.file, str(self.line or "")) if part)
+        return ": ".join(part for part in (place, self.kind, self.element, self.text) if part)
+
+
+def explain(definitions: Definitions, *, library: Library | None = None) -> list[Reading]:
+    """All readings of a file and of the processes that it calls, by file and line."""
+    about = subject(definitions, library or Library())
+    homes = {unit.home.file: unit.home for unit in about.units} or {definitions.file: definitions}
+    found = [reading for home in homes.values() for reading in (*_forms(home), *_notes(home))]
+    types = {name: said_type(ends) or EMPTY_TYPE for name, ends in table(about.units).items()}
+    for ends in table(about.units).values():
+        found += (_at(end.unit, "topic", _topic(end, types[end.name]), end.node, end.line) for end in ends)
+    for unit in about.units:
+        found += (*_services(unit), *_data(unit), *_calls(unit, about), *_texts(unit), *_semantics(unit))
+        found += (_at(unit, "quirk", text, node, line) for text, node, line in quirks_of(unit, types))
+    order = {file: place for place, file in enumerate(homes)}
+    return sorted(dict.fromkeys(found), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
+
+
+def _at(unit: Unit, kind: Kind, text: str, element: Element, line: int = 0) -> Reading:
+    return Reading(kind, text, unit.home.file, line or element.line, element.id)
+
+
+def _forms(home: Definitions) -> Iterator[Reading]:
+    forms = forms_of(parse(home.source, home.file))
+    yield Reading("form", f"has {', '.join(forms)}" if forms else "has no extension elements", home.file)
+
+
+def _notes(home: Definitions) -> Iterator[Reading]:
+    for note in home.notes:
+        if note.quirk:
+            yield Reading("quirk", note.text, home.file, note.line, note.element)
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+def _topic(end: End, type: str) -> str:
+    if end.topic is None:
+        return f"its script {'publishes' if end.throws else 'hears'} {end.name}, {type}"
+    says = "" if end.type else " (which nobody says)" if type == EMPTY_TYPE else " (said elsewhere)"
+    head = f"{'throws' if end.throws else 'catches'} {end.name}, {type}{says}"
+    if end.throws:
+        sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of defaults"
+        return f"{head}, {sent}"
+    return f"{head}, {_where_to(end, type)}"
+
+
+def _where_to(end: End, type: str) -> str:
+    """Where the fields of a caught message go."""
+    topic, node = end.topic, end.node
+    assert topic is not None
+    if topic.takes:
+        return ", ".join(f"{one.target} = {one.source.text}" for one in topic.takes)
+    names = [name for item in _objects(end.unit) if item.id in node.data_outputs for name in item.names]
+    if names:
+        taken = message_fields(names, topic, type)
+        return ", ".join(f"{name} = {field}" for name, field in taken.items()) or f"nothing for {', '.join(names)}"
+    loose = taken_by_prefix(end.unit, node, topic, type)
+    return ", ".join([f"into {variable_name(topic.name)}", *(f"{name} = {field}" for name, field in loose.items())])
+
+
+def _services(unit: Unit) -> Iterator[Reading]:
+    for node in unit.process.body.walk():
+        if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
+            sent = f"request {_shown(node.payload)}" if node.payload is not None else "a request of defaults"
+            text = f"asks the service {node.topic.name}, {node.topic.type or 'of no type'}, {sent}"
+            yield _at(unit, "topic", text, node)
+
+
+# ---- data, calls, texts ----------------------------------------------------------------------------------------------
+
+
+def _objects(unit: Unit) -> Iterator[DataObject]:
+    for body in unit.bodies():
+        yield from body.data_objects
+
+
+def _data(unit: Unit) -> Iterator[Reading]:
+    for item in _objects(unit):
+        held = [f"{name} = {value.text}" if value.text else name for name, value in item.values]
+        yield _at(unit, "data", f"holds {', '.join(held)}" if held else "holds no variables", item)
+
+
+def _calls(unit: Unit, about: Subject) -> Iterator[Reading]:
+    missing = {error.element: error.text for error in about.missing if error.file == unit.home.file}
+    for call, callee in unit.calls:
+        if callee is None:
+            text = f"calls nothing: {missing.get(call.id, 'the process was not found')}"
+        elif callee.home is not unit.home:
+            text = f"calls process {callee.process.id} of {callee.home.file}"
+        elif callee.process.id in _drawn(unit.home):
+            text = f"calls process {callee.process.id} of this file"
+        else:
+            text = f"calls process {callee.process.id}, which is embedded in it"
+        if callee is not None and call.called != callee.process.id:
+            text += f", the only one of {call.called}.bpmn"
+        yield _at(unit, "call", text, call)
+
+
+def _drawn(home: Definitions) -> set[str | None]:
+    """The processes that stand in the file itself, not in a call activity."""
+    return {one.get("id") for one in children(parse(home.source, home.file), "process")}
+
+
+def _texts(unit: Unit) -> Iterator[Reading]:
+    for body in unit.bodies():
+        for text in texts_of(body):
+            language = _LANGUAGES.get(text.expression.language)
+            literal = text.expression.language == "template" and not is_mixed(text.expression.text)
+            if language is not None and text.use != "payload" and not literal:
+                yield _at(unit, "script", f"{text.use} in {language}{_first(text.expression)}", text.element,
+                          text.expression.line)  # fmt: skip
+
+
+def _first(expression: Expression) -> str:
+    return f": {expression.text}" if "\n" not in expression.text and len(expression.text) <= 80 else ""
+
+
+def _shown(payload: Expression | None) -> str:
+    return " ".join(payload.text.split()) if payload is not None else ""
+
+
+# ---- semantics=original ----------------------------------------------------------------------------------------------
+
+
+def _semantics(unit: Unit) -> Iterator[Reading]:
+    for node in suspending(unit.process):
+        if unit.process.semantics == "original":
+            text = "suspends its scope, which goes on afterwards (semantics=original)"
+        else:
+            text = "ends what its scope was doing; with semantics=original that is suspended and goes on afterwards"
+        yield _at(unit, "semantics", text, node)

@@ -1,0 +1,77 @@
+"""What the text of a script tells before it runs: whether it calls next(), and the variables that it names.
+
+The text is not parsed: comments and literal texts are left out, and what remains is searched for the forms in which
+scripts reach their variables. Whatever reaches them in another way makes the names *open*: others may be meant too.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+_LITERAL = re.compile(
+    r"""//[^\n]* | /\*.*?\*/ | '(?:\\.|[^'\\\n])*' | "(?:\\.|[^"\\\n])*" | `(?:\\.|[^`\\])*`""", re.VERBOSE | re.DOTALL
+)
+_INSIDE = re.compile(r"\$\{([^{}]*)\}")
+_NAME = r"[^\W\d][\w$]*"
+_BEHIND = r"(?<![\w$])(?:(?:this|\w+)\s*\.\s*)?environment\s*\??\.\s*variables\b"
+_ALIAS = re.compile(rf"\b(?:const|let|var)\s+({_NAME})\s*=\s*{_BEHIND}\s*(?=[;,\n}}]|$)")
+_TAKEN = re.compile(rf"\{{([^{{}}]*)\}}\s*=\s*(?:{_BEHIND}|({_NAME}))\s*(?=[;,\n}}]|$)")
+_SET = re.compile(r"\s*(?:=(?![=>])|[-+*/%&|^]=|\*\*=|\|\|=|&&=|\?\?=|<<=|>>=|\+\+|--)")
+_CHANGE = re.compile(r"\s*(?:[-+*/%&|^]=|\*\*=|<<=|>>=|\+\+|--)")
+_NODES = ("ros_node", "node")
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """`open`: it may read and set other variables too. `next`: it names next. `node`: it says node for ros_node."""
+
+    reads: frozenset[str]
+    writes: frozenset[str]
+    open: bool
+    next: bool
+    node: bool
+
+
+def words_of(text: str) -> Words:
+    """The words of a script or condition.
+
+    >>> said = words_of("const env = this.environment.variables; env.x = env.y + 1; next(); // env.z")
+    >>> sorted(said.reads), sorted(said.writes), said.open, said.next
+    (['y'], ['x'], False, True)
+    """
+    code = _LITERAL.sub(_without, text)
+    reads, writes = set[str](), set[str]()
+    aliases = [found[1] for found in _ALIAS.finditer(code)]
+    code = _ALIAS.sub("", code)
+    objects = "|".join([_BEHIND, *(rf"(?<![\w$.]){alias}\b" for alias in aliases)])
+    for found in _TAKEN.finditer(code):
+        if found[2] is None or found[2] in aliases:
+            reads |= {name.partition(":")[0].partition("=")[0].strip() for name in found[1].split(",")}
+    code = _TAKEN.sub(lambda found: "" if found[2] is None or found[2] in aliases else found[0], code)
+    is_open = False
+    for found in re.finditer(rf"(?:{objects})(?:\s*\??\.\s*({_NAME}))?", code):
+        name, after = found[1], code[found.end() :]
+        if name is None:
+            is_open = True
+        elif _SET.match(after) or code[: found.start()].rstrip().endswith(("++", "--", "delete")):
+            writes.add(name)
+            reads |= {name} if _CHANGE.match(after) else set()
+        else:
+            reads.add(name)
+    is_open |= "environment" in re.sub(_BEHIND, "", code)
+    said_node = "node" in reads
+    return Words(
+        frozenset(reads - {"", *_NODES}),
+        frozenset(writes),
+        is_open,
+        re.search(r"\bnext\b", code) is not None,
+        said_node,
+    )
+
+
+def _without(found: re.Match[str]) -> str:
+    """What is left of a comment or literal text: a blank, or what a template computes."""
+    if found[0][0] != "`":
+        return '""' if found[0][0] in "'\"" else " "
+    return " ".join(("", *_INSIDE.findall(found[0]), ""))
