@@ -11,6 +11,7 @@ pytest.importorskip("cryptography", reason="cryptography is not installed: pip i
 from test_deployment import TEAM, Field, patrol
 
 import fame
+from fame.cli import main
 from fame.deployment import EngineNode
 from fame.signing import FRESH, new_keys, read_private, read_trusted, sign, verify
 
@@ -97,3 +98,19 @@ def test_a_secret_key_is_for_its_owner_alone_and_never_overwritten(tmp_path):
     broken.write_text(json.dumps("no key"))
     with pytest.raises(fame.ConfigError, match=r"broken\.pub.*PEM"):
         read_trusted([broken])
+
+
+def test_an_engine_on_an_open_network_wants_a_key_or_to_be_told_that_it_needs_none(capsys):
+    assert main(["engine", "A", "--network", "eth0"]) == 2
+    assert "--trust FILE.pub, or --insecure" in capsys.readouterr().err
+
+
+@pytest.mark.dds
+def test_so_does_one_on_loopback_that_the_platform_does_not_confine(monkeypatch, capsys):
+    pytest.importorskip("cyclonedds")
+    from fame.middleware.dds import domain
+
+    monkeypatch.setattr(domain, "confine", lambda number: False)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "229")
+    assert main(["engine", "A"]) == 2
+    assert "other machines can reach this engine" in capsys.readouterr().err

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
     from fame.node import Event
 
+_OPEN = (
+    "other machines can reach this engine, and a topic that carries code must not be open by accident: "
+    "give --trust FILE.pub, or --insecure to take what anybody sends"
+)
+
 
 def add(commands: Commands) -> None:
     """Declare the command."""
@@ -44,14 +49,15 @@ def run(arguments: Namespace) -> int:
     from fame.remote import serve
     from fame.signing import read_trusted
 
-    if arguments.network is not None and not (arguments.trust or arguments.insecure):
-        raise FameError(
-            "a topic that carries code must not be open by accident: give --trust FILE.pub, or --insecure to take any"
-        )
     trusted = read_trusted(arguments.trust) if arguments.trust else ()
+    guarded = bool(trusted or arguments.insecure)
+    if arguments.network is not None and not guarded:
+        raise FameError(_OPEN)
     safe, suspended = _safe_states(arguments.type)
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
+        if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
+            raise FameError(_OPEN)
         scheduler.run(scheduler.now + SECOND // 2)  # until others are found
         if arguments.name in engines(middleware):
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")

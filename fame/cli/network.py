@@ -25,10 +25,9 @@ def add_network(parser: Parser) -> None:
 @contextmanager
 def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]]:
     """A scheduler and a middleware for a command that asks something and ends."""
-    from fame.clock import WallScheduler
-    from fame.remote import connect
+    from fame.remote import connect, scheduler_for
 
-    scheduler = WallScheduler()
+    scheduler = scheduler_for(arguments.middleware)
     middleware = connect(arguments.middleware, scheduler, arguments.network)
     try:
         yield scheduler, middleware

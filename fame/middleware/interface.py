@@ -126,7 +126,9 @@ class Node(Protocol):
 
 
 class Middleware(Protocol):
-    """A backend."""
+    """A backend. `confined` tells whether other machines cannot reach it: what carries code relies on that."""
+
+    confined: bool
 
     def node(self, name: str, namespace: str = "") -> Node: ...
 

@@ -32,6 +32,8 @@ _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 class LocalMiddleware:
     """The nodes of one process. `warnings` collects what a person should know; `on_warning` is told of each at once."""
 
+    confined = True
+
     def __init__(self, scheduler: Scheduler, on_warning: Callable[[str], object] | None = None) -> None:
         self.scheduler = scheduler
         self.warnings: list[str] = []

@@ -1,9 +1,4 @@
-"""A scenario's parts in processes of their own: how one is started, watched and ended, and what each of them does.
-
-`serve` is what such a process does: its scheduler on the wall clock, its middleware, and a part that is built on both
-and runs until somebody stops it (SIGINT, SIGTERM). `Team` starts them all, deploys the model, and watches what they
-say.
-"""
+"""A scenario in many processes: the world and one engine per robot, started, deployed to, watched and ended."""
 
 from __future__ import annotations
 
@@ -18,60 +13,22 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from fame.clock import SECOND, Kind, WallScheduler
+from fame.clock import SECOND, Kind
 from fame.deployment import STATUS_QOS, STRING, Deployment, Report
-from fame.errors import ConfigError, DeploymentError, UnavailableError
-from fame.middleware.interface import LATCHED, Middleware
+from fame.middleware.interface import LATCHED
+from fame.remote.process import connect, scheduler_for
 from fame.scenario import Progress
 
 if TYPE_CHECKING:
     from fame.scenario import Scenario
 
-BACKENDS = ("dds", "ros")
 WORLD_STATE = "/world_state"
 """Topic of how things stand in a simulated world: std_msgs/msg/String, JSON as `sim2d.world.World.summary` gives."""
 
 _ENDING = 5.0  # s that a process may take to end
 _APPEARING = 15.0  # s until all engines have to be there
-
-
-class Part(Protocol):
-    """What a process holds: closed before it leaves."""
-
-    def close(self) -> None: ...
-
-
-def connect(backend: str, scheduler: WallScheduler, network: str | None = None) -> Middleware:
-    """The middleware of a process. Raises UnavailableError for one that is not installed."""
-    if backend == "dds":
-        from fame.middleware.dds import DdsMiddleware
-
-        return DdsMiddleware(scheduler, network=network)
-    if backend == "ros":
-        raise UnavailableError("the rclpy backend is not part of this version; --middleware dds speaks to ROS 2 nodes")
-    raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
-
-
-def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:
-    """Build a part and let it live until SIGINT or SIGTERM; then close it safely."""
-    scheduler = WallScheduler()
-    middleware = connect(backend, scheduler, network)
-    try:
-        part = build(scheduler, middleware)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: scheduler.stop())
-        try:
-            scheduler.run()
-        finally:
-            part.close()
-            scheduler.run(scheduler.now + SECOND // 10)  # what was said last still goes out
-    finally:
-        middleware.close()
-
-
-# ---- all of them -----------------------------------------------------------------------------------------------
 
 
 @dataclass(slots=True)
@@ -107,7 +64,7 @@ class Team:
 
     def __init__(self, scenario: Scenario, backend: str, watch: Callable[[Progress], object]) -> None:
         self.scenario, self.backend, self._watch = scenario, backend, watch
-        self.scheduler = WallScheduler()
+        self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
@@ -243,39 +200,3 @@ def _spawn(command: Sequence[str]) -> subprocess.Popen[bytes]:
     paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True)
-
-
-def deploy(
-    definitions: Any,
-    middleware: Middleware,
-    scheduler: WallScheduler,
-    *,
-    only: Sequence[str],
-    library: Any,
-    patience: float,
-    key: Any = None,
-) -> Deployment:
-    """Deploy a model to the engines that are there, and wait. Raises DeploymentError if there is none."""
-    from fame.deployment import engines
-
-    until = scheduler.now + round(patience * SECOND)
-    while not engines(middleware) and scheduler.now < until:
-        scheduler.run(scheduler.now + SECOND // 20)
-    scheduler.run(scheduler.now + SECOND // 2)  # for those who are found a little later
-    if not engines(middleware):
-        raise DeploymentError(f"no engine was found within {patience:g} s; start one with: fame engine NAME")
-    deployment = Deployment(
-        definitions,
-        id=f"deploy-{os.getpid()}-{time.time_ns()}",
-        sequence=time.time_ns() // 1000,
-        scheduler=scheduler,
-        middleware=middleware,
-        ended=lambda _: scheduler.stop(),
-        only=only,
-        library=library,
-        patience=patience,
-        key=key,
-    )
-    deployment.begin()
-    scheduler.run()
-    return deployment

@@ -1,0 +1,35 @@
+"""Sending robots their processes, over topics (DESIGN section 6).
+
+An `EngineNode` is a robot's end: it waits on ``/<robot>/bpmn_process``, and says how it stands on
+``/<robot>/bpmn_status``. A `Deployment` is the other end: it sends every robot its part, waits for each, and starts
+all or none.
+
+Two phases. *Load*: check, compile, make endpoints, wait until the ends that the collaboration promises are there; the
+old process runs on. *Start*, when all are ready: the old process is cancelled safely, the new one begins. Otherwise
+*abort*, and everybody keeps what it had. A bare model from a plain publisher loads and starts at once.
+
+::
+
+    envelope  what goes over ``bpmn_process`` and ``bpmn_status``
+    robot     the robot's end
+    sender    the sender's end
+"""
+
+from __future__ import annotations
+
+from fame.deployment.envelope import STATUS_QOS, STRING, Envelope, Report, model_hash, read_envelope
+from fame.deployment.robot import EngineNode
+from fame.deployment.sender import Deployment, Standing, engines
+
+__all__ = [
+    "STATUS_QOS",
+    "STRING",
+    "Deployment",
+    "EngineNode",
+    "Envelope",
+    "Report",
+    "Standing",
+    "engines",
+    "model_hash",
+    "read_envelope",
+]

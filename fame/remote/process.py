@@ -1,0 +1,56 @@
+"""What a process of FAME does: its scheduler on the wall clock, its middleware, and a part that is built on both."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from typing import Protocol
+
+from fame.clock import SECOND, WallScheduler
+from fame.errors import ConfigError, UnavailableError
+from fame.middleware.interface import Middleware
+
+BACKENDS = ("dds", "ros")
+
+
+class Part(Protocol):
+    """What a process holds: closed before it leaves."""
+
+    def close(self) -> None: ...
+
+
+def scheduler_for(backend: str) -> WallScheduler:
+    """The wall clock that suits a backend: that of DDS waits for data itself. Raises UnavailableError."""
+    if backend == "dds":
+        from fame.middleware.dds import DdsScheduler
+
+        return DdsScheduler()
+    return WallScheduler()
+
+
+def connect(backend: str, scheduler: WallScheduler, network: str | None = None) -> Middleware:
+    """The middleware of a process. Raises UnavailableError for one that is not installed."""
+    if backend == "dds":
+        from fame.middleware.dds import DdsMiddleware
+
+        return DdsMiddleware(scheduler, network=network)
+    if backend == "ros":
+        raise UnavailableError("the rclpy backend is not part of this version; --middleware dds speaks to ROS 2 nodes")
+    raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
+
+
+def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:
+    """Build a part and let it live until SIGINT or SIGTERM; then close it safely."""
+    scheduler = scheduler_for(backend)
+    middleware = connect(backend, scheduler, network)
+    try:
+        part = build(scheduler, middleware)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: scheduler.stop())
+        try:
+            scheduler.run()
+        finally:
+            part.close()
+            scheduler.run(scheduler.now + SECOND // 10)  # what was said last still goes out
+    finally:
+        middleware.close()
