@@ -20,6 +20,7 @@ from fame.anomaly.detector import fit, is_supervised, predict
 from fame.anomaly.files import read_csv
 from fame.anomaly.matrix import Matrix, by_run, run_scores
 from fame.anomaly.paths import PathDetector
+from fame.anomaly.plots import deviations, joint_space, matrices
 from fame.anomaly.process import DataProcess
 from fame.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs
 from fame.anomaly.table import render
@@ -119,11 +120,33 @@ def seen(trained: list[Trained], runs: Recording) -> list[str]:
     return told
 
 
+def plot(folder: Path, trained: list[Trained], benign: Recording, held: Recording, test: Recording) -> None:
+    """The paper's Fig. 10 (benign joint space) and Fig. 13 (with verdicts), attacks along the path, Table II drawn."""
+    joint_space(folder / "fig10_benign.png", benign, title="Benign points in joint space (cf. Fig. 10)")
+    told = []
+    for item in trained:
+        name = item.entry.name
+        predicted = predict(item.estimator, item.process, test)
+        joint_space(
+            folder / f"fig13_{name}.png", test, predicted, title=f"{name} on the simulated test set (cf. Fig. 13)"
+        )
+        told.append((f"{name}, test (simulated)", item.matrix(test)))
+    matrices(folder / "confusion.png", told)
+    path = trained[-1].estimator
+    assert isinstance(path, PathDetector)
+    one = held.select([0])
+    attacked = [(f"{kind}, 0.25 mm", altered(one, knots(kind, 0.25))) for kind in KINDS]
+    deviations(folder / "deviation.png", path, [("benign", one), *attacked])
+    print(f"\nplots in {folder}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     default = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "mh5"
     parser.add_argument("--data", type=Path, default=default, help="folder with the two CSV files")
-    folder = parser.parse_args().data
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw joint space, deviations, confusion matrices")
+    arguments = parser.parse_args()
+    folder = arguments.data
     benign, both = read_csv(folder / "original_30.csv"), read_csv(folder / "rbfsvm_train_30.csv")
     learned_from = benign.select([number for number in range(benign.count) if number not in HELD_OUT])
     held = benign.select(list(HELD_OUT))
@@ -156,6 +179,8 @@ def main() -> None:
         runs = altered(held, knots_of_slope(slope))
         lines.append((f"{slope:g}", *seen(pair[:1], runs), f"{paper:.4f}", *seen(pair[1:], runs)))
     print(render(lines, ("slope", "rbfsvm", "paper", "path")))
+    if arguments.plots is not None:
+        plot(arguments.plots, trained["held out"], benign, held, test)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from fame.errors import ConfigError, MissionError
 
 if TYPE_CHECKING:
-    from fame.anomaly.learn import Progress
+    from fame.anomaly.learn import Data, Learned, Progress
     from fame.anomaly.recording import Recording
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
@@ -37,6 +37,7 @@ def add_arguments(subparsers: Any) -> None:
     learn = subparsers.add_parser("learn", help="fit and judge classifiers, and store the best as a model")
     learn.add_argument("config", type=Path, metavar="CONFIG.yaml")
     learn.add_argument("-o", "--output", type=Path, default=Path("best.skops"), metavar="MODEL.skops")
+    learn.add_argument("--plots", type=Path, metavar="DIR", help="draw joint space, deviations, confusion matrices")
     learn.add_argument("--jobs", type=int, default=2, metavar="N", help="fits at a time (default: 2)")
     learn.set_defaults(adm=_learn)
     operate = subparsers.add_parser("operate", help="score runs with a model, and raise the signal anomaly")
@@ -93,7 +94,7 @@ def _collect(arguments: argparse.Namespace, connect: Connect | None) -> int:
     _drive(arguments, connect, make)
     recording = collector.recording()
     write_csv(arguments.output, recording)
-    return _written(arguments, recording)
+    return written(arguments, recording)
 
 
 def _merge(arguments: argparse.Namespace, connect: Connect | None) -> int:
@@ -101,10 +102,11 @@ def _merge(arguments: argparse.Namespace, connect: Connect | None) -> int:
 
     recording = merge(arguments.files)
     write_csv(arguments.output, recording)
-    return _written(arguments, recording)
+    return written(arguments, recording)
 
 
-def _written(arguments: argparse.Namespace, recording: Recording) -> int:
+def written(arguments: argparse.Namespace, recording: Recording) -> int:
+    """Say what was written. Gives the exit code."""
     labels = recording.run_labels()
     told = {
         "status": "completed", "file": str(arguments.output), "points": len(recording), "runs": len(labels),
@@ -122,14 +124,18 @@ def _written(arguments: argparse.Namespace, recording: Recording) -> int:
 
 def _learn(arguments: argparse.Namespace, connect: Connect | None) -> int:
     from fame.anomaly.config import load
-    from fame.anomaly.learn import best, learn
+    from fame.anomaly.learn import best, learn, read_data
     from fame.anomaly.persist import save_model
     from fame.anomaly.table import plain, render, rows
 
     learning = load(arguments.config)
-    learned = learn(learning, jobs=max(1, arguments.jobs), progress=_show if sys.stderr.isatty() else None)
+    data = read_data(learning)
+    progress = _show if sys.stderr.isatty() else None
+    learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
     chosen = best(learned)
     save_model(chosen.model, arguments.output)
+    if arguments.plots is not None:
+        _plot(arguments.plots, learned, chosen, data)
     if arguments.json:
         told = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
         print(json.dumps(told, indent=2, default=str))
@@ -142,6 +148,41 @@ def _learn(arguments: argparse.Namespace, connect: Connect | None) -> int:
     if learning.folds == 0:
         print("  (chosen by the data that it learned from: Split.folds is 0)")
     return 0
+
+
+def _plot(folder: Path, learned: list[Learned], chosen: Learned, data: Data) -> None:
+    """What `fame.anomaly.plots` can draw of it."""
+    from fame.anomaly.paths import PathDetector
+    from fame.anomaly.plots import deviations, joint_space, matrices
+    from fame.anomaly.recording import BENIGN
+    from fame.anomaly.table import data_name
+
+    whole = data.both or data.benign
+    assert whole is not None
+    if data.benign is not None:
+        joint_space(folder / "benign.png", data.benign, title="Benign points in joint space")
+    judged = {"train": whole} | {f"test_{number}": item for number, item in enumerate(data.testing, start=1)}
+    for name, recording in judged.items():
+        of = "data that it learned from" if name == "train" else Path(recording.source).name
+        title = f"Verdicts of {chosen.entry.name} on {of}"
+        joint_space(folder / f"{name}.png", recording, chosen.model.predict(recording), title=title)
+    told = [(f"{item.entry.name}, {data_name(said)}", said.runs) for item in learned for said in item.judged]
+    matrices(folder / "confusion.png", told)
+    for item in learned:
+        if isinstance(item.model.estimator, PathDetector):
+            labels = whole.run_labels()
+            some = [numbers[:3] for numbers in _by_label(labels)]
+            named = [
+                (f"{'benign' if labels[number] == BENIGN else 'anomalous'} run {number}", whole.select([number]))
+                for numbers in some
+                for number in numbers
+            ]
+            deviations(folder / f"{item.entry.name}.png", item.model.estimator, named)
+
+
+def _by_label(labels: list[int]) -> list[list[int]]:
+    """The numbers of the runs of each label."""
+    return [[number for number, label in enumerate(labels) if label == wanted] for wanted in sorted(set(labels))]
 
 
 def _show(progress: Progress) -> None:

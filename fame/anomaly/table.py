@@ -18,7 +18,7 @@ def rows(learned: Sequence[Learned], chosen: Learned | None = None) -> list[tupl
         (
             "*" if item is chosen else "",
             item.entry.name,
-            _data(judged),
+            data_name(judged),
             kind,
             *_cells(matrix),
             f"{item.model.threshold:.4g}",
@@ -50,7 +50,7 @@ def plain(learned: Sequence[Learned], chosen: Learned) -> list[dict[str, Any]]:
             "best": item is chosen,
             "note": item.note,
             "results": [
-                {"data": _data(judged), "points": _plain(judged.points), "runs": _plain(judged.runs)}
+                {"data": data_name(judged), "points": _plain(judged.points), "runs": _plain(judged.runs)}
                 for judged in item.judged
             ],
         }
@@ -58,7 +58,7 @@ def plain(learned: Sequence[Learned], chosen: Learned) -> list[dict[str, Any]]:
     ]
 
 
-def _data(judged: Judged) -> str:
+def data_name(judged: Judged) -> str:
     return judged.data.replace(TRAIN, LEARNED_FROM, 1) if judged.data.startswith(TRAIN) else judged.data
 
 

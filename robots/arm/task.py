@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from fame.anomaly.recording import Floats, Whole
 from fame.errors import ConfigError
+from sim2d.reading import Entry, read_yaml
 
 DEPTH = 5e-4
 """How far (m) from the cutting plane still counts as cutting: benign runs stay within 0.3 mm of it."""
@@ -40,6 +42,19 @@ class Polygon:
 
 TRIANGLE = Polygon(np.array([(0.5669, 0.0), (0.4169, 0.07505), (0.4169, -0.07505)]), 0.0882)
 """150 x 150 mm; the slope of the two long sides (sides 0 and 2; side 1 is the base) is 2."""
+
+
+def read_polygon(path: Path) -> Polygon:
+    """A task file: ``corners``, [x, y] (m) each, in the order of cutting, and ``height`` (m). Raises ConfigError."""
+    data, source = read_yaml(path)
+    keys = Entry(data, "", source).mapping(("corners", "height"))
+    for key in ("corners", "height"):
+        if key not in keys:
+            raise source.error("", f"names no {key}; the keys are corners and height")
+    polygon = Polygon(np.array([corner.point() for corner in keys["corners"].items()]), keys["height"].number())
+    if len(polygon.corners) < 3 or abs(polygon.area) < 1e-9:
+        raise keys["corners"].error(f"found {len(polygon.corners)} corners around no area; a polygon would be right")
+    return polygon
 
 
 class Cut(NamedTuple):
