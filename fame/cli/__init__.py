@@ -14,6 +14,7 @@ from io import TextIOWrapper
 
 from fame.cli import adm, check, deploy, draw, engine, keys, library, run, split, status, templates, world
 from fame.cli.arguments import Parser, Version
+from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, print_json
 from fame.errors import FameError
 
@@ -23,7 +24,7 @@ _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Do what the arguments say (those of the process by default) and return the exit code."""
-    given = list(sys.argv[1:] if argv is None else argv)
+    given = without_ros_arguments(sys.argv[1:] if argv is None else argv)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     try:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from collections.abc import Iterator
-from contextlib import contextmanager
+import ipaddress
+import socket
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Parser
@@ -15,11 +17,36 @@ if TYPE_CHECKING:
 
 
 def add_network(parser: Parser) -> None:
-    """``--middleware`` and ``--network``."""
+    """``--middleware``, ``--localhost`` and ``--network``."""
     parser.add_argument(
-        "--middleware", choices=("dds", "ros"), default="dds", help="how to reach the others (dds: the wire of ROS 2)"
+        "--middleware", choices=("dds", "ros"), default="dds",
+        help="how to reach the others: on the wire of ROS 2, without it (dds, the default), or by its rclpy (ros)",
+    )  # fmt: skip
+    reach = parser.add_mutually_exclusive_group()
+    reach.add_argument(
+        "--localhost", dest="network", action="store_const", const=None, help="stay on this machine (the default)"
     )
-    parser.add_argument("--network", metavar="IFACE", help="interface to use; loopback alone if not given")
+    reach.add_argument(
+        "--network", type=interface, metavar="IFACE",
+        help="open this network interface, by name or address; ROS_DOMAIN_ID says which domain",
+    )  # fmt: skip
+
+
+def interface(text: str) -> str:
+    """The name or address of a network interface of this machine."""
+    with suppress(ValueError):
+        return str(ipaddress.ip_address(text))
+    names = [name for _, name in socket.if_nameindex()]
+    if text not in names:
+        raise ArgumentTypeError(
+            f"found {text!r}, one of {', '.join(names)} would be right, or an address of this machine"
+        )
+    return text
+
+
+def without_ros_arguments(words: Sequence[str]) -> list[str]:
+    """A command line without what it holds for ROS (``--ros-args ...``), as launch files append it."""
+    return list(words[: words.index("--ros-args")] if "--ros-args" in words else words)
 
 
 @contextmanager

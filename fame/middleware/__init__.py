@@ -5,6 +5,8 @@
     interface         what every backend gives: nodes, publishers, subscriptions, services; QoS profiles
     local             the backend within one process: deterministic, on the engine's clock
     local_services    its services
+    dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2
+    ros               the backend inside a ROS 2 system: rclpy
     messages          making messages from mappings and values, and plain data from messages
     codec             messages on the wire of ROS 2, and type hashes
     qos               policies as models write them; which ends understand each other
