@@ -199,6 +199,21 @@ WRONG = {
         "f",
         "crosses the border of its scope",
     ),
+    "a flow to an element of another namespace": (
+        '<task id="t"/><x:robotTask xmlns:x="http://acme/bpmn" id="r"/>' + FLOW.format("t", "r"),
+        "f",
+        "that is a <robotTask> of namespace http://acme/bpmn, which is no flow node of BPMN 2.0",
+    ),
+    "a flow to an element without a namespace": (
+        '<task id="t"/><robotTask xmlns="" id="r"/>' + FLOW.format("t", "r"),
+        "f",
+        "that is a <robotTask> without a namespace, which is no flow node of BPMN 2.0",
+    ),
+    "a flow to a data object": (
+        '<task id="t"/><dataObject id="d"/>' + FLOW.format("t", "d"),
+        "f",
+        "that is a <dataObject>, no flow node",
+    ),
     "a boundary event on nothing": (
         '<boundaryEvent id="b"><signalEventDefinition signalRef="S"/></boundaryEvent>',
         "b",

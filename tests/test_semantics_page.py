@@ -103,7 +103,8 @@ def event(trigger: str, place: str) -> str:
     other = (
         f'<intermediateCatchEvent id="l">{DEFINITIONS["link"]}</intermediateCatchEvent>' if trigger == "link" else ""
     )
-    return f'{START}<{tag} id="x"{said}>{inside}</{tag}>{flow("s", "x")}{other if place == "throw" else ""}'
+    written = f'{START}<{tag} id="x"{said}>{inside}</{tag}>{flow("s", "x")}{other if place == "throw" else ""}'
+    return f'<transaction id="p">{written}</transaction>' if trigger == "cancel" else written
 
 
 ACTIVITIES = {
@@ -263,7 +264,14 @@ REFUSED = {
     "has no none start event, so it cannot be called or entered":
         START + f"<subProcess id='x'><startEvent id='i'>{DEFINITIONS['signal']}</startEvent></subProcess>"
         + flow("s", "x"),
-    "has nothing to begin with: add a start event": START + "<subProcess id='x'/>" + flow("s", "x"),
+    "has nothing to begin with: add a start event":
+        START + f"<subProcess id='x'><task id='a'/><task id='b'/>{flow('a', 'b')}{flow('b', 'a')}</subProcess>"
+        + flow("s", "x"),
+    "a cancel end event ends a transaction, and stands in none":
+        START + f"<endEvent id='x'>{DEFINITIONS['cancel']}</endEvent>" + flow("s", "x"),
+    "a cancel event guards a transaction, and t is none":
+        START + TASK + f"<boundaryEvent id='x' attachedToRef='t'>{DEFINITIONS['cancel']}</boundaryEvent>"
+        + flow("s", "t"),
 }  # fmt: skip
 """A process that is refused so."""
 

@@ -371,7 +371,7 @@ def test_errors_while_leaving_are_reported_not_thrown(bench: Bench) -> None:
     assert bench.reports == ["while it was cancelled: ZeroDivisionError: division by zero"] * 2
 
 
-@pytest.mark.parametrize("raised", ["SystemExit(1)", "GeneratorExit()", "BaseException()"])
+@pytest.mark.parametrize("raised", ["SystemExit(1)", "GeneratorExit()", "BaseException()", "KeyboardInterrupt()"])
 def test_whatever_a_script_raises_ends_that_script_alone(bench: Bench, raised: str) -> None:
     bench.start(f"await sleep(1)\nraise {raised}", key=1)
     bench.start("await sleep(2)", key=2)
@@ -380,7 +380,7 @@ def test_whatever_a_script_raises_ends_that_script_alone(bench: Bench, raised: s
 
 
 def test_the_interrupt_of_a_person_is_not_taken_for_an_error_of_the_script(bench: Bench) -> None:
-    bench.start("await sleep(1)\nraise KeyboardInterrupt")
+    bench.start("import signal\nawait sleep(1)\nsignal.raise_signal(signal.SIGINT)\npass")
     with pytest.raises(KeyboardInterrupt):
         bench.scheduler.run()
     bench.runner.close()

@@ -104,9 +104,21 @@ def _check_flow(context: Context, flow: Node, nodes: Mapping[str, FlowNode]) -> 
             continue
         if not reference:
             raise context.error(flow, f"the sequence flow has no {end}")
-        exists = any(one.get("id") == reference for one in flow.getroottree().getroot().iter(*_READERS))
-        why = "it crosses the border of its scope" if exists else "there is no such flow node"
-        raise context.error(flow, f"the sequence flow goes {preposition} {reference!r}: {why}")
+        raise context.error(flow, f"the sequence flow goes {preposition} {reference!r}: {_why_not(flow, reference)}")
+
+
+def _why_not(element: Node, reference: str) -> str:
+    """Why what is referred to is no flow node of the same scope."""
+    found = [one for one in element.getroottree().getroot().iter("*") if one.get("id") == reference]
+    if not found:
+        return "there is no such flow node"
+    if found[0].tag in _READERS:
+        return "it crosses the border of its scope"
+    namespace, _, name = found[0].tag.rpartition("}")
+    if f"{namespace}}}" == _B:
+        return f"that is a <{name}>, no flow node"
+    where = f"of namespace {namespace[1:]}" if namespace else "without a namespace"
+    return f"that is a <{name}> {where}, which is no flow node of BPMN 2.0"
 
 
 def _check_node(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> None:

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 
 from fame.bpmn.model import Activity, FlowNode, Gateway, SequenceFlow
 from fame.check.findings import Finding
-from fame.check.graph import Graph, graph, is_event, is_handler, link_of
+from fame.check.graph import Graph, graph, is_event, link_of
 from fame.check.subject import Subject, Unit
+from fame.engine.compiler import is_handler
 
 
 def flow_findings(subject: Subject) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow, SubProcess
+from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow
 from fame.engine.compiler import begins
 
 
@@ -65,11 +65,6 @@ def graph(body: Body) -> Graph:
 def is_event(node: FlowNode, place: str) -> bool:
     """Whether it is an event in this place."""
     return isinstance(node, Event) and node.place == place
-
-
-def is_handler(node: FlowNode) -> bool:
-    """Whether it is an event sub-process."""
-    return isinstance(node, SubProcess) and node.triggered_by_event
 
 
 def link_of(node: FlowNode) -> str:

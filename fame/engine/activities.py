@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fame.engine import compensation, faults, loops, scopes, waiting
-from fame.engine.state import DEPTH, SCOPES, Node, Record, Rest, Scope
+from fame.engine.state import DEPTH, Node, Record, Rest, Scope
 from fame.engine.variables import UNDEFINED, Variables, plain
 
 if TYPE_CHECKING:
@@ -18,8 +18,6 @@ def script(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A script task: over at once, or suspended."""
     try:
         suspended = node.run(scope.variables)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         return failed(engine, scope, node, error)
     if suspended is None:
@@ -31,8 +29,6 @@ def evaluate(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A task that evaluates an expression, or calls a service that is a function, and may keep the result."""
     try:
         value = node.run(scope.variables)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         return failed(engine, scope, node, error)
     if hasattr(value, "send") and hasattr(value, "throw"):
@@ -50,7 +46,7 @@ def assign(engine: Engine, scope: Scope, node: Node) -> Node | None:
             value = source(variables)
             if value is not UNDEFINED:
                 variables[name] = value
-    except Exception as error:
+    except BaseException as error:
         faults.fail(engine, scope, node, error)
         return None
     return settle(engine, scope, node) if engine.alert else node.next
@@ -99,8 +95,6 @@ def restart(engine: Engine, rest: Rest) -> None:
     rest.key, rest.started = engine.new_key(), False
     try:
         suspended = node.run(scope.variables)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         scopes.withdraw(engine, rest)
         faults.fail(engine, scope, node, error)
@@ -142,14 +136,14 @@ def enter(engine: Engine, scope: Scope, node: Node) -> None:
     if scope.depth >= DEPTH:
         faults.fail(engine, scope, node, RecursionError(f"calls deeper than {DEPTH}"))
         return
-    if scope.instance.scopes >= SCOPES:
-        faults.fail(engine, scope, node, RecursionError(f"more than {SCOPES} calls and sub-processes at a time"))
+    if (crowd := scopes.crowded(scope)) is not None:
+        faults.fail(engine, scope, node, crowd)
         return
     variables = scope.variables
     if node.own:
         try:
             variables = own_variables(engine, node, variables)
-        except Exception as error:
+        except BaseException as error:
             faults.fail(engine, scope, node, error)
             return
     assert node.body is not None
@@ -188,7 +182,7 @@ def leave(engine: Engine, scope: Scope, node: Node, inner: Scope) -> None:
     if node.outputs or node.all_out:
         try:
             results = [(name, source(inner.variables)) for name, source in node.outputs]
-        except Exception as error:
+        except BaseException as error:
             faults.fail(engine, scope, node, error)
             return
         for name, value in (*(plain(inner.variables).items() if node.all_out else ()), *results):

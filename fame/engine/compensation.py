@@ -3,7 +3,8 @@
 A scope keeps a `Record` of each activity that completed in it and can be compensated: by the handler at its boundary,
 by the event sub-process for compensation inside it or, failing both, by what was completed in it. Throwing compensation
 takes the records of its scope (or of one activity) and undoes them one by one, the latest first, each with the
-variables that its activity had; then the thrower goes on. An event sub-process throws it for the scope that it handles.
+variables that its activity had; then the thrower goes on, unless it did not wait for that. An event sub-process throws
+it for the scope that it handles.
 """
 
 from __future__ import annotations
@@ -45,6 +46,14 @@ def compensate(engine: Engine, scope: Scope, node: Node) -> Node | None:
     undoing.done = chosen
     undo_next(engine, undoing)
     return None
+
+
+def beside(engine: Engine, scope: Scope, node: Node) -> Node | None:
+    """Compensation that its thrower does not wait for: another token sees to it (standard, waitForCompletion)."""
+    assert node.join is not None
+    scope.tokens += 1
+    engine.ready.append((node.join, scope))
+    return node.next
 
 
 def unrolled(records: list[Record]) -> list[Record]:

@@ -33,7 +33,7 @@ def compile_program(
     program = compiler.program
     program.sources.append(process)
     program.instances = process.instances
-    program.body = compiler.body(process.id, process.body, file, top=True)
+    program.body = compiler.body(process, file, top=True)
     number_keys(program.nodes)
     return program
 
@@ -101,14 +101,13 @@ class Compiler:
             self.program.sources.append(process)
             outside = self.original, self.unfilled
             self.original, self.unfilled = process.semantics == "original", unfilled(process)
-            self.body(process.id, process.body, home, body=self.called[key])
+            self.body(process, home, body=self.called[key])
             self.original, self.unfilled = outside
         return self.called[key]
 
     def body(
         self,
-        id: str,
-        content: model.Body,
+        owner: model.Process | model.SubProcess,
         file: str,
         *,
         top: bool = False,
@@ -120,17 +119,17 @@ class Compiler:
 
         `top`: of the process itself; `outer`: the wiring around it; `handler`: its own, if it is an event sub-process.
         """
-        body = body or Body(id)
-        wiring = handler or Wiring(self, content, file, outer)
+        body = body or Body(owner.id)
+        wiring = handler or Wiring(self, owner, file, outer)
         wiring.connect()
         body.armed = tuple(node for node in wiring.handlers if node.kind not in ("error", "escalation"))
         body.errors = tuple(node for node in wiring.handlers if node.kind == "error")
         body.escalations = tuple(node for node in wiring.handlers if node.kind == "escalation")
         body.queued, body.undo = tuple(wiring.queued), wiring.undo
         if top:
-            self.starts(content, wiring, body, file)
+            self.starts(owner, wiring, file)
         elif handler is None:
-            self.open(id, body, wiring.begin(id))
+            self.open(owner.id, body, wiring.begin(owner))
         return body
 
     def open(self, id: str, body: Body, begin: Node) -> None:
@@ -141,10 +140,10 @@ class Compiler:
             body.opening.next = begin
             self.program.nodes.append(body.opening)
 
-    def starts(self, content: model.Body, wiring: Wiring, body: Body, file: str) -> None:
+    def starts(self, process: model.Element, wiring: Wiring, file: str) -> None:
         """The start events of the process itself."""
         program = self.program
-        for event in content.nodes:
+        for event in wiring.content.nodes:
             ways: list[Node] = []
             if isinstance(event, model.Event) and event.place == "start":
                 ways = wiring.triggers.get(event.id, [])
@@ -159,7 +158,7 @@ class Compiler:
                     kind = "parallel multiple" if node.kind == "all" else node.kind
                     refuse(f"{kind} events cannot start a process", event, file)
         if (not program.starts and not program.timed) or wiring.none_starts():
-            program.begin = wiring.begin(program.process)
+            program.begin = wiring.begin(process)
 
 
 class Wiring:
@@ -167,11 +166,16 @@ class Wiring:
 
     `entries`, `exits` by element; `triggers` the trigger nodes of a start event; `handlers` the starts of event
     sub-processes, `undo` that of one for compensation; `undos` compensation events with activity and handler; `queued`
-    catching events with a queue.
+    catching events with a queue; `transaction`: whether it stands in one.
     """
 
-    def __init__(self, compiler: Compiler, content: model.Body, file: str, outer: Wiring | None = None) -> None:
-        self.compiler, self.content, self.file = compiler, content, file
+    def __init__(
+        self, compiler: Compiler, owner: model.Process | model.SubProcess, file: str, outer: Wiring | None = None
+    ) -> None:
+        self.compiler, self.file, content = compiler, file, owner.body
+        self.content = content
+        transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
+        self.transaction: bool = transaction or (outer is not None and outer.transaction)
         self.model = {node.id: node for node in content.nodes}
         self.flows = {flow.id: flow for flow in content.flows}
         self.objects: dict[str, model.DataObject] = {
@@ -305,18 +309,20 @@ class Wiring:
             if isinstance(node, model.Event) and node.place == "start" and not node.definitions
         ]
 
-    def begin(self, id: str) -> Node:
+    def begin(self, owner: model.Element) -> Node:
         """Where the first token of the body goes: its none start event, else all that has no incoming flow."""
         starts = self.none_starts()
         if len(starts) > 1:
-            refuse(f"{id} has {len(starts)} none start events; one can begin it", starts[1], self.file)
+            refuse(f"{owner.id} has {len(starts)} none start events; one can begin it", starts[1], self.file)
         if starts:
             return self.entries[starts[0].id]
         first = [node for node in self.content.nodes if begins(node)]
         if any(isinstance(node, model.Event) and node.place == "start" for node in self.content.nodes):
-            raise ModelError("has no none start event, so it cannot be called or entered", file=self.file, element=id)
+            refuse("has no none start event, so it cannot be called or entered", owner, self.file)
+        if not first and isinstance(owner, model.SubProcess) and not any(map(moves, self.content.nodes)):
+            return self.compiler.node(owner, steps.end, self.file, part="/empty")
         if not first:
-            raise ModelError("has nothing to begin with: add a start event", file=self.file, element=id)
+            refuse("has nothing to begin with: add a start event", owner, self.file)
         if len(first) == 1:
             return self.entries[first[0].id]
         fork = self.compiler.node(first[0], gateways.fork, self.file, part="/begin")
@@ -330,9 +336,17 @@ def begins(node: model.FlowNode) -> bool:
         return False
     if isinstance(node, model.Event) and node.definitions and isinstance(node.definitions[0], model.LinkDefinition):
         return node.place != "catch"
-    if isinstance(node, model.Activity) and node.for_compensation:
-        return False
-    return not (isinstance(node, model.SubProcess) and node.triggered_by_event)
+    return moves(node)
+
+
+def moves(node: model.FlowNode) -> bool:
+    """Whether tokens of the flow around it get to an element."""
+    return not (isinstance(node, model.Activity) and (node.for_compensation or is_handler(node)))
+
+
+def is_handler(node: model.FlowNode) -> bool:
+    """Whether it is an event sub-process."""
+    return isinstance(node, model.SubProcess) and node.triggered_by_event
 
 
 def refuse(text: str, element: model.Element, file: str) -> NoReturn:

@@ -10,6 +10,7 @@ from fame.engine import activities, events, gateways, loops, steps
 from fame.engine.events import OBSERVED, alternatives, listen, refuse
 from fame.engine.host import Compiled
 from fame.engine.state import Body, Node, Step
+from fame.errors import ModelError
 
 if TYPE_CHECKING:
     from fame.engine.compiler import Wiring
@@ -193,7 +194,7 @@ def work(wiring: Wiring, element: model.Activity) -> Node:
         if element.kind not in ("embedded", "transaction"):
             raise refuse(f"{element.kind} sub-processes are not executed by this version", element, wiring)
         node.step, node.kind = activities.enter, "scope"
-        node.body = compiler.body(element.id, element.body, wiring.file, outer=wiring)
+        node.body = compiler.body(element, wiring.file, outer=wiring)
     elif isinstance(element, model.CallActivity):
         node.step, node.kind = activities.enter, "scope"
         node.body = compiler.call(element, wiring.file)
@@ -238,7 +239,10 @@ def task(wiring: Wiring, element: model.Task, node: Node) -> None:
 
 def service(wiring: Wiring, element: model.Task) -> Compiled:
     """The callable that a service task names."""
-    return wiring.compiler.host.service(element.operation, element=element.id, file=wiring.file)
+    try:
+        return wiring.compiler.host.service(element.operation, element=element.id, file=wiring.file)
+    except ModelError as error:  # the host knows no lines
+        raise refuse(error.text, element, wiring) from None
 
 
 def wrapped(wiring: Wiring, element: model.Activity, inner: Node) -> Node:
@@ -268,8 +272,8 @@ def event_sub_process(wiring: Wiring, element: model.SubProcess) -> None:
     handler.kind, handler.slot = "handler", compiler.slot(element.id)
     if compiler.observed:
         handler.act = steps.pass_on
-    inner = type(wiring)(compiler, element.body, wiring.file, wiring)
-    handler.body = compiler.body(element.id, element.body, wiring.file, handler=inner)
+    inner = type(wiring)(compiler, element, wiring.file, wiring)
+    handler.body = compiler.body(element, wiring.file, handler=inner)
     starts = [item for item in element.body.nodes if isinstance(item, model.Event) and item.place == "start"]
     triggers = [(event, node) for event in starts for node in inner.triggers.get(event.id, ())]
     if not triggers:

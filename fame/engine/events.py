@@ -175,10 +175,16 @@ def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition
             node.step, node.code = steps.escalate, code
         case model.TerminateDefinition():
             node.step = steps.terminate
-        case model.CompensateDefinition(activity=activity_id):
-            node.step, node.kind, node.code = compensation.compensate, "scope", activity_id
-            node.index = UNCOUNTED
+        case model.CompensateDefinition(activity=activity_id, wait=wait):
+            undoing = node if wait else wiring.compiler.node(event, steps.end, wiring.file, part="/beside")
+            undoing.step, undoing.kind, undoing.code = compensation.compensate, "scope", activity_id
+            undoing.index = UNCOUNTED
+            if not wait:
+                node.step, node.join = compensation.beside, undoing
+                undoing.next = wiring.compiler.node(event, steps.end, wiring.file, part="/undone")
         case model.CancelDefinition():
+            if not wiring.transaction:
+                raise refuse("a cancel end event ends a transaction, and stands in none", event, wiring)
             node.step = compensation.cancel
         case model.LinkDefinition(name=name):
             link(wiring, event, node, name)
@@ -208,6 +214,9 @@ def boundary(wiring: Wiring, event: model.Event) -> None:
     if isinstance(event.definitions[0], model.CompensateDefinition):
         return compensable(wiring, event)
     nodes = triggers_of(wiring, event)
+    host = wiring.model[event.attached_to]
+    if any(node.kind == "cancel" for node in nodes) and getattr(host, "kind", "") != "transaction":
+        raise refuse(f"a cancel event guards a transaction, and {host.id} is none", event, wiring)
     slot = compiler.slot(event.id)
     for node in nodes:
         node.slot, node.fire = slot, steps.fire_boundary

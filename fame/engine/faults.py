@@ -7,6 +7,7 @@ scope that it handles.
 
 from __future__ import annotations
 
+import dis
 from typing import TYPE_CHECKING
 
 from fame.engine import scopes, steps
@@ -16,9 +17,13 @@ from fame.engine.state import Node, Scope
 if TYPE_CHECKING:
     from fame.engine.interpreter import Engine
 
+_RAISE = (dis.opmap["RAISE_VARARGS"], dis.opmap["RERAISE"])
+
 
 def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None:
     """An element failed: find who catches it, else the instance fails."""
+    if isinstance(error, KeyboardInterrupt) and is_from_outside(error):
+        raise error
     code = error.code if isinstance(error, BpmnError) else "script"
     text = str(error) or type(error).__name__
     if node.guard.act is not None:
@@ -93,4 +98,16 @@ def describe(error: BaseException, code: str) -> str:
     if isinstance(error, BpmnError):
         said = f": {error.message}" if error.message != code else ""
         return f"error {code or 'without code'} was not caught{said}"
-    return f"{type(error).__name__}: {error}"
+    if isinstance(error, MemoryError):
+        return f"MemoryError: {str(error) or 'there is no memory for what it wants to keep'}"
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
+def is_from_outside(error: KeyboardInterrupt) -> bool:
+    """Whether it is a person's Ctrl-C, that came between two instructions, and not one that a script raised."""
+    trace = error.__traceback__
+    if trace is None:
+        return False
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_code.co_code[trace.tb_lasti] not in _RAISE

@@ -22,8 +22,6 @@ def exclusive(engine: Engine, scope: Scope, node: Node) -> Node | None:
         for condition, target in node.out:
             if condition is None or condition(variables):
                 return target  # type: ignore[no-any-return]
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         return activities.failed(engine, scope, node, error)
     return node.default or activities.failed(engine, scope, node, no_flow())
@@ -44,8 +42,6 @@ def inclusive(engine: Engine, scope: Scope, node: Node) -> Node | None:
     variables = scope.variables
     try:
         chosen = [target for condition, target in node.out if condition is None or condition(variables)]
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         return activities.failed(engine, scope, node, error)
     if not chosen:
@@ -164,7 +160,7 @@ def arrive_complex(engine: Engine, scope: Scope, port: Node) -> Node | None:
     filled = [slot for slot in range(need) if counts[slot]]
     try:
         passes = join.run(Variables(scope.variables, {"activationCount": len(filled)}))
-    except Exception as error:
+    except BaseException as error:
         return activities.failed(engine, scope, port, error)
     if not passes:
         return None

@@ -224,7 +224,7 @@ class Engine:
         variables.update(values or {})
         instance = Instance(self.new_key(), self.program, variables)
         root = Scope(self.new_key(), None, None, self.program.body, variables)
-        root.instance, root.counts, instance.root = instance, instance.counts, root
+        root.instance, root.counts, instance.root, instance.scopes = instance, instance.counts, root, 1
         self.instances[instance.key] = instance
         self.tell(instance.key, root.key, self.program.process, "start")
         self.ready.append((entry, root))

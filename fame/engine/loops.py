@@ -48,8 +48,11 @@ def begin(engine: Engine, scope: Scope, node: Node) -> None:
     loop: Loop = node.loop
     try:
         values, total = extent(loop, scope.variables)
-    except Exception as error:
+    except BaseException as error:
         faults.fail(engine, scope, node, error)
+        return
+    if (crowd := scopes.crowded(scope, 1 if loop.sequential else total)) is not None:
+        faults.fail(engine, scope, node, crowd)
         return
     variables = scope.variables if loop.standard else Variables(scope.variables)
     whole = scopes.child(engine, scope, node, node.body, variables)
@@ -125,7 +128,7 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
             value = loop.result(instance.variables)
             items["out"][instance.variables["loopCounter"] - 1] = None if value is UNDEFINED else value
         enough = loop.completion is not None and bool(loop.completion(instance.variables))
-    except Exception as error:
+    except BaseException as error:
         faults.fail(engine, whole, loop.instance, error)
         return
     if enough and whole.tokens:
@@ -143,7 +146,7 @@ def go_round(engine: Engine, whole: Scope, node: Node, first: bool) -> None:
     if again and loop.condition is not None and (loop.before or not first):
         try:
             again = bool(loop.condition(Variables(whole.variables, {"loopCounter": done})))
-        except Exception as error:
+        except BaseException as error:
             faults.fail(engine, whole, loop.instance, error)
             return
     whole.tokens = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import activities, compensation, loops, suspension, waiting
+from fame.engine import activities, compensation, loops, state, suspension, waiting
 from fame.engine.state import DEAD, RUNNING, Body, Departure, Node, Rest, Scope
 
 if TYPE_CHECKING:
@@ -21,6 +21,13 @@ def child(engine: Engine, parent: Scope, node: Node, body: Body | None, variable
     parent.children[scope] = None
     parent.instance.scopes += 1
     return scope
+
+
+def crowded(scope: Scope, more: int = 1) -> RecursionError | None:
+    """The error to fail with if an instance would be in too many scopes at a time with `more` of them."""
+    if scope.instance.scopes + more <= state.SCOPES:
+        return None
+    return RecursionError(f"more than {state.SCOPES} calls, sub-processes and handlers at a time")
 
 
 def open_scope(engine: Engine, scope: Scope) -> None:
@@ -132,6 +139,7 @@ def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
     heir.arms, scope.arms = scope.arms, []
     for arm in heir.arms:
         arm.owner = heir
+    scope.instance.scopes += 1
     kill(engine, scope, told=False)
     if parent is None:
         scope.instance.root = heir

@@ -276,6 +276,7 @@ class _Restoring:
         scope = Scope(item["key"], parent, node, self._body(item["body"]), self.dicts[item["variables"]])
         scope.instance = self.instances[item["instance"]]
         scope.counts = scope.instance.counts
+        scope.instance.scopes += 1
         if parent is None:
             scope.instance.root = scope
         scope.tokens, scope.state, scope.depth, scope.mark = item["tokens"], item["state"], item["depth"], item["mark"]

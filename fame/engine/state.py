@@ -28,7 +28,7 @@ RUNNING, DEAD = 0, -1
 DEPTH = 1000
 """How deep calls and sub-processes may nest."""
 SCOPES = 200_000
-"""How many calls and sub-processes an instance may be in at a time: what calls itself twice would fill any memory."""
+"""How many scopes an instance may have at a time: what calls itself twice would fill any memory."""
 
 UNCOUNTED = 0
 """The slot of nodes whose passing is not the completion of an element."""

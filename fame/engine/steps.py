@@ -75,7 +75,7 @@ def throw(engine: Engine, scope: Scope, node: Node) -> Node | None:
     try:
         value = node.run(scope.variables) if node.run is not None else None
         message = engine.host.publish(node.topic, None if value is UNDEFINED else value)
-    except Exception as error:
+    except BaseException as error:
         return activities.failed(engine, scope, node, error)
     ready = engine.ready
     ready.append((None, (node.topic, message)))
@@ -90,7 +90,7 @@ def send(engine: Engine, scope: Scope, node: Node) -> Node | None:
     try:
         value = node.run(scope.variables) if node.run is not None else None
         engine.host.publish(node.topic, None if value is UNDEFINED else value)
-    except Exception as error:
+    except BaseException as error:
         return activities.failed(engine, scope, node, error)
     return node.next
 
@@ -176,6 +176,9 @@ def begin_handler(engine: Engine, scope: Scope, start: Node) -> None:
     handler = start.guard
     if start.interrupting and not start.resume:
         open_handler(engine, scopes.replace(engine, scope, (*scope.handles, handler)), start)
+        return
+    if (crowd := scopes.crowded(scope)) is not None:
+        faults.fail(engine, scope, start, crowd)
         return
     scope.tokens += 1
     inner = scopes.child(engine, scope, handler, None, scope.variables)

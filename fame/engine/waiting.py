@@ -57,14 +57,14 @@ def set_timer(engine: Engine, resting: Rest) -> None:
     engine.rests[resting.key] = resting
     try:
         engine.host.set_timer(resting.key, node.timer, str(node.run(resting.scope.variables)))
-    except Exception as error:
+    except BaseException as error:
         give_up(engine, resting, error)
 
 
 def listen(engine: Engine, resting: Rest) -> None:
     """Let it hear its topic; a message that its queue kept is there at once."""
-    node, mail = resting.node, resting.scope.mail
-    box = mail.get(node) if mail is not None else None
+    node = resting.node
+    box = box_of(resting)
     if box is None and node.queue:  # of a boundary event or event sub-process: it lives as long as this rest
         box = resting.box = resting.box or mailbox(engine, node, resting.scope)
     if box is None:
@@ -77,6 +77,18 @@ def listen(engine: Engine, resting: Rest) -> None:
     box.rests[resting] = None
     while box.messages and resting in box.rests:
         catch(engine, resting, box.messages.popleft()[1])
+
+
+def box_of(resting: Rest) -> Mailbox | None:
+    """The queue of the event that it waits at: that of its scope, or of the one around an activity that repeats."""
+    if not resting.node.queue:
+        return None
+    scope: Scope | None = resting.scope
+    while scope is not None:
+        if scope.mail is not None and resting.node in scope.mail:
+            return scope.mail[resting.node]
+        scope = scope.parent
+    return None
 
 
 def mailbox(engine: Engine, node: Node, scope: Scope) -> Mailbox:
@@ -123,8 +135,7 @@ def deafen(engine: Engine, resting: Rest) -> None:
     """It hears no topic and no condition any more; its queue still does."""
     node = resting.node
     if node.topic:
-        mail = resting.scope.mail
-        box = resting.box or (mail.get(node) if mail is not None else None)
+        box = resting.box or box_of(resting)
         if box is None:
             unlisten(engine, node.topic, resting)
         else:
@@ -168,7 +179,8 @@ def offer(engine: Engine, listener: Listener, message: Any) -> None:
     elif listener.alive:
         assert isinstance(listener, Mailbox)
         if listener.rests:
-            for resting in tuple(listener.rests):
+            waiting = tuple(listener.rests)
+            for resting in waiting[:1] if listener.node.kind == "message" else waiting:
                 offer(engine, resting, message)
         else:
             listener.messages.append((engine.new_key(), message))
@@ -180,7 +192,7 @@ def catch(engine: Engine, resting: Rest, message: Any) -> None:
     if take is not None:
         try:
             take(resting.scope.variables, message)
-        except Exception as error:
+        except BaseException as error:
             give_up(engine, resting, error)
             return
     fire(engine, resting)
@@ -200,7 +212,7 @@ def fire(engine: Engine, resting: Rest) -> None:
     act(engine, resting)
 
 
-def give_up(engine: Engine, resting: Rest, error: Exception) -> None:
+def give_up(engine: Engine, resting: Rest, error: BaseException) -> None:
     """What a rest waits for, or what it brought, could not be evaluated: the token leaves as an error."""
     holder = resting.owner if resting.node.fire in (gateways.fire_alternative, gateways.fire_part) else resting
     assert isinstance(holder, Rest)

@@ -19,6 +19,7 @@ from functools import partial
 from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.engine.faults import is_from_outside
 from fame.engine.host import Cancelled
 from fame.middleware.interface import Node
 from fame.scripting.budget import BUDGET, Budget
@@ -149,8 +150,8 @@ class Runner:
             except StopIteration:
                 return True
             except BaseException as error:
-                if isinstance(error, KeyboardInterrupt) and not task.leaving:
-                    raise  # it is a person's, not the script's
+                if isinstance(error, KeyboardInterrupt) and not task.leaving and is_from_outside(error):
+                    raise
                 task.error = error
                 return True
             finally:

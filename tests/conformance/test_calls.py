@@ -12,6 +12,7 @@ from engine_models import (
     extensions,
     flow,
     gateway,
+    handler,
     model,
     path,
     process,
@@ -94,6 +95,14 @@ def test_a_call_that_leads_nowhere_is_refused(play: Play) -> None:
 
 def test_a_sub_process_without_start_event_begins_with_what_has_no_incoming_flow(play: Play) -> None:
     assert play(sub("p", script("a") + script("b") + script("c") + path("a c"))).run().log == "(p a c b p) =completed"
+
+
+def test_an_empty_sub_process_ends_at_once(play: Play) -> None:
+    handling = handler("h", start("t", signal("A")) + user("v") + path("t v"))
+    for content in ("", handling):
+        run = play(start() + sub("p", content) + end() + path("s p e")).run()
+        assert run.log == "s p e =completed"
+        assert not run.left_behind()
 
 
 def test_a_sub_process_ends_with_its_last_token(play: Play) -> None:

@@ -94,6 +94,21 @@ def test_the_thrower_waits_for_the_handlers(play: Play) -> None:
     assert run.run(6).log == "s a (t c_a u_a t) e =completed"
 
 
+def test_a_thrower_that_does_not_wait_goes_on_beside_the_handlers(play: Play) -> None:
+    thrown = THROW.replace("/>", ' waitForCompletion="false"/>')
+    content = start() + script("a") + undo("a", "await sleep(5)") + throw("t", thrown) + end() + path("s a t e")
+    run = play(content).run(4)
+    assert run.log == "s a t e c_a (u_a"
+    assert run.run(6).log == "s a t e c_a u_a =completed"
+    assert not run.left_behind()
+
+
+def test_an_end_event_that_does_not_wait_ends_its_token(play: Play) -> None:
+    thrown = THROW.replace("/>", ' waitForCompletion="false"/>')
+    run = play(ROW + end("t", thrown) + path("s a b t")).run()
+    assert run.log == "s a b t c_b u_b c_a u_a =completed"
+
+
 def test_tasks_that_wait_are_undone_too(play: Play) -> None:
     content = start() + user("a") + undo("a") + throw("t", THROW) + path("s a t")
     assert play(content).run().complete("a").log == "s a (t c_a u_a t) =completed"
@@ -193,3 +208,16 @@ def test_cancel_without_a_boundary_event_is_an_error(play: Play) -> None:
     run = play(start() + element("transaction", "p", inner) + path("s p")).run()
     assert run.status == "failed"
     assert "no cancel boundary event" in str(run.instance.error)
+
+
+def test_cancel_belongs_to_transactions() -> None:
+    with pytest.raises(ModelError, match=r"test.bpmn:1: x: a cancel end event ends a transaction, and stands in none"):
+        Run(start() + sub("p", start("t") + end("x", CANCEL) + path("t x")) + path("s p"))
+    with pytest.raises(ModelError, match=r"test.bpmn:1: b: a cancel event guards a transaction, and p is none"):
+        Run(start() + sub("p", user("u")) + boundary("b", "p", CANCEL) + path("s p"))
+
+
+def test_it_may_end_one_from_a_sub_process_inside(play: Play) -> None:
+    inner = script("a") + undo("a") + sub("p", start("t") + end("x", CANCEL) + path("t x")) + path("a p")
+    content = start() + element("transaction", "r", inner) + boundary("b", "r", CANCEL) + path("s r")
+    assert play(content).run().log == "s (r a (p t x -p c_a u_a b -r =completed"

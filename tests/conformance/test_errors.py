@@ -184,3 +184,30 @@ def test_other_instances_go_on_when_one_fails(play: Play) -> None:
 def test_an_error_of_a_condition_is_an_error_of_its_gateway(play: Play) -> None:
     inner = start("t") + gateway("exclusive", "g") + script("a") + path("t g") + flow("g", "a", "nothing > 1")
     assert play(sub("p", inner) + boundary("b", "p", error("script"))).run().log == "(p t (g g!script b -p =completed"
+
+
+@pytest.mark.parametrize("raised", ["KeyboardInterrupt", "SystemExit(1)", "GeneratorExit", "BaseException"])
+@pytest.mark.parametrize("before", ["", "await sleep(1)\n"], ids=["at once", "after waiting"])
+def test_whatever_a_script_raises_is_its_error_alone(play: Play, raised: str, before: str) -> None:
+    content = start() + script("a", f"{before}raise {raised}") + boundary("b", "a", error()) + script("k")
+    run = play(content + path("s a") + path("b k")).run()
+    assert run.log == "s (a a!script b k =completed"
+
+
+def test_so_is_whatever_an_expression_raises(play: Play) -> None:
+    leave = script("d", "def leave(): raise SystemExit")
+    content = start() + leave + script("a") + gateway("exclusive", "g") + script("k") + path("s d a g")
+    run = play(content + flow("g", "k", "leave()")).run()
+    assert (run.status, run.instance.error.element) == ("failed", "g")
+
+
+def test_the_interrupt_of_a_person_is_no_error_of_the_script(play: Play) -> None:
+    run = play(start() + script("a", "import signal\nsignal.raise_signal(signal.SIGINT)\nx = 1") + path("s a"))
+    with pytest.raises(KeyboardInterrupt):
+        run.run()
+
+
+def test_out_of_memory_is_told_in_words(play: Play) -> None:
+    run = play(start() + script("a", "x = [0] * (1 << 60)") + path("s a")).run()
+    assert run.status == "failed"
+    assert "MemoryError: there is no memory for what it wants to keep" in str(run.instance.error)

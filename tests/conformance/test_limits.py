@@ -10,8 +10,10 @@ from engine_models import (
     call,
     catch,
     end,
+    error,
     flow,
     gateway,
+    handler,
     model,
     path,
     process,
@@ -121,3 +123,43 @@ def test_a_loop_of_two_hundred_thousand_passes_completes() -> None:
     run.run()
     assert run.node.engine.instances == {}
     assert run.left_behind() == {}
+
+
+MULTI = "<multiInstanceLoopCharacteristics><loopCardinality>3</loopCardinality></multiInstanceLoopCharacteristics>"
+TWICE = '<standardLoopCharacteristics loopMaximum="2"/>'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        start() + gateway("parallel", "g") + call("c", "P") + call("d", "P") + path("s g c") + path("g d"),
+        start() + call("c", "P", MULTI) + path("s c"),
+        start() + call("c", "P", TWICE) + path("s c"),
+        start() + sub("c", MULTI, call("d", "P")) + path("s c"),
+        start() + user("c", MULTI.replace("3", "5000")) + path("s c"),
+    ],
+    ids=["two calls", "parallel instances", "a loop", "inside instances", "many instances"],
+)
+def test_what_multiplies_without_end_fails(play: Play, monkeypatch: pytest.MonkeyPatch, content: str) -> None:
+    monkeypatch.setattr("fame.engine.state.SCOPES", 2000)
+    run = play(model(process(content))).run()
+    assert run.status == "failed"
+    assert "calls" in str(run.instance.error)
+    assert not run.left_behind()
+
+
+def test_handlers_that_pile_up_fail(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.engine.state.SCOPES", 20)
+    piling = handler("h", start("t", signal("A"), interrupting=False) + user("k") + path("t k"))
+    run = play(start() + user("u") + path("s u") + piling).run()
+    for _ in range(19):
+        run.signal("A")
+    assert (run.status, len(run.waiting)) == ("running", 20)
+    assert "more than 20 calls, sub-processes and handlers" in str(run.signal("A").instance.error)
+    assert not run.left_behind()
+
+
+def test_that_error_can_be_caught_like_any_other(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.engine.state.SCOPES", 20)
+    content = start() + user("c", MULTI.replace("3", "50")) + boundary("b", "c", error()) + script("k") + path("s c")
+    assert play(content + path("b k")).run().log == "s b k =completed"

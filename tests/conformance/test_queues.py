@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from conftest import Play
-from engine_models import boundary, catch, gateway, handler, path, properties, script, signal, start, sub, user
+from engine_models import (
+    boundary,
+    catch,
+    element,
+    extensions,
+    gateway,
+    handler,
+    path,
+    properties,
+    script,
+    signal,
+    start,
+    sub,
+    user,
+)
 
 
 def kept(id: str, size: int, name: str = "A") -> str:
@@ -64,6 +78,30 @@ def test_a_receive_task_may_have_a_queue(play: Play) -> None:
     )
     run = play(start() + user("u") + task + path("s u r")).run().message("M", 3).complete("u")
     assert (run.status, run.variables["M"]) == ("completed", 3)
+
+
+def repeated(sequential: str) -> str:
+    each = '<zeebe:loopCharacteristics inputCollection="=[1, 2]" outputCollection="found" outputElement="=M"/>'
+    several = element("multiInstanceLoopCharacteristics", "i", extensions(each), isSequential=sequential)
+    said = properties(queue=5, type="std_msgs/msg/Int32")
+    return start() + user("u") + element("receiveTask", "r", said, several, messageRef="message_M") + path("s u r")
+
+
+def test_so_may_one_that_repeats(play: Play) -> None:
+    run = play(repeated("true")).run().message("M", 1).message("M", 2).complete("u")
+    assert (run.status, run.variables["found"]) == ("completed", [1, 2])
+    run = play(repeated("true")).run().message("M", 1).complete("u").message("M", 3)
+    assert (run.status, run.variables["found"]) == ("completed", [1, 3])
+
+
+def test_instances_beside_each_other_take_one_message_each(play: Play) -> None:
+    run = play(repeated("false")).run().message("M", 1).message("M", 2).complete("u")
+    assert (run.status, run.variables["found"]) == ("completed", [1, 2])
+    run = play(repeated("false")).run().complete("u").message("M", 1)
+    assert run.waiting == ["r"]
+    run.message("M", 2)
+    assert (run.status, run.variables["found"]) == ("completed", [1, 2])
+    assert not run.left_behind()
 
 
 def test_the_queue_of_a_boundary_event_lives_as_long_as_its_activity(play: Play) -> None:
