@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,13 +26,14 @@ if TYPE_CHECKING:
 FIELDS, RULES = ("position", "velocity", "effort"), ("home", "signal", "count")
 
 
-def add_arguments(subparsers: Any) -> None:
-    """Declare collect, learn, operate and merge."""
+def add_arguments(subparsers: Any) -> tuple[Any, Any]:
+    """Declare collect, learn, operate and merge. Gives the parsers of the two nodes, collect and operate."""
     collect = subparsers.add_parser("collect", help="record joint states of runs of a task as a labelled CSV file")
+    _add_published(collect, "TOPIC CSV LABEL", {"topic": str, "output": Path, "label": int})
     _add_source(collect)
-    collect.add_argument("--label", type=int, choices=(1, -1), required=True, help="1 benign, -1 anomalous")
+    collect.add_argument("--label", type=int, choices=(1, -1), help="1 benign, -1 anomalous")
     collect.add_argument("--runs", type=int, default=0, metavar="N", help="stop after N runs")
-    collect.add_argument("-o", "--output", type=Path, required=True, metavar="CSV")
+    collect.add_argument("-o", "--output", type=Path, metavar="CSV")
     collect.set_defaults(adm=_collect)
     learn = subparsers.add_parser("learn", help="fit and judge classifiers, and store the best as a model")
     learn.add_argument("config", type=Path, metavar="CONFIG.yaml")
@@ -41,8 +42,9 @@ def add_arguments(subparsers: Any) -> None:
     learn.add_argument("--jobs", type=int, default=2, metavar="N", help="fits at a time (default: 2)")
     learn.set_defaults(adm=_learn)
     operate = subparsers.add_parser("operate", help="score runs with a model, and raise the signal anomaly")
+    _add_published(operate, "TOPIC MODEL THRESHOLD", {"topic": str, "model": Path, "threshold": float})
     _add_source(operate)
-    operate.add_argument("--model", type=Path, required=True, metavar="MODEL.skops")
+    operate.add_argument("--model", type=Path, metavar="MODEL.skops")
     operate.add_argument("--threshold", type=float, metavar="SCORE", help="a run is anomalous above it")
     operate.add_argument("--runs", type=int, default=0, metavar="N", help="stop after N runs")
     operate.set_defaults(adm=_operate)
@@ -52,12 +54,40 @@ def add_arguments(subparsers: Any) -> None:
     merge.set_defaults(adm=_merge)
     for parser in (collect, learn, operate, merge):
         parser.add_argument("--json", action="store_true", help="print one JSON object, also if something goes wrong")
+    return collect, operate
 
 
 def run(arguments: argparse.Namespace, connect: Connect | None = None) -> int:
     """Do it. `connect` gives a middleware and its scheduler. Returns the exit code; raises FameError."""
     code: int = arguments.adm(arguments, connect)
     return code
+
+
+def _add_published(parser: argparse.ArgumentParser, metavar: str, types: Mapping[str, Callable[[str], Any]]) -> None:
+    """The arguments of the published module, which has no options: all of them by place, or none."""
+    parser.add_argument("published", nargs="*", metavar=metavar, help="the same without options, as published")
+    parser.set_defaults(published_types=types)
+
+
+def _settle(arguments: argparse.Namespace, *required: str) -> None:
+    """Put what was given by place where the options are. Raises ConfigError for what is missing or wrong."""
+    types = arguments.published_types
+    if arguments.published:
+        if len(arguments.published) != len(types):
+            names = ", ".join(types)
+            raise ConfigError(
+                f"found {len(arguments.published)} arguments by place; {names} would be right, or options"
+            )
+        for (name, convert), text in zip(types.items(), arguments.published, strict=True):
+            try:
+                setattr(arguments, name, convert(text))
+            except ValueError:
+                raise ConfigError(f"found {text!r} as {name}; a number would be right") from None
+    missing = [name for name in required if getattr(arguments, name) is None]
+    if missing:
+        raise ConfigError(f"needs --{missing[0]} (see --help)")
+    if getattr(arguments, "label", 1) not in (1, -1):
+        raise ConfigError(f"found the label {arguments.label}; 1 (benign) or -1 (anomalous) would be right")
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
@@ -76,6 +106,7 @@ def _say(text: str) -> None:
 
 
 def _collect(arguments: argparse.Namespace, connect: Connect | None) -> int:
+    _settle(arguments, "label", "output")
     from fame.anomaly.collect import Collect, Collector
     from fame.anomaly.files import write_csv
 
@@ -196,6 +227,7 @@ def _show(progress: Progress) -> None:
 
 
 def _operate(arguments: argparse.Namespace, connect: Connect | None) -> int:
+    _settle(arguments, "model")
     from fame.anomaly.operate import Operate
     from fame.anomaly.persist import load_model
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, command, positive
+from fame.cli.network import add_network
 
 if TYPE_CHECKING:
     from fame.clock import Scheduler
@@ -29,7 +30,8 @@ def add(commands: Commands) -> None:
         help="learn what a repetitive task looks like, and raise an alarm when a run leaves it",
     )  # fmt: skip
     parts = parser.add_subparsers(metavar="PART", required=True)
-    add_arguments(parts)
+    for node in add_arguments(parts):
+        add_network(node)
     envelope = parts.add_parser("envelope", help="runs just outside a tolerance, as labelled training data")
     envelope.add_argument("benign", type=Path, metavar="BENIGN.csv", help="recorded runs of the task")
     envelope.add_argument("--tolerance", type=positive, required=True, metavar="MM", help="of each side of the part")
@@ -43,14 +45,13 @@ def add(commands: Commands) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Do it, over DDS unless a bag is read."""
+    """Do it, on the network unless a bag is read."""
     from fame.anomaly import cli
-    from fame.clock import WallScheduler
-    from fame.remote import connect
+    from fame.remote import connect, scheduler_for
 
     def join() -> tuple[Middleware, Scheduler]:
-        scheduler = WallScheduler()
-        return connect("dds", scheduler), scheduler
+        scheduler = scheduler_for(arguments.middleware)
+        return connect(arguments.middleware, scheduler, arguments.network), scheduler
 
     return cli.run(arguments, join)
 
