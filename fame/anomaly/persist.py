@@ -55,13 +55,12 @@ def save_model(model: Model, path: str | Path) -> None:
         "reference": model.reference,
         "data": model.data,
     }
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    _skops().dump(content, path)
+    write_artefact(content, path)
 
 
 def load_model(path: str | Path) -> Model:
     """Read a stored model. Raises ConfigError, for each of the reasons above."""
-    content = _load(Path(path))
+    content = read_artefact(Path(path), "fame adm learn")
     found = content.get("format") if isinstance(content, dict) else None
     if found != FORMAT:
         raise ConfigError(
@@ -78,14 +77,25 @@ def load_model(path: str | Path) -> Model:
         raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
 
 
-def _load(path: Path) -> Any:
+def write_artefact(content: Any, path: str | Path) -> None:
+    """Store plain data and estimators of scikit-learn, as a whole file or not at all."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    whole = path.with_name(f".{path.name}.part")
+    _skops().dump(content, whole)
+    whole.replace(path)
+
+
+def read_artefact(path: Path, maker: str) -> Any:
+    """What `write_artefact` stored, by the command `maker`. Raises ConfigError if it is not there, corrupt, or holds
+    anything that could run."""
     io = _skops()
     if not path.is_file():
         raise ConfigError("there is no such file", file=str(path))
     try:
         unknown = io.get_untrusted_types(file=path)
     except Exception as error:  # skops raises whatever its parts do on a file that is none of its own
-        text = f"is corrupt, or no model of fame adm learn ({type(error).__name__})"
+        text = f"is corrupt, or no model of {maker} ({type(error).__name__})"
         raise ConfigError(text, file=str(path)) from None
     if unknown:
         text = f"refused: it contains code or unknown classes ({', '.join(unknown)}); a model holds data only"
@@ -125,15 +135,14 @@ class DataPersist:
 
     def save(self, name: str, content: Any, data: str) -> Path:
         """Store something made from the data of that hash."""
-        self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / f"{name}.skops"
-        _skops().dump({"format": FORMAT, "data": data, "versions": versions(), "content": content}, path)
+        write_artefact({"format": FORMAT, "data": data, "versions": versions(), "content": content}, path)
         return path
 
     def retrieve(self, name: str, data: str) -> Any:
         """What was stored. Raises ConfigError if it is not there, or was made from other data."""
         path = self.folder / f"{name}.skops"
-        stored = _load(path)
+        stored = read_artefact(path, "fame adm")
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:
             raise ConfigError("was not stored by fame adm", file=str(path))
         if stored["data"] != data:

@@ -1,0 +1,163 @@
+"""Processor, Parameter and Samples: the interface of everything that computes.
+
+A processor is an object with `execute`; a user's own needs nothing else, and no base class::
+
+    class Power:
+        outputs = ("power",)
+
+        def execute(self, inputs):
+            effort, velocity = inputs["effort"], inputs["velocity"]
+            return {"power": Samples(effort.values * velocity.values, effort.stamps)}
+
+Three attributes are optional. `parameters`: what can be set, also while it runs; each is an attribute of the object.
+`outputs`: the names that it computes; without, or if empty, it gives one output per input, under the input's name.
+`report`: set by whoever runs the processor, to be called with a line of text about data that cannot be used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fame.errors import ConfigError
+
+Floats: TypeAlias = NDArray[np.float64]
+Type: TypeAlias = Literal["float", "int", "bool", "str", "floats", "strs"]
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What arrived on an input, or what was computed.
+
+    values  (n,) or (n, channels, ...)
+    stamps  (n,), s, ascending
+    names   of the channels; empty if they have none
+    """
+
+    values: NDArray[Any]
+    stamps: Floats
+    names: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """The number of samples."""
+        return len(self.stamps)
+
+    def replace(
+        self, values: NDArray[Any], stamps: Floats | None = None, names: tuple[str, ...] | None = None
+    ) -> Samples:
+        """The same with other values and, if given, other stamps and names."""
+        return Samples(values, self.stamps if stamps is None else stamps, self.names if names is None else names)
+
+    def channels(self) -> NDArray[Any]:
+        """The values as (n, channels)."""
+        return self.values.reshape(len(self.stamps), -1) if self.values.ndim != 2 else self.values
+
+
+Result: TypeAlias = Mapping[str, Any] | None
+"""Per output a value, which is published once, or `Samples`, which are published one by one; None: nothing."""
+
+
+class Executes(Protocol):
+    """What every processor is."""
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        """What follows from the samples that arrived since the last call, by name of the input. Inputs may be empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One that can be set.
+
+    type     ``floats`` and ``strs`` are lists; a single value is taken as a list of one
+    range    lowest and highest value allowed (None: no bound); of a text the values allowed
+    """
+
+    name: str
+    type: Type
+    default: Any
+    range: tuple[Any, ...] | None = None
+    unit: str = ""
+    description: str = ""
+
+    def convert(self, value: Any) -> Any:
+        """The value as the processor keeps it. Raises ConfigError for what does not fit."""
+        several = self.type in ("floats", "strs")
+        items = value if several and isinstance(value, (list, tuple)) else [value]
+        converted = tuple(self._single(item) for item in items)
+        return converted if several else converted[0]
+
+    def _single(self, value: Any) -> Any:
+        kind = self.type.rstrip("s") if self.type in ("floats", "strs") else self.type
+        right = f"{_KINDS[kind]}{self._bounds()}"
+        if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
+            value = float(value)
+        elif not isinstance(value, _TYPES[kind]) or isinstance(value, bool) is not (kind == "bool"):
+            raise ConfigError(f"found {value!r}; {right} would be right", element=self.name)
+        if self.range is not None and not self._within(kind, value):
+            raise ConfigError(f"found {value!r}; {right} would be right", element=self.name)
+        return value
+
+    def _within(self, kind: str, value: Any) -> bool:
+        assert self.range is not None
+        if kind == "str":
+            return value in self.range
+        low, high = self.range
+        return (low is None or value >= low) and (high is None or value <= high)
+
+    def _bounds(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        if self.range is None:
+            return unit
+        if self.type in ("str", "strs"):
+            return f": {', '.join(map(str, self.range))}"
+        low, high = self.range
+        return f" of {low:g} or more{unit}" if high is None else f" from {low:g} to {high:g}{unit}"
+
+
+_KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text"}
+_TYPES: dict[str, type] = {"float": int, "int": int, "bool": bool, "str": str}
+_TYPES["float"] = float
+
+
+class Processor:
+    """A convenient base: takes its parameters by keyword and keeps each as an attribute. Raises ConfigError."""
+
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    outputs: ClassVar[tuple[str, ...]] = ()
+    report: Callable[[str], object] = staticmethod(lambda text: None)
+
+    def __init__(self, **values: Any) -> None:
+        for parameter in self.parameters:
+            setattr(self, parameter.name, parameter.convert(parameter.default))
+        for name, value in values.items():
+            set_value(self, name, value)
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        """See `Executes`."""
+        raise NotImplementedError
+
+
+def declared(processor: Any) -> Sequence[Parameter]:
+    """The parameters of any processor."""
+    return tuple(getattr(processor, "parameters", ()))
+
+
+def set_value(processor: Any, name: str, value: Any) -> Any:
+    """Set a parameter and return the value as it is kept. Raises ConfigError if there is none, or it does not fit."""
+    known = {parameter.name: parameter for parameter in declared(processor)}
+    if name not in known:
+        text = f"{type(processor).__name__} has no such parameter; it has {', '.join(known) or 'none'}"
+        raise ConfigError(text, element=name)
+    converted = known[name].convert(value)
+    setattr(processor, name, converted)
+    return converted
+
+
+def computed(processor: Any, inputs: Sequence[str]) -> tuple[str, ...]:
+    """The names of what a processor computes from these inputs."""
+    return tuple(getattr(processor, "outputs", ())) or tuple(inputs)

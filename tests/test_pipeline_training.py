@@ -1,0 +1,239 @@
+"""Autoencoders: trained from runs, judged by runs held back, stored, refused when foreign or stale."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fame.errors import ConfigError
+from fame.pipeline.learned import Autoencoder
+from fame.pipeline.model import TrainedModel
+from fame.pipeline.network import Network
+from fame.pipeline.offline import run
+from fame.pipeline.processor import Samples
+from fame.pipeline.processors import LowPass, Threshold
+from fame.pipeline.tables import hash_files, read_runs
+from fame.pipeline.train import Training, fit, train, training_of
+
+JOINTS = ("shoulder", "elbow", "wrist")
+QUICK = Training(window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500)
+
+
+def motion(seed: int, *, push: float = 0.0, n: int = 800, rate: float = 200.0) -> Samples:
+    """The efforts of a repetitive task; somebody may push against the wrist in the middle of it."""
+    random = np.random.default_rng(seed)
+    stamps = np.arange(n) / rate
+    phase = 2 * np.pi * stamps[:, None] * [0.5, 1.0, 1.5] + random.normal(0, 0.05, 3)
+    values = np.sin(phase) * [3.0, 2.0, 1.0] + random.normal(0, 0.05, (n, 3))
+    values[n // 2 : n // 2 + 60, 2] += push
+    return Samples(values, stamps, JOINTS)
+
+
+@pytest.fixture(scope="module")
+def model() -> TrainedModel:
+    return fit([motion(seed) for seed in range(6)], QUICK, data="cafe" * 16)
+
+
+def write(path: Path, runs: list[Samples]) -> Path:
+    rows = [
+        ",".join(map(str, (stamp, number, *values)))
+        for number, item in enumerate(runs)
+        for stamp, values in zip(item.stamps, item.values, strict=True)
+    ]
+    path.write_text("\n".join([f"stamp,run,{','.join(JOINTS)}", *rows]) + "\n")
+    return path
+
+
+def monitor(model: TrainedModel, run_: Samples) -> dict[str, Samples]:
+    chain = [LowPass(cutoff=model.before), Autoencoder(model, stride=3), LowPass(cutoff=model.cutoff)]
+    return run([*chain, Threshold(threshold=list(model.thresholds))], {"efforts": run_})
+
+
+def test_an_undisturbed_run_raises_no_alarm_and_a_disturbed_one_names_the_joint(model: TrainedModel) -> None:
+    assert "alarm" not in monitor(model, motion(50))
+    found = monitor(model, motion(51, push=1.5))
+    assert found["name"].values[0].tolist() == ["wrist"]
+    assert 2.0 < found["alarm"].stamps[0] < 2.4
+
+
+def test_thresholds_are_the_largest_loss_of_runs_that_were_held_back_times_the_margin(model: TrainedModel) -> None:
+    assert model.thresholds == tuple(QUICK.margin * value for value in model.metrics["validation_max"])
+    assert set(model.metrics) == {"training_max", "training_mean", "validation_max", "validation_mean"}
+    assert model.rate == pytest.approx(200.0)
+    assert model.network.layers == (20, 8, 3, 8, 20)
+
+
+def test_training_twice_gives_the_same_model(model: TrainedModel) -> None:
+    again = fit([motion(seed) for seed in range(6)], QUICK)
+    assert again.thresholds == model.thresholds
+
+
+@pytest.mark.parametrize("activation", ["relu", "tanh", "logistic", "identity"])
+def test_inference_is_that_of_scikit_learn(activation: str) -> None:
+    from sklearn.neural_network import MLPRegressor
+
+    random = np.random.default_rng(1)
+    estimators = []
+    for seed in range(3):
+        data = random.normal(size=(60, 20))
+        estimator = MLPRegressor(
+            hidden_layer_sizes=(8, 3, 8), activation=activation, solver="lbfgs", max_iter=5, random_state=seed
+        )
+        with pytest.warns(UserWarning, match="max_iter|converge|ITERATIONS"):
+            estimators.append(estimator.fit(data, data))
+    inputs = random.normal(size=(3, 40, 20))
+    expected = np.stack([item.predict(part) for item, part in zip(estimators, inputs, strict=True)])
+    np.testing.assert_allclose(Network.of(estimators)(inputs), expected, rtol=1e-5, atol=1e-8)
+
+
+def test_the_loss_is_the_mean_squared_error_over_the_window(model: TrainedModel) -> None:
+    windows = np.random.default_rng(2).normal(size=(7, 20, 3))
+    scaled = (windows - model.mean) / model.scale
+    told = np.stack([model.network(scaled[None, number].transpose(2, 0, 1)) for number in range(7)])[:, :, 0]
+    expected = ((told - scaled.transpose(0, 2, 1)) ** 2).mean(axis=2)
+    np.testing.assert_allclose(model.loss(windows), expected)
+
+
+# ---- stored ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", [".skops", ".onnx"])
+def test_a_model_comes_back_as_it_was(model: TrainedModel, tmp_path: Path, ending: str) -> None:
+    from fame.pipeline.onnx import save_onnx
+
+    path = tmp_path / f"model{ending}"
+    model.save(path) if ending == ".skops" else save_onnx(model, path)
+    again = TrainedModel.load(path)
+    windows = np.random.default_rng(2).normal(size=(7, 20, 3))
+    np.testing.assert_array_equal(again.loss(windows), model.loss(windows))
+    for name in ("columns", "window", "rate", "thresholds", "cutoff", "before", "data", "versions", "metrics"):
+        assert getattr(again, name) == getattr(model, name), name
+    assert again.versions.keys() >= {"scikit-learn", "numpy", "skops"}
+
+
+def test_onnxruntime_finds_the_same_loss(model: TrainedModel, tmp_path: Path) -> None:
+    import onnxruntime
+
+    from fame.pipeline.onnx import save_onnx
+
+    save_onnx(model, tmp_path / "model.onnx")
+    session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
+    windows = np.random.default_rng(2).normal(size=(7, 20, 3))
+    np.testing.assert_allclose(session.run(None, {"windows": windows})[0], model.loss(windows), rtol=1e-5)
+
+
+def refusal(path: Path, **asked: object) -> str:
+    with pytest.raises(ConfigError) as caught:
+        TrainedModel.load(path, **asked)
+    return str(caught.value)
+
+
+def test_a_model_of_other_columns_or_older_data_is_refused_with_the_reason(model: TrainedModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "m.skops")
+    assert "asked for a, b: train again" in refusal(tmp_path / "m.skops", columns=("a", "b"))
+    assert "is stale: trained on data cafecafecafe" in refusal(tmp_path / "m.skops", data="beef" * 16)
+    assert TrainedModel.load(tmp_path / "m.skops", columns=JOINTS, data="cafe" * 16).columns == JOINTS
+
+
+def test_foreign_and_damaged_files_are_refused_with_the_reason(model: TrainedModel, tmp_path: Path) -> None:
+    import pickle
+
+    import skops.io
+    from sklearn.decomposition import PCA
+
+    (tmp_path / "pickle.skops").write_bytes(pickle.dumps({"format": "fame-autoencoder-1"}))
+    assert "is corrupt, or no model of fame train" in refusal(tmp_path / "pickle.skops")
+    skops.io.dump(PCA(), tmp_path / "pca.skops")
+    assert "is no model of fame train: found format None" in refusal(tmp_path / "pca.skops")
+    skops.io.dump({"format": "fame-autoencoder-1", "run": print}, tmp_path / "code.skops")
+    assert "contains code or unknown classes" in refusal(tmp_path / "code.skops")
+    assert "there is no such file" in refusal(tmp_path / "none.skops")
+    replace(model, thresholds=(1.0,)).save(tmp_path / "torn.skops")
+    assert "is damaged" in refusal(tmp_path / "torn.skops")
+    (tmp_path / "text.onnx").write_text("hello")
+    assert "is no ONNX file" in refusal(tmp_path / "text.onnx")
+
+
+# ---- data that do not fit --------------------------------------------------------------------------------------------
+
+
+def test_channels_are_matched_by_name_and_others_refused(model: TrainedModel) -> None:
+    given = motion(3)
+    straight = run([Autoencoder(model)], {"efforts": given})["loss"]
+    turned = Samples(given.values[:, ::-1], given.stamps, JOINTS[::-1])
+    np.testing.assert_allclose(run([Autoencoder(model)], {"efforts": turned})["loss"].values, straight.values)
+    apart = {name: Samples(given.values[:, k], given.stamps) for k, name in enumerate(JOINTS)}
+    np.testing.assert_allclose(run([Autoencoder(model)], apart)["loss"].values, straight.values)
+    foreign = Samples(given.values, given.stamps, ("a", "b", "c"))
+    with pytest.raises(ValueError, match="trained on shoulder, elbow, wrist; the data are a, b, c"):
+        run([Autoencoder(model)], {"efforts": foreign})
+    with pytest.raises(ValueError, match="trained on shoulder, elbow, wrist; the data are 2 channels"):
+        run([Autoencoder(model)], {"efforts": Samples(given.values[:, :2], given.stamps)})
+
+
+def test_a_rate_twice_that_of_the_training_gives_no_loss_and_says_so(model: TrainedModel) -> None:
+    said: list[str] = []
+    autoencoder = Autoencoder(model)
+    autoencoder.report = said.append
+    assert run([autoencoder], {"efforts": motion(3, rate=400.0)}) == {}
+    assert said == ["windows left out: samples at 400 Hz, or a gap; 200 Hz would be right"]
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def test_training_from_files_hashes_them_and_takes_runs_as_they_are(tmp_path: Path) -> None:
+    write(tmp_path / "a.csv", [motion(0), motion(1)])
+    write(tmp_path / "b.csv", [motion(2)])
+    config = replace(QUICK, files=(str(tmp_path / "a.csv"), str(tmp_path / "b.csv")), columns=("elbow",), epochs=2)
+    assert [len(item) for item in read_runs(config.files)] == [800, 800, 800]
+    made = train(config)
+    assert (made.columns, made.data) == (("elbow",), hash_files(config.files))
+
+
+def test_rows_without_a_value_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("stamp,x,y\n0.1,1,\n0.2,,2\n0.3,3,4\n")
+    assert [len(item) for item in read_runs([tmp_path / "a.csv"])] == [1]
+    assert read_runs([tmp_path / "a.csv"], ["x"])[0].values.tolist() == [[1.0], [3.0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("stamp,x\n0.1,1\n0.2,two\n", "a.csv:3: found 'two'; a number would be right"),
+        ("stamp,x\n0.1,1\n0.2\n", "a.csv:3: found 1 cells; 2 would be right"),
+        ("0.1,1\n", "a.csv:1: has no header"),
+        ("stamp,x\n", "a.csv: has no rows"),
+        ("time,x\n1,2\n", "a.csv: has no column 'stamp'; it has time, x"),
+        ("", "a.csv:1: has no header"),
+    ],
+)
+def test_a_file_that_is_no_table_is_refused_with_its_line(tmp_path: Path, text: str, reason: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        read_runs([tmp_path / "a.csv"])
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "reason"),
+    [
+        ({"Files": ["no*.csv"]}, "no file matches"),
+        ({"Files": [], "Windw": 3}, "found the key 'windw'"),
+        ({"Window": "fifty"}, "Training.window: found 'fifty'; a int would be right"),
+        ({"Hidden": [16, "4"]}, "Training.hidden"),
+        ("runs.csv", "a mapping with Files would be right"),
+    ],
+)
+def test_a_wrong_training_section_is_refused(tmp_path: Path, section: object, reason: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        training_of(section, tmp_path)
+    assert reason in str(caught.value)
+
+
+def test_one_run_is_not_enough_to_train_and_validate() -> None:
+    with pytest.raises(ConfigError, match="at least 2 are needed"):
+        fit([motion(0)], QUICK)
