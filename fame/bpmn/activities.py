@@ -145,16 +145,17 @@ def _loop(node: HalfRead) -> MultiInstance | StandardLoop | None:
 
 def _multi_instance(context: Context, loop: Node) -> MultiInstance:
     said = extensions_of(context, loop)
+    named, each = said.take("outputCollection"), said.take("outputElement")
     collection = variable(context, loop, said.collection) if said.collection.strip() else None
     if collection is None:
         reference = child(loop, "loopDataInputRef")
         name = _variable_of(loop, text_of(reference)) if reference is not None else ""
         collection = variable(context, loop, name) if name else None
     output = child(loop, "loopDataOutputRef")
-    output_collection = said.output_collection.strip()
+    output_collection = (named.value if named is not None else said.output_collection).strip()
     if output is not None and not output_collection:
         output_collection = _variable_of(loop, text_of(output))
-    element = said.output_element.strip() or _item_name(loop, "outputDataItem")
+    element = (each.value if each is not None else said.output_element).strip() or _item_name(loop, "outputDataItem")
     if loop.get("behavior", "All") != "All":
         text = f"behavior={loop.get('behavior')!r} has no effect: no event is thrown per instance"
         context.note(loop, text, "warning")

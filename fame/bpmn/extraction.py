@@ -15,9 +15,10 @@ from lxml import etree
 
 from fame.bpmn.context import find
 from fame.bpmn.dialects.fame_g2 import CALL
+from fame.bpmn.ids import unique_ids
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
-from fame.bpmn.pieces import Piece, copied, is_reference
-from fame.bpmn.xml import BPMN, CAMUNDA, ZEEBE, Node, text_of
+from fame.bpmn.pieces import Piece, copied
+from fame.bpmn.xml import BPMN, CAMUNDA, ZEEBE, Node
 from fame.errors import ModelError
 
 _B = f"{{{BPMN}}}"
@@ -112,26 +113,8 @@ def _pool(definitions: Definitions, process_id: str, name: str) -> Participant |
 
 def _make_unique(piece: Piece, taken: set[str]) -> None:
     """Gives ids that are taken a number, wherever the piece uses them."""
-    renamed: dict[str, str] = {}
-    own = {id for one in piece.everything() if (id := one.get("id"))}
-    for id in sorted(own & taken):
-        number = 2
-        while f"{id}_{number}" in taken | own:
-            number += 1
-        renamed[id] = f"{id}_{number}"
-    taken |= own | set(renamed.values())
-    for element in piece.everything() if renamed else ():
-        _rename(element, renamed)
+    renamed = unique_ids(piece.everything(), taken)
     piece.ids = {id: renamed.get(id, id) for id in piece.ids}
-
-
-def _rename(element: Node, renamed: Mapping[str, str]) -> None:
-    for name, value in element.items():
-        new = find(renamed, str(value)) if name == "id" or is_reference(str(name)) else None
-        if new is not None:
-            element.set(name, new)
-    if element.tag.endswith(("Ref", "Refs")) or element.tag in (f"{_B}incoming", f"{_B}outgoing"):
-        element.text = find(renamed, text_of(element)) or element.text
 
 
 def _point_calls(piece: Piece, ids: Mapping[str, str]) -> None:
@@ -171,13 +154,13 @@ def _assemble(pieces: list[Piece]) -> Node:
     parts += [one for piece in pieces for one in piece.shared]
     parts += [one for piece in pieces for one in piece.diagrams]
     for part in parts:
-        _keep_types_readable(part, root)
+        keep_types_readable(part, root)
         root.append(part)
     etree.indent(root, "  ")
     return root
 
 
-def _keep_types_readable(part: Node, root: Node) -> None:
+def keep_types_readable(part: Node, root: Node) -> None:
     """``xsi:type`` holds a prefix in its value: that of the new file."""
     prefix = next((prefix for prefix, uri in root.nsmap.items() if uri == BPMN), None)
     for element in part.iter("*"):

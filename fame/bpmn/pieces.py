@@ -10,14 +10,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 
-from lxml import etree
-
 from fame.bpmn.context import Context, find
+from fame.bpmn.dialects.current import add_property
 from fame.bpmn.dialects.fame_g2 import unfold
+from fame.bpmn.ids import is_reference
 from fame.bpmn.model import Bounds, Definitions, FlowNode, Participant, Process
 from fame.bpmn.reader import read_tree
 from fame.bpmn.topics import topics_of
-from fame.bpmn.xml import BPMN, BPMNDI, CAMUNDA, Node, parse, text_of
+from fame.bpmn.xml import BPMN, BPMNDI, Node, parse, text_of
 
 _B = f"{{{BPMN}}}"
 _PROCESS, _COLLABORATION, _DIAGRAM = f"{_B}process", f"{_B}collaboration", f"{{{BPMNDI}}}BPMNDiagram"
@@ -61,14 +61,14 @@ def copied(
     definitions: Definitions, processes: Iterable[Process], pool: Participant | None, types: Mapping[str, str]
 ) -> Piece:
     """Copies of what processes of a file are made of, with the types of their topics written down."""
-    root = _tree(definitions)
+    root = whole_tree(definitions)
     piece = Piece(definitions, root, {process.id: process.id for process in processes})
     by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
     for process in processes:
         piece.processes.append(deepcopy(by_id[process.id]))
         _write_types(piece.processes[-1], process, types)
         if process.by_prefix and not _says(piece.processes[-1], "fields"):
-            _add_property(piece.processes[-1], "fields", "prefix")  # what tells it may stand in another pool
+            add_property(piece.processes[-1], "fields", "prefix")  # what tells it may stand in another pool
     if pool is not None:
         piece.collaboration = _collaboration(definitions, root, pool)
     piece.shared = [deepcopy(one) for one in _needed(root, piece)]
@@ -151,7 +151,7 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
     return copy
 
 
-def _tree(definitions: Definitions) -> Node:
+def whole_tree(definitions: Definitions) -> Node:
     """The file with all that is in it, and the ids that the reader makes where there is none."""
     root = parse(definitions.source, definitions.file, keep_all=True)
     unfold(Context(definitions.file), root)
@@ -162,10 +162,6 @@ def _tree(definitions: Definitions) -> Node:
         if id and not element.get("id"):
             element.set("id", id)
     return root
-
-
-def is_reference(name: str) -> bool:
-    return name in ("default", "bpmnElement") or name.endswith("Ref")
 
 
 def _references(element: Node) -> Iterator[str]:
@@ -188,7 +184,7 @@ def _write_types(element: Node, process: Process, types: Mapping[str, str]) -> N
         holders = _holders(by_id[node.id], node, len(topics))
         for topic, holder in zip(topics, holders, strict=True):
             if topic.type is None and topic.qualified in types:
-                _add_property(holder, "type", types[topic.qualified])
+                add_property(holder, "type", types[topic.qualified])
 
 
 def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
@@ -203,15 +199,3 @@ def _says(element: Node, name: str) -> bool:
     """Whether its own extension elements have a property of that name."""
     extensions = element.find(_EXTENSION_ELEMENTS)
     return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))
-
-
-def _add_property(element: Node, name: str, value: str) -> None:
-    """A Camunda property, as Camunda Modeler writes it."""
-    extensions = element.find(_EXTENSION_ELEMENTS)
-    if extensions is None:
-        extensions = etree.Element(_EXTENSION_ELEMENTS)
-        element.insert(len(element.findall(f"{_B}documentation")), extensions)
-    properties = extensions.find(f"{{{CAMUNDA}}}properties")
-    if properties is None:
-        properties = etree.SubElement(extensions, f"{{{CAMUNDA}}}properties", nsmap={"camunda": CAMUNDA})
-    etree.SubElement(properties, f"{{{CAMUNDA}}}property", {"name": name, "value": value})

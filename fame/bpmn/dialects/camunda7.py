@@ -149,3 +149,7 @@ _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
     "in": _in,
     "out": _out,
 }
+_INNER = {"property", "inputParameter", "outputParameter", "list", "value", "map", "entry", "script"}
+VENDORS_ELEMENTS = {*_ELEMENTS, *_INNER}
+VENDORS_ATTRIBUTES = {*_ATTRIBUTES, *REFUSED, "expression", "type"}
+"""What Flowable and Activiti say in the same words."""

@@ -10,6 +10,7 @@ from fame.bpmn.context import Context
 from fame.bpmn.dialects.extensions import Extensions, Property
 from fame.bpmn.dialects.flow_style import mapped_entries
 from fame.bpmn.dialects.qos import CHOICES, DURATIONS, policy
+from fame.bpmn.ids import unique_ids
 from fame.bpmn.xml import BPMN, BPMNDI, CAMUNDA, DC, DI, ZEEBE, Node, line_of, local, parse_any
 
 ROS, DATA, QOS, CALL = "http://ros", "http://data", "http://qos", "http://callActivity"
@@ -62,27 +63,24 @@ def _payload(context: Context, node: Node) -> Property | None:
 def unfold(context: Context, root: Node) -> None:
     """Makes processes that stand as escaped text in a call activity processes of the file, called by their id.
 
-    The extension element then holds the id. One whose id is taken by another process gets a number behind its own.
+    The extension element then holds the id. Ids in it that are taken get a number: it was drawn in a file of its own.
     """
     holders = [one for one in root.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
-    processes = list(root.iterchildren(f"{{{BPMN}}}process")) if holders else []
-    ids = {one.get("id"): etree.tostring(one) for one in processes}
+    known = {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
+    taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
     for holder in holders:
-        text = holder.get("process", "").strip()
-        process = _embedded(context, holder, text)
-        id, number = process.get("id") or f"process_{line_of(holder)}", 1
-        plain, stem = etree.tostring(process), id
-        while id in ids and ids[id] != plain:
-            number += 1
-            id = f"{stem}_{number}"
-        holder.set("process", id)
-        context.quirk(holder, f"the process embedded in it is read as process {id} of the file")
-        if id not in ids:
-            ids[id] = plain
-            process.set("id", id)
+        process = _embedded(context, holder, holder.get("process", "").strip())
+        plain = etree.tostring(process)
+        if plain not in known:
+            known[plain] = process
+            process.set("id", process.get("id") or f"process_{line_of(holder)}")
+            unique_ids(process.iter("*"), taken)
             for one in process.iter():
                 one.sourceline = line_of(holder)  # type: ignore[assignment]
             root.append(process)
+        holder.set("process", known[plain].get("id", ""))
+        text = f"the process embedded in it is read as process {known[plain].get('id')} of the file"
+        context.quirk(holder, text)
 
 
 def _embedded(context: Context, holder: Node, text: str) -> Node:

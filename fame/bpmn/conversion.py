@@ -1,0 +1,199 @@
+"""Writes a file of any dialect in the current form, so that it means and does the same (FORMATS).
+
+It works on the XML, so that what FAME does not know comes along. Extension elements of other dialects are read by their
+adapters and written again by `dialects.current`; topics get the signal that names them; embedded processes become
+processes of the file. Scripts stay in their language. A file that is in the current form stays as it is, to the byte.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+from lxml import etree
+
+from fame.bpmn.context import Context
+from fame.bpmn.dialects import ELEMENTS, current, fame_g0, looks_original
+from fame.bpmn.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
+from fame.bpmn.dialects.extensions import Extensions
+from fame.bpmn.dialects.fame_g2 import CALL, DATA, QOS, ROS
+from fame.bpmn.extraction import keep_types_readable
+from fame.bpmn.model import Definitions, Event, MessageDefinition, Process, SignalDefinition, SubProcess
+from fame.bpmn.pieces import whole_tree
+from fame.bpmn.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local, text_of
+
+Semantics = Literal["standard", "original"]
+
+_B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
+_DIAGRAM = f"{{{BPMNDI}}}BPMNDiagram"
+_PLATFORM = "{http://camunda.org/schema/modeler/1.0}executionPlatform"
+_WEB = (ROS, DATA, QOS, CALL)
+_EIGHT = {
+    "properties", "taskHeaders", "ioMapping", "taskDefinition", "calledElement", "loopCharacteristics", "script",
+    "subscription",
+}  # fmt: skip
+"""Elements of Camunda 8 that have a current form."""
+_KINDS = {f"{_B}signalEventDefinition": "signal", f"{_B}messageEventDefinition": "message"}
+
+
+def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> bytes:
+    """The file in the current form, UTF-8; `semantics` becomes that of its processes, if given."""
+    root = whole_tree(definitions)
+    before, context = etree.tostring(root), Context(definitions.file)
+    for element in list(root.iter(f"{_B}*")):
+        _rewrite(context, root, element)
+    _rename_vendors(root)
+    by_id = {one.get("id", ""): one for one in root.iter(f"{_B}*")}
+    for process in definitions.processes:
+        _name_signals(root, process, by_id)
+        _say_rules(root, process, by_id[process.id], semantics)
+    return definitions.source if etree.tostring(root) == before else _written(root)
+
+
+# ---- extension elements ----------------------------------------------------------------------------------------------
+
+
+def _rewrite(context: Context, root: Node, element: Node) -> None:
+    """What one element says in other dialects, in the current form."""
+    for name in ("scriptFormat", "language"):
+        if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
+            element.set(name, "javascript")
+    holder = element.find(current.EXTENSION_ELEMENTS)
+    if holder is None:
+        return
+    foreign = [one for one in holder if _is_foreign(one)]
+    found = Extensions()
+    for one in foreign:
+        ELEMENTS[one.tag[1:].partition("}")[0]](context, one, found)
+    if not found.refused and (not found.own or found.inputs or found.outputs or found.all_in or found.all_out):
+        for one in foreign:
+            holder.remove(one)
+        current.write(element, found)
+    if found.key is not None:
+        _correlate(root, element, found)
+    if any(one.tag in _KINDS for one in element):
+        _unlist(element, holder)
+    if not len(holder):
+        element.remove(holder)
+
+
+def _is_foreign(element: Node) -> bool:
+    if not isinstance(element.tag, str):
+        return False
+    namespace = element.tag[1:].partition("}")[0]
+    return namespace in _WEB or (namespace == ZEEBE and local(element) in _EIGHT)
+
+
+def _unlist(event: Node, holder: Node) -> None:
+    """The oldest form: a list of type and payload, under the name of the topic."""
+    for mapping in holder.findall(f"{_C}inputOutput"):
+        for parameter in mapping.findall(f"{_C}inputParameter"):
+            values = list(parameter[0]) if len(parameter) and fame_g0.is_message(parameter[0]) else []
+            if 0 < len(values) <= 2:
+                for name, value in zip(("type", "payload"), values, strict=False):
+                    current.add_property(event, name, text_of(value).strip())
+                mapping.remove(parameter)
+        if not len(mapping):
+            holder.remove(mapping)
+
+
+def _correlate(root: Node, message: Node, found: Extensions) -> None:
+    """The key of a message, as a correlation property of the standard (chapter 8.3.2)."""
+    assert found.key is not None
+    key = found.key.text.strip("${} ")
+    said = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
+    said.append(etree.Element(f"{_B}correlationPropertyRetrievalExpression", {"messageRef": message.get("id", "")}))
+    path = etree.SubElement(said[0], f"{_B}messagePath", {"language": "python"})
+    path.text = f"msg.{key.rpartition('.')[2]}"
+    _add_to_root(root, said)
+
+
+def _rename_vendors(root: Node) -> None:
+    """Flowable and Activiti have the words of Camunda 7, in namespaces of their own."""
+    for element in root.iter("*"):
+        for key in attributes(element):
+            namespace, _, name = key[1:].partition("}")
+            if namespace in (FLOWABLE, ACTIVITI) and name in VENDORS_ATTRIBUTES:
+                element.set(f"{_C}{name}", element.attrib.pop(key))
+        if element.tag[1:].partition("}")[0] in (FLOWABLE, ACTIVITI) and local(element) in VENDORS_ELEMENTS:
+            element.tag = f"{_C}{local(element)}"
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> None:
+    """Let every signal and message event refer to what has the name of its topic."""
+    for node in process.body.walk():
+        if not isinstance(node, Event):
+            continue
+        topics = [one.topic for one in node.definitions if isinstance(one, SignalDefinition | MessageDefinition)]
+        drawn = [one for one in by_id[node.id] if one.tag in _KINDS]
+        for topic, element in zip(topics, drawn, strict=False):
+            kind = _KINDS[element.tag]
+            referred = by_id.get(element.get(f"{kind}Ref", "").rpartition(":")[2])
+            if (referred is None or referred.get("name", "").strip() != topic.name) and topic.name != node.id:
+                element.set(f"{kind}Ref", _named(root, kind, topic.name))
+
+
+def _named(root: Node, kind: str, name: str) -> str:
+    """The id of the signal or message of that name, made if there is none."""
+    for one in root.iterchildren(f"{_B}{kind}"):
+        if one.get("name", "").strip() == name and one.get("id"):
+            return one.get("id", "")
+    taken = {one.get("id") for one in root.iter("*")}
+    id = stem = f"{kind.capitalize()}_{''.join(letter if letter.isalnum() else '_' for letter in name)}"
+    number = 1
+    while id in taken:
+        number += 1
+        id = f"{stem}_{number}"
+    _add_to_root(root, etree.Element(f"{_B}{kind}", {"id": id, "name": name}))
+    return id
+
+
+def _add_to_root(root: Node, element: Node) -> None:
+    """Before the diagrams, where the schema wants it."""
+    diagram = root.find(_DIAGRAM)
+    root.insert(len(root) if diagram is None else root.index(diagram), element)
+
+
+# ---- rules of the process --------------------------------------------------------------------------------------------
+
+
+def _say_rules(root: Node, process: Process, element: Node, semantics: Semantics | None) -> None:
+    """What followed from the looks of the file or from a rule for old ones, as properties of the process."""
+    if semantics not in (None, process.semantics) and any(
+        isinstance(node, SubProcess) and node.triggered_by_event for node in process.body.walk()
+    ):
+        _drop_property(element, "semantics")
+        current.add_property(element, "semantics", str(semantics))
+    _drop_property(element, "topics")
+    if process.by_prefix and not looks_original(root) and any(True for _ in element.iter(f"{_B}dataObjectReference")):
+        current.add_property(element, "fields", "prefix")
+
+
+def _drop_property(element: Node, name: str) -> None:
+    holder = element.find(current.EXTENSION_ELEMENTS)
+    for properties in holder.findall(f"{_C}properties") if holder is not None else ():
+        for one in properties.findall(f"{_C}property"):
+            if one.get("name") == name:
+                properties.remove(one)
+
+
+# ---- the file --------------------------------------------------------------------------------------------------------
+
+
+def _written(root: Node) -> bytes:
+    for process in root.findall(f"{_B}process"):
+        if any(one.tag == _DIAGRAM for one in process.itersiblings(preceding=True)):  # it was inside a call activity
+            _add_to_root(root, process)
+    keep_types_readable(root, root)
+    if root.get(_PLATFORM) == "Camunda Cloud":
+        root.set(_PLATFORM, "Camunda Platform")
+        root.set(f"{_PLATFORM}Version", "7.23.0")
+    gone = {*_WEB, ZEEBE, FLOWABLE, ACTIVITI}
+    kept = [prefix for prefix, uri in root.nsmap.items() if prefix and uri not in gone]
+    top = {} if CAMUNDA in root.nsmap.values() else {"camunda": CAMUNDA}
+    etree.cleanup_namespaces(root, top_nsmap=top or None, keep_ns_prefixes=kept)
+    etree.indent(root, "  ")
+    return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8") + b"\n"
