@@ -40,9 +40,8 @@ def converted(content: str, root: str = "", attributes: str = "") -> str:
 
 def meaning(definitions: Definitions) -> list[object]:
     """All that a run depends on, without lines; how prefixes count has a test of its own."""
-    return [
-        re.sub(r"line=\d+|by_prefix=\w+", "", repr(one)) for one in (*definitions.processes, *definitions.participants)
-    ]
+    told = map(repr, (*definitions.processes, *definitions.participants))
+    return [re.sub(r"line=\d+|by_prefix=\w+", "", text) for text in told]
 
 
 def same(content: str, root: str = "", attributes: str = "") -> str:
@@ -63,8 +62,7 @@ def test_a_converted_model_runs_to_the_same_log(path: Path, tmp_path: Path) -> N
         assert run(new, weed).log == run(path, weed).log
 
 
-@pytest.mark.parametrize("name", ["ground_vehicles", "agriculture"])
-def test_converted_missions_run_to_the_same_log(name: str, tmp_path: Path) -> None:
+def test_a_converted_mission_runs_to_the_same_log(tmp_path: Path) -> None:
     for path in (MODELS / "javascript").iterdir():
         shutil.copy(path, tmp_path)
         if path.suffix == ".bpmn":
@@ -72,7 +70,7 @@ def test_converted_missions_run_to_the_same_log(name: str, tmp_path: Path) -> No
     logs: list[list[Event]] = []
     for folder in (MODELS / "javascript", tmp_path):
         logs.append([])
-        Scenario.load(folder / f"{name}.yaml").run(observer=logs[-1].append)
+        Scenario.load(folder / "agriculture.yaml").run(observer=logs[-1].append)
     assert len(logs[0]) > 100
     assert [(event.time, event.robot, event.element, event.what) for event in logs[1]] == [
         (event.time, event.robot, event.element, event.what) for event in logs[0]
