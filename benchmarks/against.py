@@ -1,0 +1,235 @@
+"""FAME beside other engines: the same models, in turns, each engine in a process of its own.
+
+A model is tried in a hundredth of its size, a tenth and whole; an engine is out of it at the first size that it does
+not finish in its time, or whose result is wrong, and is compared at the last one that it does. What is counted are the
+elements that a run completes, which are the same for all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from models import CASES, VARIABLES, Case, in_javascript
+
+HERE = Path(__file__).resolve().parent / "contenders"
+NPM = "bpmn-engine@25.0.1"
+STACK = 900_000
+"""kB of stack for an engine that recurses: with the usual one it ends after some hundred elements."""
+
+
+class AbsentError(Exception):
+    """An engine is not installed, and how it would be."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """How an engine is called, with file and order; `translate` makes its file of the model."""
+
+    name: str
+    command: Callable[[str, str], list[str]]
+    translate: Callable[[str], str] = str
+
+
+def fame_robots() -> Engine:
+    return Engine("FAME", lambda file, order: [sys.executable, str(HERE / "fame_robots.py"), file, order])
+
+
+def spiffworkflow() -> Engine:
+    try:
+        said = version("SpiffWorkflow")
+    except PackageNotFoundError:
+        raise AbsentError("SpiffWorkflow is not installed; pip install SpiffWorkflow") from None
+    program = str(HERE / "spiffworkflow.py")
+    return Engine(f"SpiffWorkflow {said}", lambda file, order: [sys.executable, program, file, order])
+
+
+def bpmn_engine() -> Engine:
+    """Installed on first use, into a folder of the system for temporary files."""
+    folder = Path(tempfile.gettempdir()) / f"fame-{NPM}"
+    install = ["npm", "install", "--silent", "--prefix", str(folder), NPM]
+    try:
+        if not (folder / "node_modules" / "bpmn-engine").exists():
+            subprocess.run(install, check=True, capture_output=True)
+        subprocess.run(["node", "--version"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        raise AbsentError(f"bpmn-engine needs node and npm, and {' '.join(install)}") from None
+    program = ["node", f"--stack-size={STACK}", str(HERE / "bpmn_engine.mjs")]
+    name = f"bpmn-engine {NPM.partition('@')[2]}"
+    return Engine(name, lambda file, order: [*program, file, order, str(folder)], in_javascript)
+
+
+ENGINES: Mapping[str, Callable[[], Engine]] = {"SpiffWorkflow": spiffworkflow, "bpmn-engine": bpmn_engine}
+
+
+# ---- one run -----------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Measured:
+    """What an engine did with a model of a size: the best of its turns, or why it does not count."""
+
+    case: str
+    size: int
+    engine: str
+    elements: int = 0
+    cpu: float = float("inf")
+    wall: float = 0.0
+    read: float = float("inf")
+    peak_mb: float = 0.0
+    failure: str = ""
+
+    def line(self) -> dict[str, Any]:
+        """As JSON."""
+        about: dict[str, Any] = {"case": self.case, "size": self.size, "engine": self.engine}
+        if self.failure:
+            return about | {"failure": self.failure}
+        about |= {"elements": self.elements, "per_second": round(self.elements / self.cpu)}
+        seconds = {name: round(getattr(self, name), 6) for name in ("cpu", "wall", "read")}
+        return about | seconds | {"peak_mb": round(self.peak_mb)}
+
+
+def unlimited_stack() -> None:
+    """For the child: as much stack as the system grants."""
+    _, hard = resource.getrlimit(resource.RLIMIT_STACK)
+    resource.setrlimit(resource.RLIMIT_STACK, (hard, hard))
+
+
+def turn(engine: Engine, case: Case, size: int, folder: Path, limit: float, seconds: float) -> dict[str, Any] | str:
+    """One turn of an engine: its answer, or the reason why there is none."""
+    file = folder / f"{case.name}-{size}-{engine.name}.bpmn"
+    if not file.exists():
+        file.write_text(engine.translate(case.make(size)), encoding="utf-8")
+    order = {"process": "P", "variables": dict(VARIABLES), "seconds": seconds,
+             "signals": size * case.signals, "instances": size * case.instances}  # fmt: skip
+    command = engine.command(str(file), json.dumps(order))
+    try:
+        found = subprocess.run(
+            command, capture_output=True, text=True, timeout=limit, check=False, preexec_fn=unlimited_stack
+        )
+    except subprocess.TimeoutExpired:
+        return f"not done after {limit:g} s"
+    if found.returncode:
+        return reason(found)
+    answer: dict[str, Any] = json.loads(found.stdout.splitlines()[-1])
+    for name, value in case.expected(size).items():
+        if answer["variables"].get(name) != value:
+            return f"wrong result: {name} is {answer['variables'].get(name)}, not {value}"
+    return answer
+
+
+def reason(found: subprocess.CompletedProcess[str]) -> str:
+    """Why a process ended badly, in its own words."""
+    if found.returncode < 0:
+        return f"killed by signal {-found.returncode}"
+    lines = [line.strip() for line in found.stderr.splitlines() if line.strip()]
+    telling = [line for line in lines if "Error" in line or "Exception" in line] or lines[-1:] or ["no reason given"]
+    return telling[0][:160]
+
+
+def elements_of(case: Case, size: int) -> int:
+    """How many elements a run completes, by FAME's count."""
+    import fame
+    from fame.bpmn import read_text
+
+    simulation = fame.Simulation(read_text(case.make(size), file="generated.bpmn"), "P", VARIABLES).run()
+    for _ in range(size * case.signals):
+        simulation.signal("A")
+    for _ in range(size * case.instances - 1):
+        simulation.start(VARIABLES)
+    return sum(instance.visits.total() for instance in simulation.instances)
+
+
+# ---- all of them -------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Comparison:
+    """All that was measured, by case, size and engine."""
+
+    engines: Sequence[Engine]
+    found: dict[tuple[str, int, str], Measured] = field(default_factory=dict)
+
+    def last(self, case: Case, engine: Engine) -> Measured | None:
+        """The largest size of a case that an engine has finished."""
+        done = [said for (name, _, who), said in self.found.items()
+                if (name, who) == (case.name, engine.name) and not said.failure]  # fmt: skip
+        return done[-1] if done else None
+
+    def run(self, only: str, rounds: int, limit: float, seconds: float) -> Iterator[dict[str, Any]]:
+        """Measure, and give each result as it is there."""
+        with tempfile.TemporaryDirectory() as folder:
+            for case in CASES:
+                if only in case.name and not case.own:
+                    yield from self.one(case, partial(turn, folder=Path(folder), limit=limit, seconds=seconds), rounds)
+
+    def one(self, case: Case, take: Callable[..., Any], rounds: int) -> Iterator[dict[str, Any]]:
+        """One case in all sizes, as long as another engine is in it."""
+        own, *others = self.engines
+        for size in (max(2, case.size // 100), case.size // 10, case.size):
+            if not others:
+                return
+            elements = elements_of(case, size)
+            running = [own, *others]
+            for _ in range(rounds):
+                for engine in tuple(running):
+                    key = (case.name, size, engine.name)
+                    said = self.found.setdefault(key, Measured(case.name, size, engine.name, elements))
+                    answer = take(engine, case, size)
+                    if isinstance(answer, str):
+                        said.failure = answer
+                        running.remove(engine)
+                    else:
+                        best = min((said.cpu, said.wall), (answer["cpu"], answer["wall"]))
+                        said.cpu, said.wall = best
+                        said.read, said.peak_mb = min(said.read, answer["read"]), max(said.peak_mb, answer["peak_mb"])
+            others = [engine for engine in others if engine in running]
+            yield from (self.found[case.name, size, engine.name].line() for engine in self.engines
+                        if (case.name, size, engine.name) in self.found)  # fmt: skip
+
+    def table(self, only: str) -> str:
+        """Elements per CPU second of each at the last size that it finished, and how many times faster FAME is there.
+
+        As Markdown, with a row for reading, and what was not finished below.
+        """
+        own, *others = self.engines
+        head = ["model", own.name, *(text for engine in others for text in (engine.name, "at size", "FAME is"))]
+        cases = [case for case in CASES if only in case.name and not case.own]
+        rows = [head, ["---"] + ["---:"] * (len(head) - 1)]
+        rows += [self.row(case, case.name, lambda said: said.cpu) for case in cases]
+        rows += [self.row(case, f"reading: {case.name}", lambda said: said.read) for case in cases[:1]]
+        failed = [f"- {said.case} {said.size:,}, {said.engine}: {said.failure}"
+                  for said in self.found.values() if said.failure]  # fmt: skip
+        table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+        return "\n".join([table, *(["", "Not finished:", "", *failed] if failed else [])])
+
+    def row(self, case: Case, name: str, seconds: Callable[[Measured], float]) -> list[str]:
+        """One row of it, of rates by those seconds."""
+        own, *others = self.engines
+        ours = self.last(case, own)
+        row = [name, f"{ours.elements / seconds(ours):,.0f}" if ours is not None else "-"]
+        for engine in others:
+            theirs = self.last(case, engine)
+            if theirs is None:
+                row += ["-", "-", "-"]
+            else:
+                beside = self.found[case.name, theirs.size, own.name]
+                times = seconds(theirs) / seconds(beside)
+                row += [f"{theirs.elements / seconds(theirs):,.0f}", f"{theirs.size:,}", f"{times:,.0f} x"]
+        return row
+
+
+def contenders(names: Sequence[str]) -> list[Engine]:
+    """FAME and the engines named. Raises AbsentError."""
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(HERE), os.environ.get("PYTHONPATH"))))
+    return [fame_robots(), *(ENGINES[name]() for name in names)]
