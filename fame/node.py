@@ -278,6 +278,11 @@ class RobotNode:
         self.engine.complete_task(element, dict(values or {}))
         self.runner.poll()
 
+    def activate(self, element: str) -> None:
+        """Let an element of an ad-hoc sub-process that is open begin. Raises MissionError if none is."""
+        self.engine.activate(element)
+        self.runner.poll()
+
     def deliver(self, topic: str, value: Any) -> None:
         """A message from outside on a qualified topic, as if it had come over the middleware. Raises MessageError."""
         use = self.mission.types.get(topic)

@@ -102,6 +102,16 @@ class Simulation:
         self._go_on()
         return self
 
+    def activate(self, element: str) -> Simulation:
+        """Let an element of an open ad-hoc sub-process begin, once more if it has; then run on as `signal` does.
+
+        Raises MissionError if no such sub-process is open.
+        """
+        self._begin()
+        self.node.activate(element)
+        self._go_on()
+        return self
+
     def start(self, variables: Mapping[str, Any] | None = None) -> Instance:
         """Start one more instance at the none start event. Raises MissionError if there is none."""
         self._begin()

@@ -224,7 +224,6 @@ REFUSED = {
     "a boundary event needs a trigger": event("none", "boundary, interrupting"),
     "error events cannot start a process": event("error", "process start"),
     "business rules are not executed: decide with a gateway or a script task": activity("business rule task", "once"),
-    "adhoc sub-processes are not executed by this version": activity("ad-hoc sub-process", "once"),
     "gateways that start a process by all of several events are not executed":
         gateway("event-based", "starts a process").replace("instantiate", 'eventGatewayType="Parallel" instantiate'),
     "timer events cannot be end events: they can be start, catch, boundary": event("timer", "end"),
@@ -264,6 +263,8 @@ REFUSED = {
     "has no none start event, so it cannot be called or entered":
         START + f"<subProcess id='x'><startEvent id='i'>{DEFINITIONS['signal']}</startEvent></subProcess>"
         + flow("s", "x"),
+    "an ad-hoc sub-process has no start event: what no flow leads to begins":
+        activity("ad-hoc sub-process", "once").replace('<task id="i"/>', '<startEvent id="i"/>'),
     "has nothing to begin with: add a start event":
         START + f"<subProcess id='x'><task id='a'/><task id='b'/>{flow('a', 'b')}{flow('b', 'a')}</subProcess>"
         + flow("s", "x"),

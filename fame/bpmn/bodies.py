@@ -11,7 +11,7 @@ from fame.bpmn.context import Context, find, id_in, truth
 from fame.bpmn.data import read_data_objects
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.events import PLACES, read_definitions
-from fame.bpmn.expressions import body
+from fame.bpmn.expressions import body, variable
 from fame.bpmn.model import (
     EMPTY,
     Activity,
@@ -228,12 +228,15 @@ def _call(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
 def _sub_process(around: Surroundings, element: Node, wiring: Wiring) -> SubProcess:
     node = half_read(around, element, wiring)
     resume = node.extensions.take("resume")
-    completion = node.parts.get("completionCondition")
+    completion, active = node.parts.get("completionCondition"), node.extensions.active.strip()
+    listed = node.extensions.take("activities") if local(element) == "adHocSubProcess" else None
+    active = listed.value if listed is not None else active
     return SubProcess(
         kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local(element)],
         body=read_body(around, element, node.parts),
         resume=truth(node.context, element, "resume", resume.value) if resume is not None else False,
         completion=body(node.context, completion[0]) if completion else None,
+        active=variable(node.context, element, active) if active else None,
         sequential=node.get("ordering") == "Sequential",
         cancel_remaining=node.flag("cancelRemainingInstances", True),
         **read_activity(node),

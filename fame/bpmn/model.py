@@ -356,12 +356,16 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubProcess(Activity):
-    """A sub-process. `resume`: an interrupting event sub-process that suspends its scope instead of cancelling it."""
+    """A sub-process. `resume`: an interrupting event sub-process that suspends its scope instead of cancelling it.
+
+    The rest is of ad-hoc sub-processes. `active`: a list of the ids of elements that begin (None: all that can).
+    """
 
     kind: Literal["embedded", "event", "transaction", "adhoc"] = "embedded"
     body: Body
     resume: bool = False
     completion: Expression | None = None
+    active: Expression | None = None
     sequential: bool = False
     cancel_remaining: bool = True
 

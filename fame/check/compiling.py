@@ -134,7 +134,7 @@ def _harmless(node: FlowNode) -> list[FlowNode]:
         return []
     if isinstance(node, SubProcess | CallActivity):  # what is inside is looked at too
         bare = replace(node, loop=None, refused="", for_compensation=False)
-        if isinstance(bare, SubProcess):
+        if isinstance(bare, SubProcess) and bare.kind == "adhoc":
             bare = replace(bare, kind="embedded")
         if bare != node:
             return [bare]

@@ -69,6 +69,8 @@ def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
         if node.id in calls or node.id in guarded or not passes(node):
             return node.id in calls
         if isinstance(node, SubProcess):
+            if node.kind == "adhoc" and (node.active is not None or node.completion is not None):
+                return False
             return _meets_always(node.body, calls, passes)
         ways = [other in meeting for other in scope.following[node.id]]
         if not ways or _may_stop(scope, node):

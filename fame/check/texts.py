@@ -99,6 +99,7 @@ def _of_activity(activity: Activity) -> Iterator[Found]:
         yield activity.called_expression, "mapping"
     elif isinstance(activity, SubProcess):
         yield activity.completion, "condition"
+        yield activity.active, "mapping"
     if isinstance(activity.loop, StandardLoop):
         yield activity.loop.condition, "condition"
     elif isinstance(activity.loop, MultiInstance):

@@ -1,4 +1,4 @@
-"""Compensation: undoing what has completed (standard 13.5.5), and transactions that are cancelled (13.3.5).
+"""Compensation: undoing what has completed (standard 13.5.5), and transactions that are cancelled (10.3.5).
 
 A scope keeps a `Record` of each activity that completed in it and can be compensated: by the handler at its boundary,
 by the event sub-process for compensation inside it or, failing both, by what was completed in it. Throwing compensation

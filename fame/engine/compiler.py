@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import NoReturn
 
 from fame.bpmn import model
-from fame.engine import activities, elements, events, gateways, steps
+from fame.engine import activities, adhoc, elements, events, gateways, steps
 from fame.engine.data import unfilled
 from fame.engine.host import Compiled, Host
 from fame.engine.state import Body, Node, Program, Step
@@ -127,9 +127,9 @@ class Compiler:
         body.escalations = tuple(node for node in wiring.handlers if node.kind == "escalation")
         body.queued, body.undo = tuple(wiring.queued), wiring.undo
         if top:
-            self.starts(owner, wiring, file)
+            self.starts(wiring, body, file)
         elif handler is None:
-            self.open(owner.id, body, wiring.begin(owner))
+            self.open(owner.id, body, wiring.begin(body))
         return body
 
     def open(self, id: str, body: Body, begin: Node) -> None:
@@ -140,7 +140,7 @@ class Compiler:
             body.opening.next = begin
             self.program.nodes.append(body.opening)
 
-    def starts(self, process: model.Element, wiring: Wiring, file: str) -> None:
+    def starts(self, wiring: Wiring, body: Body, file: str) -> None:
         """The start events of the process itself."""
         program = self.program
         for event in wiring.content.nodes:
@@ -158,7 +158,7 @@ class Compiler:
                     kind = "parallel multiple" if node.kind == "all" else node.kind
                     refuse(f"{kind} events cannot start a process", event, file)
         if (not program.starts and not program.timed) or wiring.none_starts():
-            program.begin = wiring.begin(process)
+            program.begin = wiring.begin(body)
 
 
 class Wiring:
@@ -173,7 +173,8 @@ class Wiring:
         self, compiler: Compiler, owner: model.Process | model.SubProcess, file: str, outer: Wiring | None = None
     ) -> None:
         self.compiler, self.file, content = compiler, file, owner.body
-        self.content = content
+        self.owner, self.content = owner, content
+        self.adhoc = owner if isinstance(owner, model.SubProcess) and owner.kind == "adhoc" else None
         transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
         self.transaction: bool = transaction or (outer is not None and outer.transaction)
         self.model = {node.id: node for node in content.nodes}
@@ -203,6 +204,8 @@ class Wiring:
             events.attach(self.main[activity], nodes)
         for activity, node, handler in self.undos:
             events.attach_undo(self, activity, node, handler)
+        if self.adhoc is not None:
+            adhoc.supervise(self)
         for element in self.content.nodes:
             if element.id in self.exits:
                 self.lead_on(element)
@@ -309,25 +312,35 @@ class Wiring:
             if isinstance(node, model.Event) and node.place == "start" and not node.definitions
         ]
 
-    def begin(self, owner: model.Element) -> Node:
+    def begin(self, body: Body) -> Node:
         """Where the first token of the body goes: its none start event, else all that has no incoming flow."""
         starts = self.none_starts()
         if len(starts) > 1:
-            refuse(f"{owner.id} has {len(starts)} none start events; one can begin it", starts[1], self.file)
-        if starts:
+            refuse(f"{self.owner.id} has {len(starts)} none start events; one can begin it", starts[1], self.file)
+        if starts and self.adhoc is None:
             return self.entries[starts[0].id]
-        first = [node for node in self.content.nodes if begins(node)]
         if any(isinstance(node, model.Event) and node.place == "start" for node in self.content.nodes):
-            refuse("has no none start event, so it cannot be called or entered", owner, self.file)
-        if not first and isinstance(owner, model.SubProcess) and not any(map(moves, self.content.nodes)):
-            return self.compiler.node(owner, steps.end, self.file, part="/empty")
+            text = "has no none start event, so it cannot be called or entered"
+            if self.adhoc is not None:
+                text = "an ad-hoc sub-process has no start event: what no flow leads to begins"
+            refuse(text, self.owner, self.file)
+        first = [node for node in self.content.nodes if begins(node)]
         if not first:
-            refuse("has nothing to begin with: add a start event", owner, self.file)
+            return self.nothing()
+        if self.adhoc is not None:
+            body.adhoc, opening = adhoc.open_with(self, self.adhoc, first)
+            return opening
         if len(first) == 1:
             return self.entries[first[0].id]
         fork = self.compiler.node(first[0], gateways.fork, self.file, part="/begin")
         fork.out = tuple(self.entries[node.id] for node in first)
         return fork
+
+    def nothing(self) -> Node:
+        """Where the first token of a body goes that nothing begins: a sub-process with nothing in it ends at once."""
+        if isinstance(self.owner, model.Process) or any(map(moves, self.content.nodes)):
+            refuse("has nothing to begin with: add a start event", self.owner, self.file)
+        return self.compiler.node(self.owner, steps.end, self.file, part="/empty")
 
 
 def begins(node: model.FlowNode) -> bool:

@@ -191,8 +191,6 @@ def work(wiring: Wiring, element: model.Activity) -> Node:
     compiler = wiring.compiler
     node = compiler.node(element, steps.pass_on, wiring.file)
     if isinstance(element, model.SubProcess):
-        if element.kind not in ("embedded", "transaction"):
-            raise refuse(f"{element.kind} sub-processes are not executed by this version", element, wiring)
         node.step, node.kind = activities.enter, "scope"
         node.body = compiler.body(element, wiring.file, outer=wiring)
     elif isinstance(element, model.CallActivity):

@@ -193,7 +193,7 @@ def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition
 
 
 def link(wiring: Wiring, event: model.Event, node: Node, name: str) -> None:
-    """A link event: a jump to the catching one of the same name in this body (standard 13.4.5)."""
+    """A link event: a jump to the catching one of the same name in this body (standard 10.5.5)."""
     targets = [
         other
         for other in wiring.content.nodes

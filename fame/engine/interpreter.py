@@ -19,7 +19,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
-from fame.engine import activities, gateways, scopes, steps, waiting
+from fame.engine import activities, adhoc, gateways, scopes, steps, waiting
 from fame.engine.data import correlates
 from fame.engine.host import Host
 from fame.engine.state import Departure, Instance, Listener, Node, Program, Rest, Scope, Status
@@ -136,6 +136,11 @@ class Engine:
                     return
         waits = sorted({rest.node.id for item in self.instances.values() for rest in item.rests()})
         raise MissionError(f"waits for nobody; what waits: {', '.join(waits) or 'nothing'}", element=element)
+
+    def activate(self, element: str) -> None:
+        """Let an element of an ad-hoc sub-process that is open begin (once more). Raises MissionError."""
+        adhoc.activate(self, element)
+        self.run()
 
     def restart(self) -> None:
         """Once, after `fame.engine.restore`: start scripts again, and let go on what waited for scripts to leave."""

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any
 
+from fame.engine.adhoc import NEXT, SWEEP
 from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
@@ -26,7 +27,7 @@ from fame.errors import MissionError
 
 Data = dict[str, Any]
 Convert = Callable[[Any], Any]
-OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, FAILED, UNDO, ROLL_BACK, CANCELLED)
+OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, FAILED, UNDO, ROLL_BACK, CANCELLED, NEXT, SWEEP)
 """Nodes that every engine knows."""
 _ERROR = ("text", "element", "file", "line", "code")
 

@@ -216,7 +216,7 @@ class Run:
             return at(time, followed(action), *rest)
 
         scheduler.at = at_and_swap  # type: ignore[method-assign]
-        for name in ("deliver", "complete", "start"):
+        for name in ("deliver", "complete", "start", "activate"):
             self._swap_after(name)
 
     def _swap_after(self, name: str) -> None:
@@ -258,6 +258,11 @@ class Run:
     def complete(self, id: str, values: Mapping[str, Any] | None = None) -> Run:
         """Somebody completes a task."""
         self.simulation.complete(id, values)
+        return self
+
+    def activate(self, id: str) -> Run:
+        """Somebody lets an element of an ad-hoc sub-process begin."""
+        self.simulation.activate(id)
         return self
 
     def at(self, second: float) -> Run:

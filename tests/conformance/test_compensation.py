@@ -1,4 +1,4 @@
-"""Compensation and transactions (standard 13.5.5, 13.3.5)."""
+"""Compensation and transactions (standard 13.5.5, 10.3.5)."""
 
 from __future__ import annotations
 

@@ -9,7 +9,6 @@ from engine_models import (
     Run,
     boundary,
     catch,
-    element,
     end,
     error,
     gateway,
@@ -61,7 +60,5 @@ def test_each_of_its_events_starts_an_instance_of_its_own(play: Play) -> None:
 
 
 def test_what_cannot_be_executed_is_refused_by_name() -> None:
-    with pytest.raises(ModelError, match="adhoc sub-processes"):
-        Run(start() + element("adHocSubProcess", "p", script("a")) + path("s p"))
     with pytest.raises(ModelError, match="all of several"):
         Run(BEGINNING.replace('instantiate="true"', 'instantiate="true" eventGatewayType="Parallel"'))

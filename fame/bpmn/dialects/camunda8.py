@@ -12,7 +12,7 @@ from fame.bpmn.xml import Node, line_of, local
 
 IGNORED = {
     "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",
-    "executionListeners", "taskListeners", "adHoc", "linkedResources",
+    "executionListeners", "taskListeners", "linkedResources",
 }  # fmt: skip
 """Kept in the file, no effect here: the reader notes each."""
 
@@ -73,6 +73,13 @@ def _loop(context: Context, node: Node, found: Extensions) -> None:
     found.output_collection, found.output_element = node.get("outputCollection", ""), node.get("outputElement", "")
 
 
+def _ad_hoc(context: Context, node: Node, found: Extensions) -> None:
+    found.active = node.get("activeElementsCollection", "")
+    for name in ("outputCollection", "outputElement"):
+        if node.get(name):
+            context.note(node, f"{name} of zeebe:adHoc has no effect", "warning")
+
+
 def _script(context: Context, node: Node, found: Extensions) -> None:
     found.script = Expression(node.get("expression", "").strip().removeprefix("=").strip(), "feel", line_of(node))
     found.result = node.get("resultVariable", "").strip()
@@ -91,6 +98,7 @@ _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
     "calledElement": _called,
     "calledDecision": _decision,
     "loopCharacteristics": _loop,
+    "adHoc": _ad_hoc,
     "script": _script,
     "subscription": _subscription,
 }

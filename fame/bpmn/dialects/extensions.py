@@ -31,6 +31,7 @@ class Extensions:
     inputs, outputs mappings; `own`: variables of its own even without one; `all_in`, `all_out`: everything goes in, out
     called          process of a call activity
     operation       what a service task names; `service` if it is a ROS service, of type `type`
+    active          elements with which an ad-hoc sub-process begins
     collection ...  of a multi-instance activity
     code_variable, message_variable   take what was caught
     result, script  variable for the result; text whose value is it
@@ -53,6 +54,7 @@ class Extensions:
     called: str = ""
     operation: str = ""
     service: bool = False
+    active: str = ""
     collection: str = ""
     element_variable: str = ""
     output_collection: str = ""
