@@ -12,13 +12,45 @@ import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
 
-from fame.cli import adm, check, convert, deploy, draw, engine, keys, library, run, split, status, templates, world
+from fame.cli import (
+    adm,
+    check,
+    convert,
+    deploy,
+    draw,
+    engine,
+    keys,
+    library,
+    pause,
+    resume,
+    run,
+    split,
+    status,
+    templates,
+    world,
+)
 from fame.cli.arguments import Parser, Version
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, print_json
 from fame.errors import FameError
 
-_COMMANDS = (run, split, check, convert, draw, library, templates, engine, deploy, status, world, keys, adm)
+_COMMANDS = (
+    run,
+    split,
+    check,
+    convert,
+    draw,
+    library,
+    templates,
+    engine,
+    deploy,
+    status,
+    world,
+    pause,
+    resume,
+    keys,
+    adm,
+)
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 

@@ -37,6 +37,11 @@ def add(commands: Commands) -> None:
         help="run only what this key signed; repeatable (see fame keys)",
     )  # fmt: skip
     parser.add_argument("--insecure", action="store_true", help="take processes from a network that is not loopback")
+    parser.add_argument(
+        "--use-sim-time",
+        action="store_true",
+        help="the mission's time is that on /clock, which a world says",
+    )
     add_network(parser)
     add_library(parser)
 
@@ -46,6 +51,7 @@ def run(arguments: Namespace) -> int:
     from fame.clock import SECOND
     from fame.deployment import EngineNode, engines
     from fame.library import Library
+    from fame.middleware.simulated_time import SharedTime
     from fame.remote import serve
     from fame.signing import read_trusted
 
@@ -61,9 +67,14 @@ def run(arguments: Namespace) -> int:
         scheduler.run(scheduler.now + SECOND // 2)  # until others are found
         if arguments.name in engines(middleware):
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
+        time = None
+        if arguments.use_sim_time or middleware.use_sim_time:
+            time = SharedTime(scheduler)
+            time.listen(middleware.node("fame_time", arguments.name))
         return EngineNode(
             arguments.name,
             scheduler=scheduler,
+            time=time,
             middleware=middleware,
             library=Library(arguments.library),
             on_report=_say,

@@ -47,8 +47,11 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--middleware", choices=("local", "dds", "ros"), default="local",
-        help="local: all in one process; else the world and each engine in processes of their own, in real time",
+        help="local: all in one process; else the world and each engine in processes of their own, at --speed",
     )  # fmt: skip
+    parser.add_argument(
+        "--speed", type=positive, metavar="F", help="in many processes: so many times as fast as reality (1)"
+    )
     parser.add_argument("--real-time", action="store_true", help="as slow as reality, not as fast as possible")
     parser.add_argument(
         "--semantics", choices=("standard", "original"),
@@ -97,6 +100,8 @@ def run(arguments: Namespace) -> int:
     )
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
+    if arguments.speed is not None:
+        raise ConfigError("--speed needs --middleware dds or ros: one process is as fast as it can, or --real-time")
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as show:
@@ -131,7 +136,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
     quiet = arguments.quiet or arguments.json
     with progress_line(sys.stderr, wanted=not quiet) as show:
-        result = Team(scenario, arguments.middleware, show or (lambda progress: None)).run()
+        result = Team(scenario, arguments.middleware, show or (lambda progress: None), arguments.speed or 1.0).run()
     if arguments.json:
         print_json(result.to_json())
         return result.exit_code

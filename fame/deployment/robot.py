@@ -29,7 +29,8 @@ class EngineNode:
     """One robot's end: it takes a process, runs it, and takes the next one.
 
     `observer`, `safe_state` and others: as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one
-    of them signed; `wall_time` gives s since 1970. `close` brings the robot to its safe state and leaves.
+    of them signed; `wall_time` gives s since 1970. `time` is the scheduler of the mission if that is not `scheduler`:
+    one of simulated time. `close` brings the robot to its safe state and leaves.
     """
 
     def __init__(
@@ -46,9 +47,11 @@ class EngineNode:
         safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         trusted: Sequence[Any] = (),
         wall_time: Callable[[], float] = time.time,
+        time: Scheduler | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
+        self._time = time or scheduler
         self._library, self._services = library, services
         self._options: dict[str, Any] = {
             "observer": observer,
@@ -165,7 +168,7 @@ class EngineNode:
         node = RobotNode(
             self.robot,
             mission(definitions, process, library=self._library, services=self._services),
-            scheduler=self.scheduler,
+            scheduler=self._time,
             middleware=self.middleware,
             keep=_KEPT,
             on_end=lambda instance: self.report(),

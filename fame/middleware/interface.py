@@ -126,9 +126,16 @@ class Node(Protocol):
 
 
 class Middleware(Protocol):
-    """A backend. `confined` tells whether other machines cannot reach it: what carries code relies on that."""
+    """A backend. `confined` tells whether other machines cannot reach it: what carries code relies on that.
 
-    confined: bool
+    `use_sim_time` is ROS's parameter of that name, as far as the backend has it: time is that of ``/clock``.
+    """
+
+    @property
+    def confined(self) -> bool: ...
+
+    @property
+    def use_sim_time(self) -> bool: ...
 
     def node(self, name: str, namespace: str = "") -> Node: ...
 

@@ -32,7 +32,7 @@ _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 class LocalMiddleware:
     """The nodes of one process. `warnings` collects what a person should know; `on_warning` is told of each at once."""
 
-    confined = True
+    confined, use_sim_time = True, False
 
     def __init__(self, scheduler: Scheduler, on_warning: Callable[[str], object] | None = None) -> None:
         self.scheduler = scheduler

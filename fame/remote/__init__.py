@@ -2,6 +2,7 @@
 
 process  what a process does: scheduler, middleware, and a part built on both, until it is told to end
 sending  deploying to whoever is there
+world    a simulated world, which makes the time of all
 team     a scenario in many processes
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from fame.remote.process import BACKENDS, connect, scheduler_for, serve
 from fame.remote.sending import deploy
-from fame.remote.team import WORLD_STATE, Team, TeamResult
+from fame.remote.team import Team, TeamResult
+from fame.remote.world import WorldPart
 
-__all__ = ["BACKENDS", "WORLD_STATE", "Team", "TeamResult", "connect", "deploy", "scheduler_for", "serve"]
+__all__ = ["BACKENDS", "Team", "TeamResult", "WorldPart", "connect", "deploy", "scheduler_for", "serve"]

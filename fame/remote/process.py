@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from fame.clock import SECOND, WallScheduler
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
 
 BACKENDS = ("dds", "ros")
@@ -35,7 +35,9 @@ def connect(backend: str, scheduler: WallScheduler, network: str | None = None) 
 
         return DdsMiddleware(scheduler, network=network)
     if backend == "ros":
-        raise UnavailableError("the rclpy backend is not part of this version; --middleware dds speaks to ROS 2 nodes")
+        from fame.middleware.ros import RosMiddleware
+
+        return RosMiddleware(scheduler, network=network)
     raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
 
 

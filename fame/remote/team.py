@@ -19,13 +19,11 @@ from fame.clock import SECOND, Kind
 from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.interface import LATCHED
 from fame.remote.process import connect, scheduler_for
+from fame.remote.world import WORLD_STATE
 from fame.scenario import Progress
 
 if TYPE_CHECKING:
     from fame.scenario import Scenario
-
-WORLD_STATE = "/world_state"
-"""Topic of how things stand in a simulated world: std_msgs/msg/String, JSON as `sim2d.world.World.summary` gives."""
 
 _ENDING = 5.0  # s that a process may take to end
 _APPEARING = 15.0  # s until all engines have to be there
@@ -60,10 +58,15 @@ class TeamResult:
 
 
 class Team:
-    """A scenario in many processes: the world, and one engine per robot. `watch` is told how far it is."""
+    """A scenario in many processes: the world, and one engine per robot. `watch` is told how far it is.
 
-    def __init__(self, scenario: Scenario, backend: str, watch: Callable[[Progress], object]) -> None:
-        self.scenario, self.backend, self._watch = scenario, backend, watch
+    A world goes `speed` times as fast as reality, and all engines with it.
+    """
+
+    def __init__(
+        self, scenario: Scenario, backend: str, watch: Callable[[Progress], object], speed: float = 1.0
+    ) -> None:
+        self.scenario, self.backend, self._watch, self._speed = scenario, backend, watch, speed
         self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
@@ -79,7 +82,8 @@ class Team:
             self._start()
             self._listen()
             self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
-            self.scheduler.after(round((self.scenario.duration + _APPEARING) * SECOND), self.scheduler.stop, Kind.TIMER)
+            lasting = self.scenario.duration / self._speed + _APPEARING
+            self.scheduler.after(round(lasting * SECOND), self.scheduler.stop, Kind.TIMER)
             signal.signal(signal.SIGINT, self._interrupt)
             self.scheduler.run()
         finally:
@@ -99,11 +103,12 @@ class Team:
         tail = ["--middleware", self.backend]
         types = {robot.name: robot.type for robot in self.scenario.world.robots} if self.scenario.world else {}
         if self.scenario.world is not None:
-            command = [*fame, "world", self.scenario.file, "--seed", str(self.scenario.seed), *tail]
-            self._processes["world"] = _spawn(command)
+            command = [*fame, "world", self.scenario.file, "--seed", str(self.scenario.seed)]
+            self._processes["world"] = _spawn([*command, "--speed", str(self._speed), *tail])
         for robot in self.scenario.cast:
             kind = ["--type", types[robot]] if robot in types else []
-            self._processes[robot] = _spawn([*fame, "engine", robot, *kind, *tail])
+            time = ["--use-sim-time"] if self.scenario.world is not None else []
+            self._processes[robot] = _spawn([*fame, "engine", robot, *kind, *time, *tail])
 
     def _listen(self) -> None:
         node = self.middleware.node("fame_team")
@@ -196,7 +201,7 @@ def _standing(report: Report) -> str:
 
 def _spawn(command: Sequence[str]) -> subprocess.Popen[bytes]:
     """A process of FAME that a Ctrl-C in the terminal does not reach: it is ended by us, in order."""
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True)

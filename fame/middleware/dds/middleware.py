@@ -52,6 +52,8 @@ class DdsMiddleware:
     `network` alone. Raises ConfigError if the domain cannot be joined.
     """
 
+    use_sim_time = False
+
     def __init__(
         self,
         scheduler: WallScheduler,

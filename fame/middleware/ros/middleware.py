@@ -65,7 +65,7 @@ class RosMiddleware:
         try:
             self.context.init(ros_arguments(sys.argv), domain_id=domain)
             self.executor = SingleThreadedExecutor(context=self.context)
-            hidden = {"enable_rosout": False, "start_parameter_services": False, "use_global_arguments": False}
+            hidden = {"enable_rosout": False, "start_parameter_services": False}
             self._observer = Node(f"_fame_{os.getpid()}", context=self.context, **hidden)
         except Exception as error:  # rclpy raises what its C++ gives it
             raise ConfigError(f"ROS 2 does not start: {error}") from None
@@ -76,7 +76,7 @@ class RosMiddleware:
     @property
     def use_sim_time(self) -> bool:
         """Whether the parameter of that name says that time is that of ``/clock``."""
-        return any(node.ros.get_parameter("use_sim_time").value for node in self.nodes)
+        return bool(self._observer.get_parameter("use_sim_time").value)
 
     def node(self, name: str, namespace: str = "") -> RosNode:
         """A new node. Several may have the same name, as in ROS."""

@@ -1,0 +1,202 @@
+"""Simulated time that one process makes and the others follow: it goes on, stands still, and begins anew."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from bpmn_text import process
+
+from fame.bpmn.reader import read_text
+from fame.cli import main
+from fame.clock import SECOND, Kind, Scheduler
+from fame.middleware.interface import Node
+from fame.middleware.local import LocalMiddleware
+from fame.middleware.messages import create
+from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, SharedTime, clock_message, nanoseconds
+from fame.node import RobotNode, mission
+from fame.remote.world import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldPart
+from sim2d.config import world_config
+
+TEXT = "std_msgs/msg/String"
+CAR = {"size": [6, 4], "robots": {"REX": {"type": "car", "at": [1, 1]}}}
+
+
+def test_time_on_the_wire_is_to_the_nanosecond() -> None:
+    for time in (0, 1, SECOND - 1, SECOND, 1_234_567_890_123):
+        assert nanoseconds(clock_message(time).clock) == time
+
+
+# ---- who follows -----------------------------------------------------------------------------------------------------
+
+
+class Clock:
+    """A wall clock, and a clock on the topic that is set by hand."""
+
+    def __init__(self) -> None:
+        self.wall = Scheduler()
+        middleware = LocalMiddleware(self.wall)
+        self._says = middleware.node("world").publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
+        self.time = SharedTime(self.wall)
+        self.time.listen(middleware.node("robot"))
+
+    def say(self, seconds: float) -> None:
+        self._says.publish(clock_message(round(seconds * SECOND)))
+        self.wall.run(self.wall.now + SECOND)
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def test_timers_are_due_when_the_clock_says_so_in_their_order(clock: Clock) -> None:
+    seen: list[tuple[str, float]] = []
+
+    def note(name: str) -> Callable[[], object]:
+        return lambda: seen.append((name, clock.time.now / SECOND))
+
+    clock.time.at(2 * SECOND, note("two"))
+    clock.time.at(SECOND, note("one"))
+    clock.time.at(SECOND, note("message"), Kind.MESSAGE)
+    clock.say(0.9)
+    assert (seen, clock.time.now) == ([], 0.9 * SECOND)
+    clock.say(5)
+    assert seen == [("message", 1.0), ("one", 1.0), ("two", 2.0)]
+    assert clock.time.now == 5 * SECOND
+
+
+def test_what_is_due_is_done_while_time_stands_still(clock: Clock) -> None:
+    seen: list[Any] = []
+    clock.say(3)
+    clock.time.after(1, lambda: seen.append("later"))
+    clock.time.soon(lambda: clock.time.soon(lambda: seen.append("now")))
+    clock.wall.run(clock.wall.now + 100 * SECOND)
+    assert (seen, clock.time.now) == (["now"], 3 * SECOND)
+
+
+def test_time_goes_on_when_the_world_begins_anew(clock: Clock) -> None:
+    seen: list[float] = []
+    clock.say(100)
+    clock.time.after(10 * SECOND, lambda: seen.append(clock.time.now / SECOND))
+    clock.say(0)
+    assert clock.time.now == 100 * SECOND
+    clock.say(9)
+    assert seen == []
+    clock.say(11)
+    assert (seen, clock.time.now) == ([110.0], 111 * SECOND)
+
+
+# ---- who makes it ----------------------------------------------------------------------------------------------------
+
+
+class Place:
+    """A world on a wall clock that is simulated itself, and somebody who listens."""
+
+    def __init__(self, **options: Any) -> None:
+        self.wall: Any = Scheduler()
+        self.middleware = LocalMiddleware(self.wall)
+        self.node: Node = self.middleware.node("me")
+        self.clock: list[int] = []
+        self.states: list[dict[str, Any]] = []
+        self.node.subscription(CLOCK, CLOCK_TYPE, lambda said: self.clock.append(nanoseconds(said.clock)), CLOCK_QOS)
+        self.node.subscription(WORLD_STATE, TEXT, lambda said: self.states.append(json.loads(said.data)))
+        self.part = WorldPart(world_config(CAR), 0, self.wall, self.middleware, **options)
+
+    def wait(self, seconds: float) -> None:
+        self.wall.run(self.wall.now + round(seconds * SECOND))
+
+    def ask(self, service: str) -> None:
+        answers: list[Any] = []
+        self.node.client(service, EMPTY).call(None, answers.append)
+        self.wait(0)
+        assert len(answers) == 1
+
+
+@pytest.fixture
+def place() -> Iterator[Callable[..., Place]]:
+    made: list[Place] = []
+
+    def make(**options: Any) -> Place:
+        made.append(Place(**options))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.part.close()
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_a_world_goes_so_many_times_as_fast_as_reality_step_by_step(place: Callable[..., Place], speed: float) -> None:
+    here = place(speed=speed)
+    here.wait(2)
+    assert here.clock == sorted(set(here.clock))
+    assert here.clock[0] == 0
+    assert here.clock[-1] == pytest.approx(2 * speed * SECOND, rel=0.02)
+    assert here.part.time.now == here.clock[-1]
+
+
+def test_a_paused_world_stands_still_and_goes_on_where_it_was(place: Callable[..., Place]) -> None:
+    here = place()
+    here.node.publisher("/REX/cmd_vel", "geometry_msgs/msg/Twist").publish(
+        create("geometry_msgs/msg/Twist", {"linear": {"x": 0.2}})
+    )
+    here.wait(0.5)
+    here.ask(PAUSE)
+    stopped, pose = here.part.time.now, here.part._world.robots["REX"].pose
+    here.wait(60)
+    assert (here.part.time.now, here.part._world.robots["REX"].pose) == (stopped, pose)
+    assert (here.states[-1]["paused"], here.clock[-1]) == (True, stopped)
+    here.ask(PAUSE)
+    here.ask(RESUME)
+    here.wait(1)
+    assert here.part.time.now == pytest.approx(stopped + SECOND, rel=0.02)
+    assert here.states[-1]["paused"] is False
+
+
+def test_a_world_may_begin_paused(place: Callable[..., Place]) -> None:
+    here = place(paused=True)
+    here.wait(10)
+    assert set(here.clock) == {0}
+    here.ask(RESUME)
+    here.ask(RESUME)
+    here.wait(1)
+    assert here.clock[-1] == pytest.approx(SECOND, rel=0.02)
+
+
+def test_an_engine_on_the_clock_of_a_fast_world_waits_in_its_time(place: Callable[..., Place]) -> None:
+    here = place(speed=10.0)
+    time = SharedTime(here.wall)
+    time.listen(here.middleware.node("time", "REX"))
+    text = process(
+        '<startEvent id="s"/><scriptTask id="t"><script>await sleep(3)</script></scriptTask>'
+        '<intermediateCatchEvent id="c"><timerEventDefinition><timeDuration>PT4S</timeDuration></timerEventDefinition>'
+        '</intermediateCatchEvent><sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
+        '<sequenceFlow id="g" sourceRef="t" targetRef="c"/>'
+    )
+    definitions = read_text(text, file="wait.bpmn")
+    ended: list[int] = []
+    robot = RobotNode(
+        "REX",
+        mission(definitions, definitions.processes[0]),
+        scheduler=time,
+        middleware=here.middleware,
+        on_end=lambda instance: ended.append(time.now),
+    )
+    robot.load()
+    here.wait(0.01)
+    begun = time.now
+    robot.start()
+    here.wait(1)
+    robot.close()
+    assert ended == [begun + 7 * SECOND]
+
+
+# ---- from the command line -------------------------------------------------------------------------------------------
+
+
+def test_speed_is_for_many_processes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "examples/ground_vehicles.yaml", "--speed", "3"]) == 2
+    assert "--real-time" in capsys.readouterr().err
