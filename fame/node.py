@@ -15,6 +15,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any, NamedTuple
 
+from fame.asking import ask, asking_task
 from fame.bpmn.model import CallActivity, Definitions, Expression, Process, Task
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import Entry, Kind, Scheduler
@@ -207,6 +208,10 @@ class RobotNode:
 
     def _open(self, topic: str, direction: str, type: str | None) -> None:
         """The endpoint of a topic that a script names, if its type is known now."""
+        if direction == "call":
+            with suppress(MessageError):  # the script will say so itself
+                self.runner.inbox.client(topic, type or "")
+            return
         full = resolve(topic, self.namespace)
         known = type or self._type(full)
         if known is None:
@@ -323,11 +328,29 @@ class RobotNode:
         )
 
     def service(self, operation: str, *, element: str, file: str) -> Compiled:
-        services = self.mission.services
-        if operation not in services:
+        mission, services = self.mission, self.mission.services
+        if operation in services:
+            return services[operation]
+        closure = mission.library.closure(mission.definitions, mission.process)
+        found = asking_task((process for home, process in closure if home.file == file), element)
+        if found is None:
             known = ", ".join(sorted(services)) or "none"
             raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
-        return services[operation]
+        return self._asking(*found, file)
+
+    def _asking(self, process: Process, task: Task, file: str) -> Compiled:
+        """A service task that asks a ROS service; its client is made now, so that discovery is over in time."""
+        topic = task.topic
+        assert topic is not None
+        if topic.type is None:
+            text = f"asks the service {topic.name!r} of no type: give it property type, pkg/srv/Name"
+            raise ModelError(text, file=file, element=task.id)
+        try:
+            self.runner.inbox.client(topic.name, topic.type)
+        except MessageError as error:
+            raise ModelError(str(error), file=file, element=task.id) from error
+        request = self.compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
+        return ask(process, task, request)
 
     def publish(self, topic: str, value: Any) -> Any:
         publisher = self._throws[topic]

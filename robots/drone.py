@@ -1,7 +1,8 @@
 """The drone: a quadrotor that finds weeds with a camera that looks down.
 
-Obeys `takeoff`, `land` and `cmd_vel`, publishes `odom`, `camera/weeds` while it flies, and `battery_state`. With an
-empty battery it lands. Its planner answers `goal_pose` with a `plan`, the straight line: it flies over everything.
+Obeys `takeoff`, `land` (topics, and commands of its service `tello_action`) and `cmd_vel`, publishes `odom`,
+`camera/weeds` while it flies, and `battery_state`. With an empty battery it lands. Its planner answers `goal_pose` with
+a `plan`, the straight line: it flies over everything.
 """
 
 from __future__ import annotations
@@ -20,8 +21,14 @@ from robots.robot import Command, Look, Pose, period
 from robots.vehicle import STOP, check_fault
 
 if TYPE_CHECKING:
+    from fame.middleware.interface import Message
     from robots.robot import Surroundings
     from sim2d.config import RobotConfig
+
+
+UNKNOWN, OK, NOT_CONNECTED, BUSY = 0, 1, 2, 3
+"""What tello_msgs/srv/TelloAction answers: begun; rotors that turn no more; taking off or landing already; and 0, which
+the real one does not have, for a command that there is not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +70,22 @@ class Drone:
         )
         node.subscription("takeoff", "std_msgs/msg/Empty", lambda _: flight.take_off())
         node.subscription("land", "std_msgs/msg/Empty", lambda _: flight.land())
+        node.service("tello_action", "tello_msgs/srv/TelloAction", self._act)
+
+    def _act(self, request: Message) -> Mapping[str, int]:
+        """A command of a Tello, begun but not yet done when the response comes."""
+        flight, command = self._flight, request.cmd.strip().lower()
+        if command not in ("takeoff", "land"):
+            return {"rc": UNKNOWN}
+        if flight.dead:
+            return {"rc": NOT_CONNECTED}
+        if flight.phase in ("taking off", "landing"):
+            return {"rc": BUSY}
+        if command == "takeoff":
+            flight.take_off()
+        else:
+            flight.land()
+        return {"rc": OK}
 
     @property
     def pose(self) -> Pose:

@@ -18,11 +18,14 @@ from fame.middleware.definitions import Definition, from_rosbags, from_text
 _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
 """Type -> field -> default that is not zero: all there are in the common interfaces."""
 
-_STANDARD_SERVICES = {
+_SERVICES = {
     "std_srvs/srv/Empty": "---",
     "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message",
     "std_srvs/srv/Trigger": "---\nbool success\nstring message",
+    "tello_msgs/srv/TelloAction": "string cmd\n---\n"
+    "uint8 OK=1\nuint8 ERROR_NOT_CONNECTED=2\nuint8 ERROR_BUSY=3\nuint8 rc",
 }
+"""The standard's, and that of the drone that the original FaMe flew."""
 _definitions: dict[str, Definition] = {}
 _lock = threading.RLock()
 
@@ -129,6 +132,6 @@ def _of_jazzy() -> dict[str, Definition]:
 
     messages = get_typestore(Stores.ROS2_JAZZY).fielddefs.items()
     definitions = [from_rosbags(name, *entry, _DEFAULTS.get(name, {})) for name, entry in messages]
-    for name, text in _STANDARD_SERVICES.items():
+    for name, text in _SERVICES.items():
         definitions += from_text(text, name)
     return {content.name: content for content in definitions}

@@ -1,0 +1,66 @@
+"""Service tasks that ask a ROS service: the request is the task's payload, the response goes where the task says.
+
+The result variable takes the response; else the variables of the data objects at its output association take the fields
+named like them; else one variable named like the service takes it. Where the task has an output mapping, that finds the
+response as ``msg``, and its fields by their names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from fame.bpmn.model import DataObject, Process, SubProcess, Task, Topic
+from fame.engine.data import match, variable_name
+from fame.engine.host import Compiled
+from fame.engine.variables import UNDEFINED
+from fame.scripting.requests import Call
+
+
+def asking_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
+    """The service task of that id that names a ROS service, and its process."""
+    for process in processes:
+        for node in process.body.walk():
+            if isinstance(node, Task) and node.id == element and node.kind == "service" and node.topic is not None:
+                return process, node
+    return None
+
+
+def ask(process: Process, task: Task, request: Compiled | None) -> Callable[[dict[str, Any]], Any]:
+    """A function of the variables that gives a coroutine: it asks the service, and hands over the response."""
+    topic = task.topic
+    assert topic is not None
+    objects = _objects(process, task)
+
+    async def wait(variables: dict[str, Any], fields: Any) -> None:
+        response = await Call(topic.name, topic.type or "", fields)
+        variables.update(_taken(task, topic, objects, response))
+
+    def begin(variables: dict[str, Any]) -> Any:
+        fields = request(variables) if request is not None else None
+        return wait(variables, None if fields is UNDEFINED else fields)
+
+    return begin
+
+
+def _objects(process: Process, task: Task) -> list[DataObject]:
+    bodies = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
+    return [item for body in bodies for item in body.data_objects if item.id in task.data_outputs]
+
+
+def _taken(task: Task, topic: Topic, objects: list[DataObject], response: Any) -> Mapping[str, Any]:
+    """The variables that a response sets."""
+    if task.io is not None and task.io.outputs:
+        fields = {name: getattr(response, name) for name in response.__dataclass_fields__}
+        return {"msg": response, **fields}
+    if task.result_variable:
+        return {task.result_variable: response}
+    name = variable_name(topic.name)
+    found = match([name for item in objects for name in item.names], name, response)
+    return {name: _field(response, path) for name, path in found.items()} or {name: response}
+
+
+def _field(response: Any, path: tuple[str, ...]) -> Any:
+    for name in path:
+        response = getattr(response, name)
+    return response
