@@ -214,7 +214,7 @@ class Wiring:
         for node, target in self.links:
             node.next = self.entries[target]
         for element in self.content.nodes:
-            if isinstance(element, model.Gateway) and element.kind == "inclusive" and element.id in self.main:
+            if isinstance(element, model.Gateway) and element.kind in ("inclusive", "complex"):
                 self.main[element.id].masks = elements.masks(self.content, element)
 
     def place(self, element: model.FlowNode, node: Node, exits: list[Node] | None = None) -> None:
@@ -276,6 +276,10 @@ class Wiring:
         else:
             act = gateways.exclusive if gateway.kind == "exclusive" else gateways.inclusive
             self.branch(node, gateway, flows, gateway.default)
+            if gateway.kind == "complex":
+                asked = [flow for flow in flows if flow.id != gateway.default]
+                node.resets = tuple(way for way, flow in zip(node.out, asked, strict=True) if asks_for_phase(flow))
+                act = gateways.part if node.resets else act
         node.step = act
         self.compiler.watch(node)
 
@@ -341,6 +345,11 @@ class Wiring:
         if isinstance(self.owner, model.Process) or any(map(moves, self.content.nodes)):
             refuse("has nothing to begin with: add a start event", self.owner, self.file)
         return self.compiler.node(self.owner, steps.end, self.file, part="/empty")
+
+
+def asks_for_phase(flow: model.SequenceFlow) -> bool:
+    """Whether the condition of a flow that leaves a complex gateway tells its activation from its reset."""
+    return flow.condition is not None and "waitingForStart" in flow.condition.text
 
 
 def begins(node: model.FlowNode) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from fame.engine import activities, scopes, waiting
+from fame.engine import activities, faults, scopes, waiting
 from fame.engine.host import BpmnError
 from fame.engine.state import Node, Rest, Scope
 from fame.engine.variables import Variables
@@ -39,7 +39,11 @@ def fork(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def inclusive(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A token for each flow whose condition is true, else the default flow, else an error."""
-    variables = scope.variables
+    return take_all(engine, scope, node, scope.variables)
+
+
+def take_all(engine: Engine, scope: Scope, node: Node, variables: dict[str, Any]) -> Node | None:
+    """What takes every flow whose condition is true of some variables."""
     try:
         chosen = [target for condition, target in node.out if condition is None or condition(variables)]
     except BaseException as error:
@@ -100,21 +104,28 @@ def arrive_inclusive(engine: Engine, scope: Scope, port: Node) -> None:
 def decide_inclusive(engine: Engine) -> bool:
     """Let the inclusive joins through that wait for no other token (standard 13.4.3). Whether there was one."""
     for scope in tuple(engine.inclusive):
-        joins = [join for join in scope.joins or () if join.masks]
+        joins = [join for join, held in (scope.joins or {}).items() if waits(join, held)]
         if not joins:
             del engine.inclusive[scope]
         elif not scope.state:
             for join in joins:
                 if may_pass(engine, scope, join):
-                    pass_through(engine, scope, join)
+                    (pass_through if join.run is None else reset)(engine, scope, join)
                     break
     return bool(engine.ready)
+
+
+def waits(join: Node, held: list[int]) -> bool:
+    """Whether it is an inclusive join, or a complex gateway before its reset."""
+    return bool(join.masks) and (join.run is None or any(held[join.need :]))
 
 
 def may_pass(engine: Engine, scope: Scope, join: Node) -> bool:
     """No token elsewhere in the scope reaches an empty flow of the join, but such as reach a filled one too."""
     counts = (scope.joins or {})[join]
-    filled = sum(1 << slot for slot, count in enumerate(counts) if count)
+    filled = 0
+    for number, count in enumerate(counts):
+        filled |= bool(count) << number % join.need
     tokens = [child.node.id for child in scope.children if child.node is not None and holds_token(child)]
     tokens += [engine.leaving[key].node.id for key in scope.leaving]
     tokens += [other.id for other, held in (scope.joins or {}).items() if other is not join and any(held[: other.need])]
@@ -143,46 +154,77 @@ def pass_through(engine: Engine, scope: Scope, join: Node) -> None:
 def arrive_complex(engine: Engine, scope: Scope, port: Node) -> Node | None:
     """A token at one incoming flow of a complex gateway (standard 13.4.5).
 
-    It passes when its activation condition is true, of ``activationCount``: how many flows have a token. Then one token
-    of each other flow is swallowed, and it waits anew. Numbers: tokens per flow, then whether one is to be swallowed.
+    It passes when its activation condition is true, of ``activationCount``: how many flows have a token. One token of
+    each of these is consumed. Then it waits for its reset: for a token of each other flow from which one can still
+    come, as an inclusive join does. Numbers: tokens per flow, then whether one was consumed, 0 for all before that.
     """
-    joins = scope.joins
-    if joins is None:
-        joins = scope.joins = {}
+    if scope.joins is None:
+        scope.joins = {}
     join = port.join
     assert join is not None
-    need = join.need
-    counts = joins.setdefault(join, [0] * (2 * need))
+    counts = scope.joins.setdefault(join, [0] * (2 * join.need))
     counts[port.need] += 1
-    if any(counts[need:]):
-        swallow(engine, scope, join, counts)
+    if any(counts[join.need :]):
+        engine.inclusive[scope] = None
         return None
+    return activate(engine, scope, join)
+
+
+def activate(engine: Engine, scope: Scope, join: Node) -> Node | None:
+    """The complex gateway itself, if its activation condition is true."""
+    assert scope.joins is not None
+    counts, need = scope.joins[join], join.need
     filled = [slot for slot in range(need) if counts[slot]]
+    known = {"activationCount": len(filled), "waitingForStart": True}
     try:
-        passes = join.run(Variables(scope.variables, {"activationCount": len(filled)}))
+        passes = bool(filled) and join.run(Variables(scope.variables, known))
     except BaseException as error:
-        return activities.failed(engine, scope, port, error)
+        faults.fail(engine, scope, join, error)
+        return None
     if not passes:
         return None
-    for slot in range(need):
-        counts[slot if slot in filled else need + slot] += -1 if slot in filled else 1
+    for slot in filled:
+        counts[slot] -= 1
+        counts[need + slot] = 1
     scope.tokens -= len(filled) - 1
-    if not any(counts):
-        del joins[join]
+    if len(filled) == need:
+        reset(engine, scope, join)
+    else:
+        engine.inclusive[scope] = None
     return join
 
 
-def swallow(engine: Engine, scope: Scope, join: Node, counts: list[int]) -> None:
-    """Tokens of flows that came too late for their activation end here."""
-    late = [slot for slot in range(join.need) if counts[slot] and counts[join.need + slot]]
+def reset(engine: Engine, scope: Scope, join: Node) -> None:
+    """What came late is swallowed, and the gateway waits anew; what is left may activate it at once.
+
+    Flows whose condition names ``waitingForStart`` are asked again, now that it is false; the others are taken when the
+    gateway is activated alone.
+    """
+    assert scope.joins is not None
+    counts, need = scope.joins[join], join.need
+    late = [slot for slot in range(need) if counts[slot] and not counts[need + slot]]
     for slot in late:
         counts[slot] -= 1
-        counts[join.need + slot] -= 1
+    counts[need:] = [0] * need
     if not any(counts):
-        assert scope.joins is not None
         del scope.joins[join]
-    for _ in late:
-        scopes.end_token(engine, scope)
+    variables = Variables(scope.variables, {"waitingForStart": False})
+    try:
+        chosen = [target for condition, target in join.resets if condition(variables)]
+    except BaseException as error:
+        faults.fail(engine, scope, join, error)
+        return
+    engine.ready.extend((target, scope) for target in chosen)
+    scope.tokens += len(chosen) - len(late)
+    if join in scope.joins and activate(engine, scope, join) is not None:
+        engine.ready.append((join, scope))
+    if not scope.tokens:
+        scopes.finish(engine, scope)
+
+
+def part(engine: Engine, scope: Scope, node: Node) -> Node | None:
+    """The flows of a complex gateway with conditions that name ``waitingForStart``: one for each that is true."""
+    return take_all(engine, scope, node, Variables(scope.variables, {"waitingForStart": True}))
 
 
 # ---- event-based ---------------------------------------------------------------------------------

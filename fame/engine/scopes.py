@@ -62,7 +62,7 @@ def close_scope(engine: Engine, scope: Scope) -> None:
         for box in scope.mail.values():
             waiting.drop(engine, box)
         scope.mail = None
-    if scope.joins:
+    if scope.joins is not None:
         engine.inclusive.pop(scope, None)
         scope.joins = None
 

@@ -41,8 +41,8 @@ class Node:
         "act", "all_in", "all_out", "alternatives", "armed", "body", "cancels", "code", "code_variable",
         "default", "errors", "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting",
         "join", "key", "keys", "kind", "line", "loop", "masks", "message_variable", "need", "next", "out",
-        "outputs", "own", "queue", "resume", "run", "shares", "slot", "step", "take", "timer", "topic", "undo",
-        "variable", "via",
+        "outputs", "own", "queue", "resets", "resume", "run", "shares", "slot", "step", "take", "timer", "topic",
+        "undo", "variable", "via",
     )  # fmt: skip
 
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
@@ -78,7 +78,8 @@ class Node:
         self.code_variable = self.message_variable = ""
         self.join: Node | None = None  # of a port
         self.need = 0  # of a join: how many flows come in; of a port: which it is
-        self.masks: dict[str, int] = {}  # of an inclusive join: id -> flows of the join that it reaches
+        self.resets: tuple[Any, ...] = ()  # of a complex gateway: flows to ask at its reset, (condition, node)
+        self.masks: dict[str, int] = {}  # of an inclusive or complex join: id -> flows of the join that it reaches
         self.loop: Any = None  # of a multi-instance activity or loop: how it repeats
 
     def __repr__(self) -> str:
