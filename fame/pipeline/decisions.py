@@ -25,7 +25,9 @@ class Threshold(Processor):
 
     parameters = (
         Parameter("threshold", "floats", (), description="one for all channels, or one per channel"),
-        Parameter("model", "str", "", description="trained model whose thresholds are used if there are none here"),
+        Parameter(
+            "model", "file", "", description="trained model whose thresholds are used if none are given", fixed=True
+        ),
         Parameter("hysteresis", "float", 0.1, (0, 1), description="part below the threshold at which the alarm ends"),
         Parameter("names", "strs", (), description="of the channels, if the data do not tell"),
     )
@@ -57,6 +59,7 @@ class Threshold(Processor):
         self._active = bool(active[-1])
         stamps, channel = samples.stamps[rising], excess[rising].argmax(axis=1)
         names = self.names or samples.names or tuple(map(str, range(excess.shape[1])))
+        names = tuple(name.rpartition(".")[2] for name in names)  # without the input that it came by
         told: dict[str, Any] = {
             "alarm": np.ones(len(rising), dtype=bool),
             "channel": channel,

@@ -25,7 +25,7 @@ class Autoencoder(Processor):
     """
 
     parameters = (
-        Parameter("model", "str", "", description="file of the trained model"),
+        Parameter("model", "file", "", description="file of the trained model", fixed=True),
         Parameter("stride", "int", 5, (1, None), "samples", "from one window to the next"),
     )
     outputs = ("loss",)
@@ -77,7 +77,7 @@ class Estimator(Processor):
     """
 
     parameters = (
-        Parameter("model", "str", "", description="file of the estimator, stored by skops"),
+        Parameter("model", "file", "", description="file of the estimator, stored by skops", fixed=True),
         Parameter("method", "str", "predict", _METHODS, description="what is asked"),
         Parameter("window", "int", 1, (1, None), "samples", "whose values are the features"),
         Parameter("stride", "int", 1, (1, None), "samples", "from one window to the next"),

@@ -10,7 +10,8 @@ A processor is an object with `execute`; a user's own needs nothing else, and no
             return {"power": Samples(effort.values * velocity.values, effort.stamps)}
 
 Three attributes are optional. `parameters`: what can be set, also while it runs; each is an attribute of the object.
-`outputs`: the names that it computes; without, or if empty, it gives one output per input, under the input's name.
+`outputs`: the names that it computes; if empty, it gives one output per input, under the input's name; without the
+attribute, what it computes is seen when it is called.
 `report`: set by whoever runs the processor, to be called with a line of text about data that cannot be used.
 """
 
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from fame.errors import ConfigError
 
 Floats: TypeAlias = NDArray[np.float64]
-Type: TypeAlias = Literal["float", "int", "bool", "str", "floats", "strs"]
+Type: TypeAlias = Literal["float", "int", "bool", "str", "file", "floats", "strs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,9 @@ class Executes(Protocol):
 class Parameter:
     """One that can be set.
 
-    type     ``floats`` and ``strs`` are lists; a single value is taken as a list of one
+    type     ``floats`` and ``strs`` are lists; a single value is taken as a list of one; a ``file`` is a text, in a
+             configuration relative to its folder
+    fixed    it is given when the processor is made, and cannot be changed later
     range    lowest and highest value allowed (None: no bound); of a text the values allowed
     """
 
@@ -83,6 +86,7 @@ class Parameter:
     range: tuple[Any, ...] | None = None
     unit: str = ""
     description: str = ""
+    fixed: bool = False
 
     def convert(self, value: Any) -> Any:
         """The value as the processor keeps it. Raises ConfigError for what does not fit."""
@@ -119,9 +123,8 @@ class Parameter:
         return f" of {low:g} or more{unit}" if high is None else f" from {low:g} to {high:g}{unit}"
 
 
-_KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text"}
-_TYPES: dict[str, type] = {"float": int, "int": int, "bool": bool, "str": str}
-_TYPES["float"] = float
+_KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text", "file": "a file"}
+_TYPES: dict[str, type] = {"float": float, "int": int, "bool": bool, "str": str, "file": str}
 
 
 class Processor:
@@ -135,7 +138,7 @@ class Processor:
         for parameter in self.parameters:
             setattr(self, parameter.name, parameter.convert(parameter.default))
         for name, value in values.items():
-            set_value(self, name, value)
+            setattr(self, name, _declared(self, name).convert(value))
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         """See `Executes`."""
@@ -149,15 +152,23 @@ def declared(processor: Any) -> Sequence[Parameter]:
 
 def set_value(processor: Any, name: str, value: Any) -> Any:
     """Set a parameter and return the value as it is kept. Raises ConfigError if there is none, or it does not fit."""
-    known = {parameter.name: parameter for parameter in declared(processor)}
-    if name not in known:
-        text = f"{type(processor).__name__} has no such parameter; it has {', '.join(known) or 'none'}"
-        raise ConfigError(text, element=name)
-    converted = known[name].convert(value)
+    parameter = _declared(processor, name)
+    if parameter.fixed:
+        raise ConfigError("cannot be changed while it runs", element=name)
+    converted = parameter.convert(value)
     setattr(processor, name, converted)
     return converted
 
 
-def computed(processor: Any, inputs: Sequence[str]) -> tuple[str, ...]:
-    """The names of what a processor computes from these inputs."""
-    return tuple(getattr(processor, "outputs", ())) or tuple(inputs)
+def _declared(processor: Any, name: str) -> Parameter:
+    known = {parameter.name: parameter for parameter in declared(processor)}
+    if name not in known:
+        text = f"{type(processor).__name__} has no such parameter; it has {', '.join(known) or 'none'}"
+        raise ConfigError(text, element=name)
+    return known[name]
+
+
+def computed(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...] | None:
+    """The names of what a processor computes from these inputs; None if it does not say."""
+    outputs = getattr(processor, "outputs", None)
+    return tuple(outputs) if outputs else None if outputs is None or inputs is None else tuple(inputs)

@@ -1,0 +1,189 @@
+"""Paths into messages, and reading numbers at them.
+
+A path is a list of steps: the name of a field, an index, or a list of either. ``["pose", "position", "x"]``,
+``["effort", 3]``; ``["effort", "elbow_joint"]`` finds the place in the message's own list of names (`name` of
+JointState, `joint_names` of JointTrajectory), and ``["effort", ["elbow_joint", "wrist_1_joint"]]`` several of them. A
+path that ends at an array means all of it. Every path is checked against the type before a message is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fame.errors import MessageError
+from fame.middleware import typesystem
+from fame.middleware.definitions import Definition, Field
+
+Step: TypeAlias = str | int | list[Any]
+Path: TypeAlias = tuple[Step, ...]
+Read: TypeAlias = Callable[[Any], tuple[Any, tuple[str, ...]]]
+
+_NAMES = ("name", "joint_names", "names")
+"""Fields that name the places of a message's arrays."""
+_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+
+
+class Unusable(Exception):
+    """A message that lacks what a path names; its text says what was found."""
+
+
+def has_stamp(type: str) -> bool:
+    """Whether messages of a type carry a time."""
+    fields = typesystem.definition(type).fields
+    return any(field.name == "header" and field.base == "std_msgs/msg/Header" for field in fields)
+
+
+def reader(type: str, path: Path) -> Read:
+    """What gives the numbers at a path of a message, and the names of their channels if it has some.
+
+    A single number is a float, several are an array. It raises Unusable for a message that lacks a place of the path.
+    This raises MessageError if the type has no such path, or no number is there.
+    """
+    return _read(typesystem.definition(type), path, ())
+
+
+def _read(content: Definition, path: Path, done: tuple[Any, ...]) -> Read:
+    if not path:
+        if content.name in _TIMES:
+            return lambda message: (message.sec + message.nanosec * 1e-9, ())
+        have = ", ".join(field.name for field in content.fields)
+        raise MessageError(f"the path ends at a message; one of its fields would be right: {have}", type=content.name)
+    field = field_of(content, path[0], done)
+    rest, place = path[1:], (*done, path[0])
+    get = attrgetter(field.attribute)
+    if field.shape == "single":
+        if field.is_message:
+            return _then(get, _read(typesystem.definition(field.base), rest, place))
+        _check_number(content, field, rest, place)
+        return lambda message: (float(get(message)), ())
+    if field.is_message:
+        return _read_element(content, field, rest, place)
+    if field.base == "string":
+        raise MessageError(f"{spell(place)} holds texts; numbers would be right", type=content.name)
+    return _read_array(content, field, rest, place)
+
+
+def _read_element(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> Read:
+    """One message of a list of messages."""
+    if not rest or type(rest[0]) is not int:
+        text = f"{spell(place)} is a list of {field.base}; an index such as 0 would be right behind it"
+        raise MessageError(text, type=content.name)
+    index = checked_index(content, field, rest[0], place)
+    inner = _read(typesystem.definition(field.base), rest[1:], (*place, index))
+
+    def read(message: Any) -> Any:
+        items = getattr(message, field.attribute)
+        if len(items) <= index:
+            raise Unusable(f"{spell(place)} has {len(items)} entries, not {index + 1}")
+        return inner(items[index])
+
+    return read
+
+
+def _read_array(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> Read:
+    beside = names_field(content, field)
+    if not rest:
+        return _read_whole(field, beside)
+    if len(rest) > 1:
+        raise MessageError(f"{spell((*place, rest[0]))} is a number; nothing may follow", type=content.name)
+    wanted = rest[0] if isinstance(rest[0], list) else [rest[0]]
+    if not wanted or not all(type(item) in (int, str) for item in wanted):
+        raise MessageError(f"{spell(place)}: found {rest[0]!r}; an index or a name would be right", type=content.name)
+    for item in wanted:
+        if isinstance(item, int):
+            checked_index(content, field, item, place)
+        elif beside is None:
+            text = f"{spell(place)} has no names to find {item!r} by; an index such as 0 would be right"
+            raise MessageError(text, type=content.name)
+    return _read_places(field, beside, wanted, place, single=not isinstance(rest[0], list))
+
+
+def _read_whole(field: Field, beside: str | None) -> Read:
+    get = attrgetter(field.attribute)
+    if beside is None:
+        return lambda message: (np.asarray(get(message), dtype=np.float64), ())
+    kept: tuple[list[str], tuple[str, ...]] = ([], ())
+
+    def read(message: Any) -> Any:
+        nonlocal kept
+        values = get(message)
+        names = getattr(message, beside)
+        if names != kept[0]:
+            kept = (list(names), tuple(names))
+        if not len(values):
+            raise Unusable(f"{field.name} is empty")
+        return np.asarray(values, dtype=np.float64), kept[1] if len(names) == len(values) else ()
+
+    return read
+
+
+def _read_places(
+    field: Field, beside: str | None, wanted: Sequence[Any], place: tuple[Any, ...], *, single: bool
+) -> Read:
+    """Some places of an array, by index or by name; where names stand is kept as long as they stay the same."""
+    get, places = attrgetter(field.attribute), [0]
+    kept: list[str] | None = None
+    told = () if single else tuple(map(str, wanted))
+    by_name = any(isinstance(item, str) for item in wanted)
+
+    def find(names: Sequence[str]) -> list[int]:
+        missing = [item for item in wanted if isinstance(item, str) and item not in names]
+        if missing:
+            raise Unusable(f"{', '.join(missing)} is not among its names: {', '.join(names) or 'none'}")
+        return [names.index(item) if isinstance(item, str) else item for item in wanted]
+
+    def read(message: Any) -> Any:
+        nonlocal kept, places
+        if not by_name:
+            places = list(wanted)
+        elif (names := getattr(message, str(beside))) != kept:
+            places, kept = find(names), list(names)
+        values = get(message)
+        if len(values) <= max(places):
+            raise Unusable(f"{spell(place)} has {len(values)} values, not {max(places) + 1}")
+        return (float(values[places[0]]) if single else np.asarray(values, dtype=np.float64)[places]), told
+
+    return read
+
+
+def names_field(content: Definition, field: Field) -> str | None:
+    """The field that names the places of an array, if the type has one."""
+    for other in content.fields:
+        if other.name in _NAMES and other.base == "string" and other.shape != "single" and field.base == "float64":
+            return other.attribute
+    return None
+
+
+def field_of(content: Definition, step: Any, done: tuple[Any, ...]) -> Field:
+    for field in content.fields:
+        if field.name == step:
+            return field
+    have = ", ".join(field.name for field in content.fields) or "none"
+    raise MessageError(f"there is no field {spell((*done, step))}; it has {have}", type=content.name)
+
+
+def _check_number(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> None:
+    if field.base == "string":
+        raise MessageError(f"{spell(place)} is a text; a number would be right", type=content.name)
+    if rest:
+        text = f"{spell(place)} is a {field.base}; nothing may follow, found {spell(rest)}"
+        raise MessageError(text, type=content.name)
+
+
+def checked_index(content: Definition, field: Field, index: int, place: tuple[Any, ...]) -> int:
+    if index < 0 or (field.shape == "array" and index >= field.size) or (field.size and index >= field.size):
+        right = f"0 to {field.size - 1}" if field.size else "0 or more"
+        raise MessageError(f"{spell(place)}: found the index {index}; {right} would be right", type=content.name)
+    return index
+
+
+def _then(get: Callable[[Any], Any], read: Read) -> Read:
+    return lambda message: read(get(message))
+
+
+def spell(steps: Sequence[Any]) -> str:
+    return ".".join(map(str, steps))

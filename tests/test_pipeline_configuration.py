@@ -1,0 +1,244 @@
+"""Configurations as published, and with what was added; what is wrong with one is said before anything runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from fame.errors import ConfigError, FameError, MessageError
+from fame.middleware import messages
+from fame.middleware.interface import SENSOR_DATA, SIGNAL
+from fame.pipeline.configuration import Configuration, load
+from fame.pipeline.fields import Unusable, reader
+from fame.pipeline.loading import assign, find_class, make_processors
+from fame.pipeline.writing import writer
+
+PUBLISHED = """\
+Inputs:
+  Effort0:
+    Description: "Effort0"
+    Topic: "effort_split_lp"
+    Field: ["effort0"]
+    MessageType: "SplitEfforts"
+Outputs:
+  Loss:
+    Description: "Encoder Loss"
+    Topic: "encoder_loss_0"
+    Field: ["loss"]
+    MessageType: "EncoderLoss"
+Imports:
+  SplitEfforts: {Package: "ros_m1_messages.msg", Module: "SplitEfforts"}
+  EncoderLoss: {Package: "ros_m1_messages.msg", Module: "EncoderLoss"}
+"""
+JOINTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": "sensor_msgs/msg/JointState"}
+FLOAT = {"Topic": "out", "Field": ["data"], "MessageType": "std_msgs/msg/Float64"}
+
+
+def read(folder: Path, **sections: object) -> Configuration:
+    path = folder / "unit.yaml"
+    path.write_text(yaml.safe_dump({"Inputs": {"Efforts": JOINTS}, "Outputs": {"Loss": FLOAT}, **sections}))
+    return load(path)
+
+
+def prepare(folder: Path, **sections: object) -> None:
+    configuration = read(folder, **sections)
+    assign(make_processors(configuration), configuration)
+
+
+def refusal(folder: Path, **sections: object) -> str:
+    """What is said against a configuration, when it is read or its processors are made."""
+    with pytest.raises(FameError) as caught:
+        prepare(folder, **sections)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert "unit.yaml" in text
+    return text
+
+
+def test_a_published_configuration_is_read_with_message_files_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "msg").mkdir()
+    (tmp_path / "msg" / "SplitEfforts.msg").write_text("".join(f"float64 effort{n}\n" for n in range(6)))
+    (tmp_path / "EncoderLoss.msg").write_text("float64 loss\n")
+    (tmp_path / "encoder_0.yaml").write_text(PUBLISHED)
+    found = load(tmp_path / "encoder_0.yaml")
+    (given,), (told,) = found.inputs, found.outputs
+    assert (given.name, given.topic, given.type) == ("Effort0", "effort_split_lp", "ros_m1_messages/msg/SplitEfforts")
+    assert (told.path, told.description, found.stages) == (("loss",), "Encoder Loss", ())
+    assert (found.name, found.frequency, given.qos, told.qos) == ("encoder_0", 50.0, SENSOR_DATA, SIGNAL)
+    with pytest.raises(ConfigError, match="names no Processor, and none was given"):
+        make_processors(found)
+
+
+def test_what_was_added_is_read(tmp_path: Path) -> None:
+    found = read(
+        tmp_path,
+        Inputs={"Efforts": {**JOINTS, "Rate": 500, "QoS": {"depth": 7}}},
+        Imports={"Loss": {"File": "Loss.msg", "Package": "mine"}} if (tmp_path / "Loss.msg").exists() else {},
+        Processor=[{"Class": "LowPass", "Parameters": {"cutoff": 20}}, "RMS"],
+        Frequency=100,
+        QoS={"reliability": "reliable"},
+        Name="monitor",
+    )
+    assert [stage.cls for stage in found.stages] == ["LowPass", "RMS"]
+    assert (found.frequency, found.name, found.inputs[0].rate) == (100.0, "monitor", 500.0)
+    assert (found.inputs[0].qos.reliability, found.inputs[0].qos.depth) == ("reliable", 7)
+    low_pass, rms = make_processors(found)
+    assert (low_pass.cutoff, rms.size) == (20.0, 50)
+
+
+def test_a_message_file_is_imported_by_its_path(tmp_path: Path) -> None:
+    (tmp_path / "Grip.msg").write_text("float32 force\n")
+    port = {"Topic": "grip", "Field": ["force"], "MessageType": "Grip"}
+    found = read(tmp_path, Inputs={"Force": port}, Imports={"Grip": {"File": "Grip.msg", "Package": "hand_msgs"}})
+    assert found.inputs[0].type == "hand_msgs/msg/Grip"
+
+
+@pytest.mark.parametrize(
+    ("sections", "reason"),
+    [
+        ({"Inputs": {"X": {**JOINTS, "Field": ["efort"]}}}, "Inputs.X.Field: sensor_msgs/msg/JointState: there is no "
+         "field efort; it has header, name, position, velocity, effort"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["effort", -1]}}}, "found the index -1; 0 or more would be right"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["effort", 1, 2]}}}, "effort.1 is a number; nothing may follow"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["name"]}}}, "name holds texts; numbers would be right"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["header"]}}}, "the path ends at a message; one of its fields"),
+        ({"Inputs": {"X": {**JOINTS, "Field": []}}}, "the path ends at a message"),
+        ({"Inputs": {"X": {**FLOAT, "Field": ["data", "x"]}}}, "data is a float64; nothing may follow, found x"),
+        ({"Inputs": {"X": {**JOINTS, "MessageType": "JointStates"}}}, "Inputs.X.MessageType: Imports has nothing, and"),
+        ({"Inputs": {"X": {"Topic": "a", "Field": ["data"]}}}, "Inputs.X.MessageType: found None"),
+        ({"Inputs": {"X": {**JOINTS, "Topic": "joint states"}}}, "found 'joint states', which is no name of a topic"),
+        ({"Inputs": {"X": {**JOINTS, "Rate": -3}}}, "Inputs.X.Rate: found -3; a number of Hz above 0"),
+        ({"Inputs": {"X": {**JOINTS, "Feild": 1}}}, "Inputs.X: found the key 'Feild'; known are Topic, Field"),
+        ({"Inputs": {"X": JOINTS, "x": JOINTS}}, "X and x differ in capitals only"),
+        ({"Inputs": {"X": JOINTS, "Y": {**FLOAT, "Topic": "joint_states"}}}, "a topic has one type"),
+        ({"Inputs": {}, "Outputs": {}}, "has neither Inputs nor Outputs"),
+        ({"Outputs": {"Y": {**FLOAT, "Field": ["value"]}}}, "Outputs.Y.Field: std_msgs/msg/Float64: there is no field"),
+        ({"Outputs": {"Y": {**JOINTS, "Field": ["effort", 1]}}}, "outputs fill the places [1]; each from 0 on, once"),
+        ({"Outputs": {"Y": FLOAT, "Z": FLOAT}}, "data: two outputs go to one place"),
+        ({"Outputs": {"Y": FLOAT}, "Processor": "Threshold"}, "needs a threshold, or a model that has some"),
+        ({"Outputs": {"Y": FLOAT}, "Processor": {"Class": "Expression", "Parameters": {"formula": "Efforts"}},
+          "Frequency": 0}, "Frequency: found 0"),
+        ({"Outputs": {"Y": FLOAT, "Z": {**FLOAT, "Topic": "z"}}, "Processor": "LowPass"},
+         "Outputs.Y: nobody computes it; LowPass computes Efforts"),
+        ({"Processor": "LowPas"}, "Processor.Class: no processor 'LowPas'; there are LowPass, Resample"),
+        ({"Processor": "no_such_module:Class"}, "no_such_module cannot be imported: ModuleNotFoundError"),
+        ({"Processor": "math:sqrt"}, "math:sqrt is no processor: a class with a method execute(inputs)"),
+        ({"Processor": "user.py:Power"}, "there is no file"),
+        ({"Processor": {"Class": "LowPass", "Parameters": {"cutof": 1}}}, "Parameters.cutof: there is no such"),
+        ({"Processor": {"Class": "LowPass", "Parameters": {"cutoff": -1}}}, "Processor.Parameters.cutoff: found -1.0; "
+         "a number of 1e-06 or more Hz would be right"),
+        ({"Processor": ["LowPass", {"Class": "Autoencoder", "Parameters": {"model": "none.skops"}}]},
+         "none.skops: there is no such file"),
+        ({"Processor": {"Parameters": {}}}, "Processor: needs a Class"),
+        ({"QoS": {"reliabilty": 1}}, "QoS: qos.reliabilty: there is no such policy"),
+        ({"Imports": {"A": {"Package": "no_msgs.msg", "Module": "Nothing"}}}, "Imports.A: no_msgs/msg/Nothing: there "
+         "is no such message type; a file Nothing.msg beside the configuration, or the key File, would give it"),
+        ({"Name": "a-b"}, "Name: found 'a-b'"),
+        ({"Filters": 1}, "found the key 'Filters'; known are Inputs, Outputs"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_one_line_with_the_path_of_the_key(tmp_path: Path, sections, reason: str) -> None:
+    assert reason in refusal(tmp_path, **sections)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (": a\n b", "is no YAML"),
+        ("- a", "a mapping with Inputs"),
+        ("", "a mapping with Inputs"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_refused(tmp_path: Path, text: str | None, reason: str) -> None:
+    if text is not None:
+        (tmp_path / "unit.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=reason):
+        load(tmp_path / "unit.yaml")
+
+
+def test_a_processor_of_the_user_is_a_class_in_any_file(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Twice:\n    outputs = ('Loss',)\n    def execute(self, inputs):\n        return {'Loss': 2}\n"
+        "class Broken:\n    def __init__(self): raise OSError('no device')\n    def execute(self, inputs): pass\n"
+    )
+    (made,) = make_processors(read(tmp_path, Processor="mine.py:Twice"))
+    assert made.execute({}) == {"Loss": 2}
+    assert find_class("fame.pipeline.processors.LowPass", tmp_path).__name__ == "LowPass"
+    assert "mine.py:Broken cannot be made: OSError: no device" in refusal(tmp_path, Processor="mine.py:Broken")
+    (tmp_path / "bad.py").write_text("def")
+    assert "bad.py cannot be imported: SyntaxError" in refusal(tmp_path, Processor="bad.py:X")
+
+
+def test_a_model_is_looked_for_beside_the_configuration(tmp_path: Path) -> None:
+    stage = {"Class": "Autoencoder", "Parameters": {"model": "sub/none.skops"}}
+    assert f"{tmp_path}/sub/none.skops" in refusal(tmp_path, Processor=stage)
+
+
+# ---- paths -----------------------------------------------------------------------------------------------------------
+
+
+def joints(**fields: object):
+    return messages.create("sensor_msgs/msg/JointState", {"name": ["elbow", "wrist"], "effort": [1.0, 2.0], **fields})
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "names"),
+    [
+        (("effort",), [1.0, 2.0], ("elbow", "wrist")),
+        (("effort", 1), 2.0, ()),
+        (("effort", "wrist"), 2.0, ()),
+        (("effort", ["wrist", "elbow"]), [2.0, 1.0], ("wrist", "elbow")),
+        (("effort", [1, 0]), [2.0, 1.0], ("1", "0")),
+        (("header", "stamp"), 3.5, ()),
+        (("header", "stamp", "sec"), 3.0, ()),
+    ],
+)
+def test_a_path_reads_numbers_and_the_names_of_their_channels(path, value, names) -> None:
+    found, told = reader("sensor_msgs/msg/JointState", path)(joints(header={"stamp": 3.5}))
+    np.testing.assert_array_equal(found, value)
+    assert told == names
+
+
+def test_a_path_goes_through_lists_of_messages_and_fixed_arrays() -> None:
+    markers = messages.create("geometry_msgs/msg/PoseArray", {"poses": [{}, {"position": {"y": 4.0}}]})
+    assert reader("geometry_msgs/msg/PoseArray", ("poses", 1, "position", "y"))(markers) == (4.0, ())
+    with pytest.raises(Unusable, match="poses has 2 entries, not 3"):
+        reader("geometry_msgs/msg/PoseArray", ("poses", 2, "position", "y"))(markers)
+    with pytest.raises(MessageError, match="found the index 36; 0 to 35 would be right"):
+        reader("geometry_msgs/msg/PoseWithCovariance", ("covariance", 36))
+
+
+def test_names_are_found_again_when_the_order_changes_and_missed_when_one_is_gone() -> None:
+    read_wrist = reader("sensor_msgs/msg/JointState", ("effort", "wrist"))
+    assert read_wrist(joints())[0] == 2.0
+    assert read_wrist(joints(name=["wrist", "elbow"]))[0] == 1.0
+    with pytest.raises(Unusable, match="wrist is not among its names: elbow, hand"):
+        read_wrist(joints(name=["elbow", "hand"]))
+    with pytest.raises(Unusable, match="effort has 1 values, not 2"):
+        read_wrist(joints(effort=[1.0]))
+
+
+def test_messages_are_put_together_from_several_outputs() -> None:
+    paths = [("effort", "wrist"), ("effort", "elbow"), ("position", 1), ("position", 0)]
+    made = writer("sensor_msgs/msg/JointState", paths).message([1.0, 2.0, 3.0, 4.0], 0.5)
+    assert made.name == ["wrist", "elbow"]
+    assert (made.effort.tolist(), made.position.tolist(), made.header.stamp.nanosec) == ([1, 2], [4, 3], 500_000_000)
+
+
+def test_a_whole_array_takes_its_names_along() -> None:
+    made = writer("sensor_msgs/msg/JointState", [("effort",)]).message([np.array([1.0, 2.0])], 0.0, ("a", "b"))
+    assert (made.name, made.effort.tolist()) == (["a", "b"], [1.0, 2.0])
+    made = writer("sensor_msgs/msg/JointState", [("name",), ("effort",)]).message([["w"], 1.5], 0.0)
+    assert (made.name, made.effort.tolist()) == (["w"], [1.5])
+
+
+def test_nested_fields_empty_messages_and_numbers_of_numpy_are_written() -> None:
+    made = writer("geometry_msgs/msg/TwistStamped", [("twist", "linear", "x")]).message([np.float64(2)], 1.0)
+    assert (made.twist.linear.x, made.header.stamp.sec) == (2.0, 1)
+    assert writer("std_msgs/msg/Empty", [()]).message([True], 1.0)
+    assert writer("std_msgs/msg/Bool", [("data",)]).message([np.bool_(True)], 1.0).data is True
+    assert writer("std_msgs/msg/Int32", [("data",)]).message([np.int64(3)], 1.0).data == 3
