@@ -49,6 +49,10 @@ def prop(text: str, /, **variables: Any) -> Any:
         ('{\n\t"x": 1,\n\t"y": ${a}\n}', {"x": 1, "y": 1.5}),
         ("{x: ${ {'k': {'}': 3}}.k['}'] }}", {"x": 3}),
         ("{x: #{a}}", {"x": 1.5}),
+        ("={x: a, y: b, p: {q: c[1]}}", {"x": 1.5, "y": "two", "p": {"q": 1}}),
+        ("=[a, 2 * a]", [1.5, 3.0]),
+        ("= a > 1", True),
+        ('{"x":${a},"y":${b}}', {"x": 1.5, "y": "two"}),
         ("[]", []),
         ("{}", {}),
         ('"quoted" and more', '"quoted" and more'),
@@ -85,6 +89,16 @@ def test_a_list_without_one_of_its_elements_is_left_out() -> None:
 def test_a_whole_payload_that_is_not_set_is_undefined() -> None:
     assert payload("${closest}") is UNDEFINED
     assert payload("is ${closest}") is UNDEFINED
+
+
+def test_what_is_null_in_a_feel_payload_is_left_out_and_said_once() -> None:
+    said: list[str] = []
+    evaluate = compile_expression(Expression("={x: a, p: {y: b + 1, z: 1}}", "payload"), warn=said.append)
+    assert evaluate({"a": 1}) == evaluate({"a": 1}) == {"x": 1, "p": {"z": 1}}
+    assert said == ["payload field p.y: is null; left at its default"]
+    assert payload("=missing") is UNDEFINED
+    with pytest.raises(NameError, match="payload field x: is null"):
+        compile_expression(Expression("={x: a}", "payload"), strict=True)({})
 
 
 def test_a_strict_payload_refuses_names_that_are_not_set() -> None:

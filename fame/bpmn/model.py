@@ -30,7 +30,7 @@ juel         a whole ``${...}`` or ``#{...}``, the Camunda 7 expression
 feel         ``=...``, the Camunda 8 expression (the text here is without the ``=``)
 template     text with ``${...}`` inside: substitution, gives a str
 value        property of a data object: ``${...}`` evaluated, else ``=`` FEEL, else a YAML scalar
-payload      flow-style YAML or JSON with ``${...}`` inside: values are inserted as values
+payload      flow-style YAML or JSON with ``${...}`` inside: values are inserted as values; or ``=`` FEEL
 """
 
 

@@ -19,6 +19,8 @@ from fame.scripting.substitution import payload
 
 def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
     """Of the payload of an event or task. Says nothing of a type that is not known."""
+    if expression.text.lstrip().startswith("="):  # FEEL is computed, all of it
+        return
     computed: list[str] = []
     try:
         value = payload(expression.text, lambda path, error: computed.append(path))[0]({})

@@ -13,7 +13,7 @@ from fame.scripting.javascript import compile_javascript
 from fame.scripting.juel import JUEL
 from fame.scripting.lexer import ExpressionError
 from fame.scripting.python import Code, compile_python
-from fame.scripting.substitution import inside, payload, template, value
+from fame.scripting.substitution import feel_payload, inside, payload, template, value
 
 Warn = Callable[[str], object]
 
@@ -58,6 +58,9 @@ def parse_expression(
         match expression.language:
             case "template":
                 return template(text)
+            case "payload" if text.lstrip().startswith("="):
+                text = text.lstrip().removeprefix("=")
+                return feel_payload(text, _missing(warn, strict))
             case "payload":
                 return payload(text, _missing(warn, strict))
             case "value" if not text.lstrip().startswith("="):

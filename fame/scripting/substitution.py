@@ -13,6 +13,7 @@ from typing import Any
 
 from fame.engine.variables import UNDEFINED
 from fame.scripting.data import Undefined
+from fame.scripting.feel import FEEL
 from fame.scripting.flow import flow, scalar
 from fame.scripting.functions import to_text
 from fame.scripting.grammar import Evaluate, Parser, constant
@@ -79,6 +80,23 @@ def payload(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
             raise ExpressionError(f"neither YAML nor JSON: {error}: {_plainly(substituted.text)}") from None
         tree = marked
     return _build(tree, "", substituted.evaluates, missing), substituted.names
+
+
+def feel_payload(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
+    """As `payload`, of one FEEL expression (without its ``=``): what is null in it is as a name that is not set."""
+    parser = Parser(text, FEEL)
+    evaluate = parser.whole()
+    return lambda variables: _without_nulls(evaluate(variables), "", missing), parser.names
+
+
+def _without_nulls(value: Any, path: str, missing: Missing) -> Any:
+    if value is None:
+        missing(path, Undefined("is null"))
+        return UNDEFINED
+    if isinstance(value, dict):
+        pairs = ((key, _without_nulls(item, f"{path}.{key}".lstrip("."), missing)) for key, item in value.items())
+        return {key: item for key, item in pairs if item is not UNDEFINED}
+    return value
 
 
 def value(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
