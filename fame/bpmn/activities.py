@@ -8,7 +8,7 @@ from typing import Any, Literal
 from fame.bpmn.context import Context, boolean, find, id_in, whole
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import topic_properties
-from fame.bpmn.events import TopicSource, read_topic
+from fame.bpmn.events import TopicSource, message_keys, read_topic
 from fame.bpmn.expressions import body, mapped, variable
 from fame.bpmn.model import (
     CallActivity,
@@ -71,6 +71,7 @@ def read_task(node: HalfRead, kind: TaskKind) -> Task:
         payload=topic.payload if topic is not None else None,
         operation=operation,
         result_variable=found.result,
+        keys=message_keys(node.context, node.element.get("messageRef")) if kind == "receive" else (),
         instantiate=node.flag("instantiate"),
         **read_activity(node),
     )

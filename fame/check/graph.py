@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow
-from fame.engine.compiler import begins
+from fame.engine.compiler import begins, instantiates
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +26,8 @@ class Graph:
         return [self.flows[id] for id in node.outgoing]
 
     def beginnings(self) -> list[FlowNode]:
-        """Where tokens come from: start events, else all that has no incoming flow (standard 13.2)."""
-        starts: list[FlowNode] = [node for node in self.body.nodes if is_event(node, "start")]
+        """Where tokens come from: start events and their like, else all that has no incoming flow (standard 13.2)."""
+        starts = [node for node in self.body.nodes if is_event(node, "start") or instantiates(node)]
         return starts or [node for node in self.body.nodes if begins(node)]
 
     def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:

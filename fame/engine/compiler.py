@@ -141,24 +141,32 @@ class Compiler:
             self.program.nodes.append(body.opening)
 
     def starts(self, wiring: Wiring, body: Body, file: str) -> None:
-        """The start events of the process itself."""
+        """What starts the process itself: start events, gateways and receive tasks."""
         program = self.program
-        for event in wiring.content.nodes:
+        for element in wiring.content.nodes:
             ways: list[Node] = []
-            if isinstance(event, model.Event) and event.place == "start":
-                ways = wiring.triggers.get(event.id, [])
-            elif isinstance(event, model.Gateway) and event.instantiate:
-                ways = elements.instantiating(wiring, event)
-            for node in ways:
-                if node.topic:
-                    program.starts[node.topic] = (*program.starts.get(node.topic, ()), node)
-                elif node.kind == "timer":
-                    program.timed = (*program.timed, node)
-                else:
-                    kind = "parallel multiple" if node.kind == "all" else node.kind
-                    refuse(f"{kind} events cannot start a process", event, file)
+            if isinstance(element, model.Event) and element.place == "start":
+                ways = wiring.triggers.get(element.id, [])
+            elif instantiates(element):
+                ways = elements.instantiating(wiring, element)
+            for whole in ways:
+                for node in whole.alternatives or (whole,):
+                    node.join = whole if whole.kind == "all" else node.join
+                    self.starting(node, element, file)
         if (not program.starts and not program.timed) or wiring.none_starts():
             program.begin = wiring.begin(body)
+
+    def starting(self, node: Node, element: model.FlowNode, file: str) -> None:
+        """One trigger that starts the process."""
+        program = self.program
+        if node.topic:
+            program.starts[node.topic] = (*program.starts.get(node.topic, ()), node)
+        elif node.kind == "timer":
+            program.timed = (*program.timed, node)
+        elif node.kind == "condition":
+            refuse("conditional events cannot start a process: there are no variables yet to be true of", element, file)
+        else:
+            refuse(f"{node.kind} events cannot start a process", element, file)
 
 
 class Wiring:
@@ -350,6 +358,11 @@ class Wiring:
 def asks_for_phase(flow: model.SequenceFlow) -> bool:
     """Whether the condition of a flow that leaves a complex gateway tells its activation from its reset."""
     return flow.condition is not None and "waitingForStart" in flow.condition.text
+
+
+def instantiates(node: model.FlowNode) -> bool:
+    """Whether it is a gateway or receive task that starts a process."""
+    return isinstance(node, model.Gateway | model.Task) and node.instantiate and not node.incoming
 
 
 def begins(node: model.FlowNode) -> bool:

@@ -45,8 +45,6 @@ def gateway(wiring: Wiring, element: model.Gateway) -> None:
     node.slot = compiler.slot(element.id)
     wiring.place(element, node)
     if element.kind == "event":
-        if element.instantiate and element.all_events:
-            raise refuse("gateways that start a process by all of several events are not executed", element, wiring)
         node.step = gateways.choose
         compiler.watch(node)
         return
@@ -74,7 +72,7 @@ def link_alternatives(wiring: Wiring, node: Node, element: model.Gateway) -> Non
         elif isinstance(target, model.Task) and target.kind == "receive" and target.topic is not None:
             slot = wiring.main[target.id].slot
             choice = wiring.compiler.node(target, steps.wait, wiring.file, part=f"@{element.id}")
-            choice.kind = "message"
+            choice.kind, choice.keys = "message", wiring.compiler.assignments(target.keys, target, wiring.file)
             listen(wiring, target, choice, target.topic)
             choice.fire, choice.slot = gateways.fire_alternative, slot
             choices = [choice]
@@ -90,8 +88,24 @@ def link_alternatives(wiring: Wiring, node: Node, element: model.Gateway) -> Non
     node.alternatives = tuple(found)
 
 
-def instantiating(wiring: Wiring, element: model.Gateway) -> list[Node]:
-    """The ways in through an event-based gateway that starts a process: the gateway, then the event that came."""
+def instantiating(wiring: Wiring, element: model.FlowNode) -> list[Node]:
+    """The ways in through an event-based gateway or receive task that starts a process."""
+    if isinstance(element, model.Gateway):
+        return instantiating_gateway(wiring, element)
+    assert isinstance(element, model.Task)
+    main, begin = wiring.main[element.id], wiring.compiler.node(element, steps.pass_on, wiring.file, part="/start")
+    if main.kind != "message" or element.topic is None:
+        raise refuse("what starts a process does not repeat, and has no variables of its own", element, wiring)
+    begin.kind, begin.keys = "message", main.keys
+    listen(wiring, element, begin, element.topic)
+    begin.index = begin.slot = main.slot
+    begin.next = main.next
+    wiring.compiler.watch(begin)
+    return [begin]
+
+
+def instantiating_gateway(wiring: Wiring, element: model.Gateway) -> list[Node]:
+    """The gateway, then the event that came; of a parallel one the others are waited for in the instance."""
     found = []
     for choice in wiring.main[element.id].alternatives:
         begin = wiring.compiler.node(element, steps.pass_on, wiring.file, part=f"/start/{choice.id}")
@@ -103,6 +117,14 @@ def instantiating(wiring: Wiring, element: model.Gateway) -> list[Node]:
         begin.next, event.next = event, choice.next
         wiring.compiler.watch(begin)
         wiring.compiler.watch(event)
+        targets = dict.fromkeys(wiring.flows[id].target for id in element.outgoing)
+        others = [wiring.entries[id] for id in targets if id != choice.id]
+        if element.all_events and others:
+            begin.join, begin.next = (
+                wiring.main[choice.id],
+                wiring.compiler.node(element, gateways.fork, wiring.file, part=f"/others/{choice.id}"),
+            )
+            begin.next.out = (event, *others)
         found.append(begin)
     return found
 
@@ -217,6 +239,7 @@ def task(wiring: Wiring, element: model.Task, node: Node) -> None:
         node.step, node.kind, node.fire = steps.wait, "message", steps.fire_catch
         if element.topic is None:
             raise refuse("a receive task needs a message", element, wiring)
+        node.keys = compiler.assignments(element.keys, element, wiring.file)
         listen(wiring, element, node, element.topic)
         if node.queue:
             wiring.queued.append(node)

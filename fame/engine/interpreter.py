@@ -19,8 +19,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
-from fame.engine import activities, adhoc, gateways, scopes, steps, waiting
-from fame.engine.data import correlates
+from fame.engine import activities, adhoc, gateways, scopes, starts, steps, waiting
 from fame.engine.host import Host
 from fame.engine.state import Departure, Instance, Listener, Node, Program, Rest, Scope, Status
 from fame.errors import MissionError
@@ -53,6 +52,7 @@ class Engine:
         self.departing: list[int] = []  # those of them that were cancelled just now; `scopes.proceed` follows
         self.instances: dict[int, Instance] = {}
         self.waiting_starts: dict[Node, deque[tuple[int, Any]]] = {}  # triggers that a full process keeps
+        self.gathered: dict[Node, list[starts.Gathered]] = {}  # triggers of parallel multiple start events
         self.armed_starts: dict[int, Node] = {}  # start events with a timer
         self.counter = 0
         self.tell = host.observe
@@ -105,7 +105,7 @@ class Engine:
         if start is not None:
             if last:
                 del self.armed_starts[key]
-            self.trigger(start, None)
+            starts.trigger(self, start, None)
         elif key in self.rests:
             waiting.fire(self, self.rests.pop(key) if last else self.rests[key])
         self.run()
@@ -155,6 +155,7 @@ class Engine:
             self.host.cancel_timer(key)
         self.armed_starts.clear()
         self.waiting_starts.clear()
+        self.gathered.clear()
         for instance in tuple(self.instances.values()):
             scopes.kill(self, instance.root)
             self.departing.clear()
@@ -236,26 +237,6 @@ class Engine:
         scopes.open_scope(self, root)
         return instance
 
-    def trigger(self, node: Node, message: Any) -> None:
-        """A start event of the process was triggered."""
-        limit = self.program.instances
-        if limit is not None and len(self.instances) >= limit:
-            if node.queue:
-                kept = self.waiting_starts.setdefault(node, deque(maxlen=node.queue))
-                kept.append((self.new_key(), message))
-            else:
-                self.host.report(node.id, f"trigger dropped: {limit} instance(s) of {self.program.process} run already")
-            return
-        instance = self.open_instance(node, None)
-        try:
-            if node.take is not None:
-                node.take(instance.root_variables, message)
-            correlates(node, instance.root_variables, message)
-        except Exception as error:
-            self.abandon(instance, node, f"{type(error).__name__}: {error}", "script", error)
-        if self.conditions:
-            waiting.check_conditions(self)
-
     def conclude(self, instance: Instance, status: Status) -> None:
         """An instance is over; the oldest trigger that waited for its end takes its place."""
         instance.status = status
@@ -267,7 +248,7 @@ class Engine:
             _, message = self.waiting_starts[node].popleft()
             if not self.waiting_starts[node]:
                 del self.waiting_starts[node]
-            self.trigger(node, message)
+            starts.trigger(self, node, message)
 
     def abandon(self, instance: Instance, node: Node, text: str, code: str, cause: BaseException | None = None) -> None:
         """An instance failed: nothing caught its error."""

@@ -71,8 +71,16 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
             node.key: [[number, encode(message, dump)] for number, message in kept]
             for node, kept in engine.waiting_starts.items()
         },
+        "gathered": {
+            node.key: [[encode(keys, dump), _messages(found, dump)] for keys, found in sets]
+            for node, sets in engine.gathered.items()
+        },
         "variables": dicts.written(dump),
     }
+
+
+def _messages(found: Mapping[Node, Any], dump: Convert) -> list[Any]:
+    return [[part.key, encode(message, dump)] for part, message in found.items()]
 
 
 class _Dicts:
@@ -335,6 +343,11 @@ class _Restoring:
             node = self.nodes[key]
             messages = ((number, decode(message, self.load)) for number, message in kept)
             engine.waiting_starts[node] = deque(messages, maxlen=node.queue)
+        for key, sets in data["gathered"].items():
+            engine.gathered[self.nodes[key]] = [
+                (decode(keys, self.load), {self.nodes[part]: decode(message, self.load) for part, message in found})
+                for keys, found in sets
+            ]
         for item in data["departures"]:
             engine.ready.append((self.nodes[item["node"]], self.scopes[item["scope"]]))
 

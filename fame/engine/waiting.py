@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import faults, gateways, scopes
+from fame.engine import faults, gateways, scopes, starts
 from fame.engine.data import correlates
 from fame.engine.state import Listener, Mailbox, Node, Rest, Scope
 
@@ -153,17 +153,17 @@ def deliver(engine: Engine, topic: str, message: Any) -> None:
     Of those that wait for a BPMN message only the first that correlates gets it (standard 8.3.2).
     """
     taken = False
-    listeners = engine.listeners.get(topic)
+    listeners = tuple(engine.listeners.get(topic, ()))
     if listeners:
-        for listener in tuple(listeners):
+        for listener in listeners:
             if listener.node.kind == "message":
                 if taken or not hears(listener) or not correlates(listener.node, listener.scope.variables, message):
                     continue
                 taken = True
             offer(engine, listener, message)
     for node in engine.program.starts.get(topic, ()):
-        if node.kind != "message" or not taken:
-            engine.trigger(node, message)
+        if not (taken if node.kind == "message" else starts.awaited(node, listeners)):
+            starts.trigger(engine, node, message)
 
 
 def hears(listener: Listener) -> bool:

@@ -9,10 +9,16 @@ from engine_models import (
     Run,
     boundary,
     catch,
+    condition,
+    element,
     end,
     error,
     gateway,
+    message,
+    model,
     path,
+    process,
+    properties,
     script,
     signal,
     start,
@@ -59,6 +65,60 @@ def test_each_of_its_events_starts_an_instance_of_its_own(play: Play) -> None:
     assert len(run.simulation.instances) == 3
 
 
-def test_what_cannot_be_executed_is_refused_by_name() -> None:
-    with pytest.raises(ModelError, match="all of several"):
-        Run(BEGINNING.replace('instantiate="true"', 'instantiate="true" eventGatewayType="Parallel"'))
+ALL = BEGINNING.replace('instantiate="true"', 'instantiate="true" eventGatewayType="Parallel"')
+
+
+def test_a_parallel_one_starts_it_with_the_first_and_waits_for_the_others(play: Play) -> None:
+    run = play(ALL).run().signal("B")
+    assert run.log == "g b (u (a"
+    run.signal("B").signal("A")
+    assert run.log == "g b (u (a g b (u (a a) k (u a) k (u"
+    assert len(run.simulation.instances) == 2
+
+
+def test_what_one_instance_waits_for_starts_no_other(play: Play) -> None:
+    run = play(ALL).run().signal("A").signal("B")
+    assert run.log == "g a k (u b (u"
+    assert len(run.simulation.instances) == 1
+    run.complete("u").complete("u")
+    assert run.instance.status == "completed"
+    assert not run.left_behind()
+
+
+def test_its_messages_correlate(play: Play) -> None:
+    retrieve = "".join(
+        f'<correlationPropertyRetrievalExpression messageRef="message_{name}"><messagePath>msg["key"]</messagePath>'
+        "</correlationPropertyRetrievalExpression>"
+        for name in "AB"
+    )
+    root = f'<correlationProperty id="K" name="key">{retrieve}</correlationProperty>'
+    content = ALL.replace(signal("A"), message("A")).replace(signal("B"), message("B"))
+    run = play(model(process(content), root=root)).run()
+    run.message("A", {"key": 1}).message("B", {"key": 2}).message("B", {"key": 1})
+    assert [sorted(instance.waiting) for instance in run.simulation.instances] == [["u", "u"], ["a", "u"]]
+
+
+def test_a_receive_task_may_start_a_process(play: Play) -> None:
+    receive = element("receiveTask", "r", properties(type="std_msgs/msg/Int32"), messageRef="message_M",
+                      instantiate="true")  # fmt: skip
+    run = play(receive + user("u") + path("r u")).run()
+    assert run.simulation.instances == []
+    run.message("M", 4).message("M", 5)
+    assert run.log == "r (u r (u"
+    assert [instance.variables["M"] for instance in run.simulation.instances] == [4, 5]
+
+
+def test_it_does_not_repeat_then() -> None:
+    loop = '<standardLoopCharacteristics loopMaximum="2"/>'
+    with pytest.raises(ModelError, match=r"test.bpmn:1: r: what starts a process does not repeat"):
+        Run(element("receiveTask", "r", loop, messageRef="message_M", instantiate="true"))
+
+
+def test_with_an_incoming_flow_it_waits_like_any_other(play: Play) -> None:
+    receive = element("receiveTask", "r", messageRef="message_M", instantiate="true")
+    assert play(start() + receive + path("s r")).run().waiting == ["r"]
+
+
+def test_a_condition_cannot_start_a_process() -> None:
+    with pytest.raises(ModelError, match=r"test.bpmn:1: s: conditional events cannot start a process: there are no"):
+        Run(start("s", condition("x > 0")) + user("u") + path("s u"))

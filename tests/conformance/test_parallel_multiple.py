@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-import pytest
 from conftest import Play
-from engine_models import boundary, catch, condition, end, handler, path, signal, start, timer, user
-
-from fame.errors import ModelError
+from engine_models import (
+    boundary,
+    catch,
+    condition,
+    end,
+    handler,
+    message,
+    model,
+    path,
+    process,
+    properties,
+    signal,
+    start,
+    timer,
+    user,
+)
 
 ALL = {"parallelMultiple": "true"}
 
@@ -71,7 +83,55 @@ def test_one_that_suspends_waits_for_all_again_afterwards(play: Play) -> None:
     assert run.signal("A").waiting == ["u", "w"]
 
 
-def test_it_cannot_start_a_process(play: Play) -> None:
-    begin = start("s", signal("A"), signal("B")).replace("isInterrupting", 'parallelMultiple="true" isInterrupting')
-    with pytest.raises(ModelError, match="parallel multiple"):
-        play(begin)
+TOGETHER = start("s", signal("A"), signal("B")).replace("isInterrupting", 'parallelMultiple="true" isInterrupting')
+
+
+def test_a_process_starts_when_all_have_come(play: Play) -> None:
+    run = play(TOGETHER + user("u") + path("s u")).run().signal("B").signal("B")
+    assert run.simulation.instances == []
+    assert run.signal("A").log == "s (u"
+    assert not run.node.engine.gathered
+    run.signal("A")
+    assert len(run.simulation.instances) == 1
+    assert len(run.signal("B").simulation.instances) == 2
+
+
+def test_each_brings_its_message_and_of_two_the_first_counts(play: Play) -> None:
+    begin = TOGETHER.replace("</startEvent>", properties(type="std_msgs/msg/Int32") + "</startEvent>")
+    run = play(begin + user("u") + path("s u")).run().signal("A", 1).signal("A", 2).signal("B", 3)
+    assert run.variables == {"A": 1, "B": 3}
+
+
+def test_a_timer_may_be_one_of_them(play: Play) -> None:
+    begin = TOGETHER.replace(signal("B"), timer("PT5S"))
+    run = play(begin + user("u") + path("s u")).run(1).signal("A").run(4)
+    assert run.simulation.instances == []
+    assert run.run(6).waiting == ["u"]
+
+
+def test_messages_of_one_key_belong_together(play: Play) -> None:
+    retrieve = "".join(
+        f'<correlationPropertyRetrievalExpression messageRef="message_{name}"><messagePath>msg["key"]</messagePath>'
+        "</correlationPropertyRetrievalExpression>"
+        for name in "AB"
+    )
+    root = f'<correlationProperty id="K" name="key">{retrieve}</correlationProperty>'
+    begin = TOGETHER.replace(signal("A"), message("A")).replace(signal("B"), message("B"))
+    run = (
+        play(model(process(begin + user("u") + path("s u")), root=root))
+        .run()
+        .message("A", {"key": 1})
+        .message("B", {"key": 2})
+    )
+    assert run.simulation.instances == []
+    run.message("B", {"key": 1}).message("A", {"key": 2})
+    assert [instance.variables["key"] for instance in run.simulation.instances] == [1, 2]
+    assert not run.node.engine.gathered
+
+
+def test_the_bound_of_instances_holds_for_it(play: Play) -> None:
+    run = play(model(process(TOGETHER + user("u") + path("s u"), instances=1))).run()
+    for name in "ABAB":
+        run.signal(name)
+    assert len(run.simulation.instances) == 1
+    assert "trigger dropped" in run.reports[0]
