@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import compensation, faults, loops, scopes, waiting
+from fame.engine import compensation, faults, loops, scopes, state, waiting
 from fame.engine.state import DEPTH, Node, Record, Rest, Scope
 from fame.engine.variables import UNDEFINED, Variables, plain
 
@@ -136,8 +136,8 @@ def enter(engine: Engine, scope: Scope, node: Node) -> None:
     if scope.depth >= DEPTH:
         faults.fail(engine, scope, node, RecursionError(f"calls deeper than {DEPTH}"))
         return
-    if (crowd := scopes.crowded(scope)) is not None:
-        faults.fail(engine, scope, node, crowd)
+    if scope.instance.scopes >= state.SCOPES:
+        faults.fail(engine, scope, node, scopes.crowd())
         return
     variables = scope.variables
     if node.own:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import compensation, faults, scopes, steps, waiting
+from fame.engine import compensation, faults, scopes, state, steps, waiting
 from fame.engine.host import Compiled
 from fame.engine.state import Node, Scope
 from fame.engine.variables import UNDEFINED, Variables
@@ -51,8 +51,8 @@ def begin(engine: Engine, scope: Scope, node: Node) -> None:
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
-    if (crowd := scopes.crowded(scope, 1 if loop.sequential else total)) is not None:
-        faults.fail(engine, scope, node, crowd)
+    if scope.instance.scopes + (1 if loop.sequential else total) > state.SCOPES:
+        faults.fail(engine, scope, node, scopes.crowd())
         return
     variables = scope.variables if loop.standard else Variables(scope.variables)
     whole = scopes.child(engine, scope, node, node.body, variables)

@@ -23,10 +23,8 @@ def child(engine: Engine, parent: Scope, node: Node, body: Body | None, variable
     return scope
 
 
-def crowded(scope: Scope, more: int = 1) -> RecursionError | None:
-    """The error to fail with if an instance would be in too many scopes at a time with `more` of them."""
-    if scope.instance.scopes + more <= state.SCOPES:
-        return None
+def crowd() -> RecursionError:
+    """The error of an instance that would have too many scopes at a time."""
     return RecursionError(f"more than {state.SCOPES} calls, sub-processes and handlers at a time")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.engine import activities, faults, scopes, suspension, waiting
+from fame.engine import activities, faults, scopes, state, suspension, waiting
 from fame.engine.host import BpmnError
 from fame.engine.state import Node, Rest, Scope
 from fame.engine.variables import UNDEFINED
@@ -177,8 +177,8 @@ def begin_handler(engine: Engine, scope: Scope, start: Node) -> None:
     if start.interrupting and not start.resume:
         open_handler(engine, scopes.replace(engine, scope, (*scope.handles, handler)), start)
         return
-    if (crowd := scopes.crowded(scope)) is not None:
-        faults.fail(engine, scope, start, crowd)
+    if scope.instance.scopes >= state.SCOPES:
+        faults.fail(engine, scope, start, scopes.crowd())
         return
     scope.tokens += 1
     inner = scopes.child(engine, scope, handler, None, scope.variables)

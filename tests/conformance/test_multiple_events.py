@@ -72,7 +72,7 @@ def test_a_parallel_one_starts_it_with_the_first_and_waits_for_the_others(play: 
     run = play(ALL).run().signal("B")
     assert run.log == "g b (u (a"
     run.signal("B").signal("A")
-    assert run.log == "g b (u (a g b (u (a a) k (u a) k (u"
+    assert run.log == "g b (u (a g b (u a a) k (u k (u"
     assert len(run.simulation.instances) == 2
 
 
