@@ -64,7 +64,7 @@ class Host:
         type = self.types.get(topic)
         return value if type is None else messages.create(type, value)
 
-    def observe(self, instance: int, scope: int, element: str, what: str, detail: Any = None) -> None:
+    def begun(self, instance: Any) -> None:
         pass
 
     def ended(self, instance: Any) -> None:

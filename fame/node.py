@@ -13,19 +13,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from fame.asking import ask, asking_task
 from fame.bpmn.model import CallActivity, Definitions, Expression, Process, Task
 from fame.bpmn.topics import TopicUse, topic_table
-from fame.clock import Entry, Kind, Scheduler
+from fame.clock import Entry, Kind, Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
+from fame.engine.state import Scope
 from fame.errors import MessageError, MissionError, ModelError
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 from fame.library import Library
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, Middleware, Publisher, Subscription, resolve
+from fame.observation import Event, Observer, by_trails
 from fame.scripting import (
     Log,
     Robot,
@@ -42,24 +44,11 @@ from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
 
-_new_tuple = tuple.__new__
 _EARLY = 1000
 """How many messages are kept for a process that is loaded and has not been started."""
 
 Service = Callable[[dict[str, Any]], Any]
 """What a service task calls: a function of the variables; gives a result, or a coroutine of awaitable requests."""
-
-
-class Event(NamedTuple):
-    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``."""
-
-    time: int
-    robot: str
-    instance: int
-    scope: int
-    element: str
-    what: str
-    detail: Any = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +110,7 @@ class RobotNode:
         scheduler: Scheduler,
         middleware: Middleware,
         namespace: str | None = None,
-        observer: Callable[[Event], object] | None = None,
+        observer: Observer | None = None,
         on_report: Callable[[Event], object] | None = None,
         safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
         safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
@@ -137,6 +126,7 @@ class RobotNode:
         self.safe_state, self.epoch = safe_state, epoch
         self.safe_suspended = safe_state if safe_suspended is None else safe_suspended
         self._observer, self._on_report = observer, on_report or (lambda event: None)
+        self._hear = by_trails(observer) if observer is not None else None
         self.instances: list[Instance] = []
         self.started = self.completed = self.failed = 0
         self._keep, self._on_end = keep, on_end
@@ -156,6 +146,8 @@ class RobotNode:
         )
         self.javascript = self._surroundings()
         self.engine = Engine(self._compile(), self, self._variables)
+        if isinstance(scheduler, WallScheduler):
+            self.engine.note = self._note
 
     # ---- life ----------------------------------------------------------------------------------------------------
 
@@ -393,16 +385,23 @@ class RobotNode:
             full = resolve(topic, self.namespace)
             self._publisher(full, type).publish(messages.create(type, fields))
 
-    def observe(self, instance: int, scope: int, element: str, what: str, detail: Any = None) -> None:
-        if what == "start":
-            self.started += 1
-            self.instances.append(self.engine.instances[instance])
-            if self._keep is not None:
-                del self.instances[: -self._keep]
-        if self._observer is not None:
-            # As Event(...) does, without the detour through its keyword arguments: this is called for every move.
-            happened = (self.scheduler.now, self.name, instance, scope, element, what, detail)
-            self._observer(_new_tuple(Event, happened))
+    def observe(self, trail: Sequence[Any]) -> None:
+        if self._hear is not None:
+            told = iter(trail)
+            self._hear(self.scheduler.now, self.name, zip(told, told, strict=True))
+
+    def _note(self, noted: Any) -> None:
+        """On the wall clock every note has a time of its own."""
+        if isinstance(noted, Scope):
+            self._place = noted
+        else:
+            self.observe((self._place, noted))
+
+    def begun(self, instance: Instance) -> None:
+        self.started += 1
+        self.instances.append(instance)
+        if self._keep is not None:
+            del self.instances[: -self._keep]
 
     def report(self, element: str, text: str) -> None:
         self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
@@ -465,6 +464,7 @@ class RobotNode:
         event = Event(self.scheduler.now, self.name, 0, 0, "", "log", f"{level}: {text}" if level != "info" else text)
         self._on_report(event)
         if self._observer is not None:
+            self.engine.observe()
             self._observer(event)
 
     def _script_signal(self, name: str, payload: Any = None) -> None:

@@ -16,7 +16,7 @@ FLOORS = (
     ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors"),
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
-    ("fame.asking", "fame.library", "fame.node", "fame.splitter"),
+    ("fame.asking", "fame.library", "fame.node", "fame.observation", "fame.splitter"),
     (
         "fame.simulation",
         "fame.check",

@@ -17,7 +17,6 @@ from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.log import Write
-    from fame.node import Event
     from fame.scenario import Result, RobotResult, Scenario
 
 _EXAMPLES = (
@@ -87,6 +86,7 @@ def _fault(text: str) -> tuple[str, float, str]:
 
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
+    from fame.observation import together
     from fame.scenario import Fault, Scenario
 
     scenario = Scenario.load(
@@ -107,7 +107,7 @@ def run(arguments: Namespace) -> int:
     with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as show:
         result = scenario.run(
             real_time=arguments.real_time,
-            observer=_together(writes) if writes else None,
+            observer=together(writes),
             progress=show,
             record=arguments.picture is not None or arguments.animate is not None,
             strict=arguments.strict,
@@ -160,18 +160,6 @@ def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Write]]:
     files = scenario.closures()
     with ExitStack() as stack:
         yield [stack.enter_context(logging_to(path, files)) for path in paths]
-
-
-def _together(writes: Sequence[Write]) -> Write:
-    """One observer that calls all of them."""
-    if len(writes) == 1:
-        return writes[0]
-
-    def observe(event: Event) -> None:
-        for write in writes:
-            write(event)
-
-    return observe
 
 
 # ---- drawings --------------------------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ def settle(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """
     ready = engine.ready
     if node.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        engine.tell(scope, node.left)
     engine.alert = bool(engine.conditions)
     if ready and ready[-1][0] is None:
         ready.append((node.next, scope))

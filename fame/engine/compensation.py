@@ -86,7 +86,7 @@ def undo_next(engine: Engine, undoing: Scope) -> None:
     engine.ready.append((entry, inner))
     if record.node.undo is None:  # the event sub-process for compensation inside it
         if entry.guard.act is not None:
-            engine.tell(inner.instance.key, undoing.key, entry.guard.id, "enter")
+            engine.tell(undoing, entry.guard.entered)
         inner.body, inner.handles = entry.guard.body, (entry.guard,)
         scopes.open_scope(engine, inner)
 

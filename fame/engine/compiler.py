@@ -62,6 +62,8 @@ class Compiler:
         """A node of an element. `counted`: to pass it is to complete the element."""
         node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=file)
         self.program.nodes.append(node)
+        if self.observed:
+            node.entered, node.left = (element.id, "enter", None), (element.id, "leave", None)
         if counted:
             node.index = node.slot = self.slot(element.id)
         return node
@@ -307,7 +309,7 @@ class Wiring:
             refuse(f"a sequence flow cannot lead to {flow.target}", flow, self.file)
         if self.compiler.observed:
             passing = self.compiler.node(flow, steps.flow, self.file)
-            passing.next = entry
+            passing.next, passing.entered = entry, (flow.id, "take", None)
             return passing
         return entry
 

@@ -27,7 +27,7 @@ def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None
     code = error.code if isinstance(error, BpmnError) else "script"
     text = str(error) or type(error).__name__
     if node.guard.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "fail", code)
+        engine.tell(scope, (node.id, "fail", code))
     failing: Node | None = node.guard
     place: Scope | None = scope
     inner: Scope | None = None  # the scope that the failing activity is, if it is one

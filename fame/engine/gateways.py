@@ -267,6 +267,6 @@ def fire_alternative(engine: Engine, rest: Rest) -> None:
         return
     scopes.count(engine, rest.scope, gateway.node)
     if rest.node.act is not None:
-        engine.tell(rest.scope.instance.key, rest.scope.key, rest.node.via, "take")
-        engine.tell(rest.scope.instance.key, rest.scope.key, rest.node.id, "enter")
+        engine.tell(rest.scope, (rest.node.via, "take", None))
+        engine.tell(rest.scope, rest.node.entered)
     scopes.complete(engine, rest.scope, rest.node)

@@ -7,7 +7,7 @@ host is part of the engine's state.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
@@ -59,11 +59,17 @@ class Host(Protocol):
     def make_safe(self, reason: str) -> None:
         """Bring the robot to its safe state. `reason`: ``suspended``, ``failed`` or ``terminated``."""
 
-    def observe(self, instance: int, scope: int, element: str, what: str, detail: Any = None) -> None:
-        """One thing that happened (see `fame.engine`); called by observed programs only."""
+    def observe(self, trail: Sequence[Any]) -> None:
+        """What happened in an observed program since the last call: scope, mark, scope, mark ... (see `fame.engine`).
+
+        All of it belongs to one stimulus; the list is the engine's and is used again.
+        """
 
     def report(self, element: str, text: str) -> None:
         """Something a person should know that stops nothing: a dropped trigger, an escalation nobody caught."""
+
+    def begun(self, instance: Any) -> None:
+        """An instance begins."""
 
     def ended(self, instance: Any) -> None:
         """An instance completed, failed or was cancelled. The engine has forgotten it."""

@@ -16,16 +16,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from itertools import repeat
 from operator import attrgetter
 from typing import Any
 
 from fame.engine import activities, adhoc, gateways, scopes, starts, steps, waiting
 from fame.engine.host import Host
-from fame.engine.state import Departure, Instance, Listener, Node, Program, Rest, Scope, Status
+from fame.engine.state import Departure, Instance, Listener, Mark, Node, Program, Rest, Scope, Status
 from fame.errors import MissionError
 
 MOVES = 10_000_000
 """Moves of tokens within one stimulus, after which it is taken for a livelock."""
+
+PORTION = 10_000
+"""Moves after which observers hear what happened, if the stimulus lasts that long."""
 
 TRACE = 100_000
 """Moves that are looked at to find the elements of such a loop."""
@@ -55,7 +59,8 @@ class Engine:
         self.gathered: dict[Node, list[starts.Gathered]] = {}  # triggers of parallel multiple start events
         self.armed_starts: dict[int, Node] = {}  # start events with a timer
         self.counter = 0
-        self.tell = host.observe
+        self.trail: list[Any] = []  # what happened and is not observed yet: scope, mark, scope, mark ...
+        self.note: Callable[[Any], object] = self.trail.append
 
     # ---- stimuli -------------------------------------------------------------------------------------
 
@@ -163,13 +168,15 @@ class Engine:
         self.leaving.clear()
         self.ready.clear()
         self.host.make_safe("terminated")
+        self.observe()
 
     # ---- the loop ------------------------------------------------------------------------------------
 
     def run(self) -> None:
         """Move every token until it rests."""
-        ready, moves = self.ready, self.limit
-        pop = ready.popleft
+        ready, pop = self.ready, self.ready.popleft
+        left, portion = self.limit, min(PORTION, self.limit)
+        moves = repeat(None, portion)
         self.alert = bool(self.conditions)
         while True:
             while ready:
@@ -182,16 +189,22 @@ class Engine:
                         scope.held.append(node)
                     continue
                 counts = scope.counts
-                while node is not None:
-                    moves -= 1
-                    if moves < 0:
-                        self.livelock(node, scope)
-                        moves = self.limit
-                        break
+                for _ in moves:
                     counts[node.index] += 1
                     node = node.step(self, scope, node)
+                    if node is None:
+                        break
+                else:
+                    left, moves = left - portion, repeat(None, portion)
+                    self.observe()
+                    if left > 0:
+                        ready.appendleft((node, scope))
+                    else:
+                        self.livelock(node, scope)
+                        left = self.limit
             if not (self.inclusive and gateways.decide_inclusive(self)):
-                return
+                break
+        self.observe()
 
     def livelock(self, node: Node, scope: Scope) -> None:
         """The tokens of an instance never rest: go on for a while to see over which elements, then fail it."""
@@ -217,6 +230,19 @@ class Engine:
             loop = ", ".join(id for id, count in passes.items() if id and count > 1)
             self.abandon(instance, node, f"{self.limit} moves without rest, in a loop over {loop}", "livelock")
 
+    # ---- observation ---------------------------------------------------------------------------------
+
+    def tell(self, scope: Scope, mark: Mark | None) -> None:
+        """Note that something happened; observers hear it when the stimulus has been worked off."""
+        self.note(scope)
+        self.note(mark)
+
+    def observe(self) -> None:
+        """Let the host know all that was noted."""
+        if self.trail:
+            self.host.observe(self.trail)
+            self.trail.clear()
+
     # ---- instances -----------------------------------------------------------------------------------
 
     def new_key(self) -> int:
@@ -232,7 +258,9 @@ class Engine:
         root = Scope(self.new_key(), None, None, self.program.body, variables)
         root.instance, root.counts, instance.root, instance.scopes = instance, instance.counts, root, 1
         self.instances[instance.key] = instance
-        self.tell(instance.key, root.key, self.program.process, "start")
+        self.host.begun(instance)
+        if self.program.observed:
+            self.tell(root, (self.program.process, "start", None))
         self.ready.append((entry, root))
         scopes.open_scope(self, root)
         return instance
@@ -241,7 +269,8 @@ class Engine:
         """An instance is over; the oldest trigger that waited for its end takes its place."""
         instance.status = status
         self.instances.pop(instance.key, None)
-        self.tell(instance.key, instance.root.key, self.program.process, "end", status)
+        if self.program.observed:
+            self.tell(instance.root, (self.program.process, "end", status))
         self.host.ended(instance)
         if self.waiting_starts:
             node = min(self.waiting_starts, key=lambda start: self.waiting_starts[start][0][0])

@@ -106,22 +106,22 @@ def count(engine: Engine, scope: Scope, node: Node) -> None:
     """An element has completed."""
     scope.counts[node.slot] += 1
     if node.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        engine.tell(scope, node.left)
 
 
 def happen(engine: Engine, scope: Scope, node: Node) -> None:
     """An event at which no token came has happened: it is entered and left in one."""
     scope.counts[node.slot] += 1
     if node.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "enter")
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        engine.tell(scope, node.entered)
+        engine.tell(scope, node.left)
 
 
 def complete(engine: Engine, scope: Scope, node: Node) -> None:
     """An element at which a token rested has completed: the token goes on."""
     scope.counts[node.slot] += 1
     if node.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        engine.tell(scope, node.left)
     engine.ready.append((node.next, scope))
 
 
@@ -173,7 +173,7 @@ def kill(engine: Engine, scope: Scope, told: bool = True) -> None:
 def tell_cancelled(engine: Engine, scope: Scope) -> None:
     """Observers hear that the element of a scope was cancelled."""
     if scope.node is not None and scope.node.act is not None and scope.parent is not None:
-        engine.tell(scope.instance.key, scope.parent.key, scope.node.id, "cancel")
+        engine.tell(scope.parent, (scope.node.id, "cancel", None))
 
 
 def cancel_rest(engine: Engine, rest: Rest) -> None:
@@ -181,7 +181,7 @@ def cancel_rest(engine: Engine, rest: Rest) -> None:
     if rest.started and not rest.paused:
         leave_script(engine, rest)
     if rest.token and rest.node.act is not None:
-        engine.tell(rest.scope.instance.key, rest.scope.key, rest.node.id, "cancel")
+        engine.tell(rest.scope, (rest.node.id, "cancel", None))
     waiting.disarm(engine, rest)
 
 

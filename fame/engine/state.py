@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 Step = Callable[["Engine", "Scope", "Node"], "Node | None"]
 """What happens when a token comes to a node: gives the node it moves to at once, or None (it rests, or is gone)."""
 
+Mark = tuple[str, str, Any]
+"""Something that happened, for observers: (element, what, detail), of the words in `fame.engine`."""
+
 RUNNING, DEAD = 0, -1
 """States of a scope. A positive state counts the suspensions that hold it."""
 
@@ -39,8 +42,8 @@ class Node:
 
     __slots__ = (
         "act", "all_in", "all_out", "alternatives", "armed", "body", "cancels", "code", "code_variable",
-        "default", "errors", "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting",
-        "join", "key", "keys", "kind", "line", "loop", "masks", "message_variable", "need", "next", "out",
+        "default", "entered", "errors", "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting",
+        "join", "key", "keys", "kind", "left", "line", "loop", "masks", "message_variable", "need", "next", "out",
         "outputs", "own", "queue", "resets", "resume", "run", "shares", "slot", "step", "take", "timer", "topic",
         "undo", "variable", "via",
     )  # fmt: skip
@@ -48,6 +51,8 @@ class Node:
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
         self.id, self.key, self.step = id, key, step
         self.act: Step | None = None  # in an observed program: what the step is without telling
+        self.entered: Mark | None = None  # likewise: what is told when a token comes (or takes this sequence flow)
+        self.left: Mark | None = None  # and when the element has completed
         self.line, self.file = line, file
         self.index = self.slot = UNCOUNTED  # of `counts`: added to when a token comes here; when it has completed here
         self.next: Node | None = None

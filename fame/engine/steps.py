@@ -27,25 +27,31 @@ def pass_on(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def flow(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A sequence flow; these are nodes in observed programs alone."""
-    engine.tell(scope.instance.key, scope.key, node.id, "take")
+    engine.tell(scope, node.entered)
     return node.next
 
 
 def observed(engine: Engine, scope: Scope, node: Node) -> Node | None:
-    """The step of an element in an observed program, around its own."""
-    engine.tell(scope.instance.key, scope.key, node.id, "enter")
-    act = node.act
+    """The step of an element in an observed program, around its own; a sequence flow behind it is taken at once."""
+    note, act = engine.note, node.act
     assert act is not None
+    note(scope)
+    note(node.entered)
     following = act(engine, scope, node)
     if following is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        note(scope)
+        note(node.left)
+        if following.step is flow:
+            note(scope)
+            note(following.entered)
+            return following.next
     return following
 
 
 def observed_end(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """The same, of an element at which the token ends: it has completed before what it ends."""
-    engine.tell(scope.instance.key, scope.key, node.id, "enter")
-    engine.tell(scope.instance.key, scope.key, node.id, "leave")
+    engine.tell(scope, node.entered)
+    engine.tell(scope, node.left)
     act = node.act
     assert act is not None
     return act(engine, scope, node)
@@ -81,7 +87,7 @@ def throw(engine: Engine, scope: Scope, node: Node) -> Node | None:
     ready.append((None, (node.topic, message)))
     ready.append((node.next, scope))
     if node.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        engine.tell(scope, node.left)
     return None
 
 
@@ -103,7 +109,7 @@ def raise_error(engine: Engine, scope: Scope, node: Node) -> None:
 def escalate(engine: Engine, scope: Scope, node: Node) -> None:
     """An escalation: the token is first in line, and goes on unless its scope is cancelled or suspended."""
     if node.act is not None:
-        engine.tell(scope.instance.key, scope.key, node.id, "leave")
+        engine.tell(scope, node.left)
     engine.ready.appendleft((node.next, scope))
     faults.escalate(engine, scope, node)
 
@@ -191,7 +197,7 @@ def open_handler(engine: Engine, scope: Scope, start: Node) -> None:
     """The handler starts when all that was cancelled for it is out."""
     handler = start.guard
     if handler.act is not None:
-        engine.tell(scope.instance.key, scope.key, handler.id, "enter")
+        engine.tell(scope, handler.entered)
     scopes.happen(engine, scope, start)
     scope.body = handler.body
     assert start.next is not None

@@ -14,6 +14,7 @@ from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
 from fame.node import Event, RobotNode, Wait, mission
+from fame.observation import Observer, together
 from fame.scenario.captions import Captions
 from fame.scenario.result import Fault, Progress, Result, RobotResult, Status
 from fame.scripting import heartbeat
@@ -34,18 +35,20 @@ class Run:
         self,
         scenario: Scenario,
         real_time: bool,
-        observer: Callable[[Event], object] | None,
+        observer: Observer | None,
         progress: Callable[[Progress], object] | None,
         record: bool = False,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
     ) -> None:
-        self.scenario, self.observer, self.progress, self.on_interrupt = scenario, observer, progress, on_interrupt
+        self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
         self.interrupted = self._stuck = False
         self.reports: list[Event] = []
         self.captions = Captions(scenario.closures()) if record or progress else None
+        captions = self.captions.add if self.captions is not None else None
+        self.observer = together([hears for hears in (captions, observer) if hears is not None])
         self.dead: set[str] = set()
         self.world, self.recorder = self._build_world(record)
         try:
@@ -59,7 +62,6 @@ class Run:
     def _build_nodes(self, strict: bool) -> list[RobotNode]:
         """An engine for each robot, loaded."""
         scenario = self.scenario
-        watching = self.observer is not None or self.captions is not None
         shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library)
         nodes = [
             RobotNode(
@@ -67,7 +69,7 @@ class Run:
                 mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
                 scheduler=self.scheduler,
                 middleware=self.middleware,
-                observer=self._observe if watching else None,
+                observer=self.observer,
                 on_report=self.reports.append,
                 safe_state=self.world.robots[robot].SAFE_STATE if self.world is not None else (),
                 safe_suspended=self.world.robots[robot].SAFE_SUSPENDED if self.world is not None else (),
@@ -98,12 +100,6 @@ class Run:
         recorder = Recorder(world) if record else None
         world.watchers.append(lambda _: self.scheduler.stop() if self._over() else None)
         return world, recorder
-
-    def _observe(self, event: Event) -> None:
-        if self.captions is not None:
-            self.captions.add(event)
-        if self.observer is not None:
-            self.observer(event)
 
     def _over(self) -> bool:
         """Something has run, and nothing runs any more."""
@@ -212,7 +208,8 @@ class Run:
             instance.error = MissionError(text, robot=node.name, element=element, code="engine")
             instance.status = "failed"
             root, process = instance.root.key, node.mission.process.id
-            self._observe(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
+            if self.observer is not None:
+                self.observer(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
         node.failed += len(node.engine.instances)
         node.engine.instances.clear()
         node.node.close()  # first of all, so that no script says a last word

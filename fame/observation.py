@@ -1,0 +1,76 @@
+"""What happened in a run, and how observers hear of it: event by event, or a whole trail at a time.
+
+While an engine works off a stimulus it only notes what happens: scope and mark, scope and mark. Observers hear of it
+when the stimulus has been worked off (and, should that take long, in between); it all happened at one instant. On the
+wall clock instants differ, so there each note is passed on at once.
+
+An observer is a function of an `Event`. What has a method `trail` too is given the notes as they are, and so need not
+have an event made of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from fame.engine.state import Mark, Scope
+
+Observer = Callable[["Event"], object]
+Trail = Iterable[tuple[Scope, Mark]]
+"""What happened at one instant to one robot, in order."""
+TakeTrail = Callable[[int, str, Trail], object]
+"""Takes time (ns), robot and what happened."""
+
+_new_tuple = tuple.__new__
+
+
+class Event(NamedTuple):
+    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``."""
+
+    time: int
+    robot: str
+    instance: int
+    scope: int
+    element: str
+    what: str
+    detail: Any = None
+
+
+def by_trails(observer: Observer) -> TakeTrail:
+    """What takes trails for an observer: its own method, or one that makes the events."""
+    own: TakeTrail | None = getattr(observer, "trail", None)
+    if own is not None:
+        return own
+
+    def make_events(time: int, robot: str, trail: Trail) -> None:
+        place, where = None, (time, robot, 0, 0)
+        for scope, mark in trail:
+            if scope is not place:
+                place, where = scope, (time, robot, scope.instance.key, scope.key)
+            # As Event(...) does, without the detour through its keyword arguments: this is done for every move.
+            observer(_new_tuple(Event, where + mark))
+
+    return make_events
+
+
+def together(observers: Sequence[Observer]) -> Observer | None:
+    """One observer in place of several, which hear in this order; None if there are none."""
+    return _Together(observers) if len(observers) > 1 else next(iter(observers), None)
+
+
+class _Together:
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self._observers, self._trails = observers, [by_trails(observer) for observer in observers]
+
+    def __call__(self, event: Event) -> None:
+        for observer in self._observers:
+            observer(event)
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """All of them hear of all of it."""
+        kept = tuple(trail)
+        for take in self._trails:
+            take(time, robot, kept)
+
+
+__all__ = ["Event", "Observer", "TakeTrail", "Trail", "by_trails", "together"]
