@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any
@@ -53,11 +53,17 @@ Service = Callable[[dict[str, Any]], Any]
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """An element that holds a resting token, and what it waits for, in words."""
+    """An element that holds a resting token, and what it waits for, in words.
+
+    `since` (ns) is when it was first seen there; `topics` are those whose message would move it, by full name, each
+    with how many others publish on it.
+    """
 
     robot: str
     element: str
     text: str
+    since: int = 0
+    topics: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,6 +136,7 @@ class RobotNode:
         self.instances: list[Instance] = []
         self.started = self.completed = self.failed = 0
         self._keep, self._on_end = keep, on_end
+        self._seen: dict[int, int] = {}  # resting token -> when `waits` saw it first
         self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._throws: dict[str, Publisher] = {}  # of events, by qualified name
@@ -225,6 +232,11 @@ class RobotNode:
         """Cancel all that goes on and bring the robot to its safe state."""
         self.engine.stop()
 
+    @property
+    def leaving(self) -> bool:
+        """After `stop`: whether scripts are still in ``finally``; their grace bounds it."""
+        return self.runner.at_work
+
     def close(self) -> None:
         """Leave: scripts are closed, timers forgotten, endpoints gone."""
         self.javascript.close()
@@ -238,37 +250,50 @@ class RobotNode:
 
     def waits(self) -> list[Wait]:
         """Every resting token, and what it waits for; starts that wait for their first trigger if nothing runs."""
-        found = [
-            Wait(self.name, rest.node.id, self._wait_text(rest))
-            for instance in self.engine.instances.values()
-            for rest in instance.rests()
-        ]
+        now, heard = self.scheduler.now, self._publishers_heard()
+        rests = [rest for instance in self.engine.instances.values() for rest in instance.rests()]
+        self._seen = {rest.key: self._seen.get(rest.key, now) for rest in rests}
+        found = []
+        for rest in rests:
+            topics = {topic: heard.get(topic, 0) for topic in self._awaited(rest)}
+            found.append(Wait(self.name, rest.node.id, self._wait_text(rest, heard), self._seen[rest.key], topics))
         if not self.instances:
             for topic, nodes in self.engine.program.starts.items():
-                found.extend(Wait(self.name, node.id, f"its start on {self._topic_text(topic)}") for node in nodes)
+                full = resolve(topic, self.namespace)
+                text, topics = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
+                found.extend(Wait(self.name, node.id, text, topics=topics) for node in nodes)
         return found
 
-    def _wait_text(self, rest: Any) -> str:
+    def _publishers_heard(self) -> dict[str, int]:
+        """How many other nodes' publishers each topic has."""
+        own = self.node.full_name
+        return {info.name: sum(name != own for name in info.publishers) for info in self.middleware.graph()}
+
+    def _awaited(self, rest: Any) -> list[str]:
+        """The topics whose message would move a token, by full name."""
+        node = rest.node
+        names = [item.topic for item in (node, *node.alternatives) if item.topic]
+        if not names and (topic := self.runner.awaited_topic(rest.key)):
+            names = [topic]
+        return [resolve(name, self.namespace) for name in names]
+
+    def _wait_text(self, rest: Any, heard: Mapping[str, int]) -> str:
         node = rest.node
         if node.topic:
-            return self._topic_text(node.topic)
+            return _topic_text(resolve(node.topic, self.namespace), heard)
         if node.kind == "timer":
             return f"{node.timer} timer"
         if node.kind == "user":
             return "somebody to complete it"
         if node.alternatives:
-            texts = (self._topic_text(item.topic) if item.topic else item.kind for item in node.alternatives)
-            return " or ".join(texts)
+            return " or ".join(
+                _topic_text(resolve(item.topic, self.namespace), heard) if item.topic else item.kind
+                for item in node.alternatives
+            )
         awaited = self.runner.awaited_topic(rest.key)
         if awaited is not None:
-            return f"receive on {self._topic_text(awaited)}"
+            return f"receive on {_topic_text(resolve(awaited, self.namespace), heard)}"
         return self.runner.waits(rest.key) or node.kind
-
-    def _topic_text(self, topic: str) -> str:
-        full = resolve(topic, self.namespace)
-        info = next((item for item in self.middleware.graph() if item.name == full), None)
-        others = [name for name in (info.publishers if info else ()) if name != self.node.full_name]
-        return f"topic {full}" + ("" if others else ", which nobody else publishes")
 
     def complete(self, element: str, values: Mapping[str, Any] | None = None) -> None:
         """Somebody did what a user, manual or receive task waits for. Raises MissionError if none waits there."""
@@ -501,6 +526,10 @@ class RobotNode:
 
     def _script_report(self, key: int, text: str) -> None:
         self.report("", text)
+
+
+def _topic_text(topic: str, heard: Mapping[str, int]) -> str:
+    return f"topic {topic}" + ("" if heard.get(topic) else ", which nobody else publishes")
 
 
 __all__ = ["EPOCH", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]

@@ -263,3 +263,207 @@ def test_the_parts_of_the_example_are_what_the_robots_get():
     assert not sent.failed
     assert field.engines["REX"].state == "running"
     assert field.engines["DINGO"].state == "idle"
+
+
+def made(field: Field, text: str, id: str, sequence: int) -> Deployment:
+    """A deployment to A and B that has not begun."""
+    return Deployment(
+        read_text(text, file="team.bpmn"),
+        id=id,
+        sequence=sequence,
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        ended=lambda deployment: None,
+        robots=["A", "B"],
+    )
+
+
+def dead_after_loading(field: Field, id: str, sequence: int) -> Deployment:
+    """A deployment whose sender sent every robot its part and then was no more."""
+    sent = made(field, TEAM, id, sequence)
+    sent.close()
+    for standing in sent.standings.values():
+        field.send(standing.robot, standing.envelope.to_json())
+    field.pass_time(0.5)
+    return sent
+
+
+def test_robots_whose_sender_died_before_it_told_anybody_to_start_keep_what_they_had():
+    field = Field("A", "B")
+    field.deploy(TEAM)
+    kept = [field.engines[name].running for name in "AB"]
+    dead_after_loading(field, "d2", 2)
+    assert [field.engines[name].state for name in "AB"] == ["ready", "ready"]
+    field.pass_time(10)
+    assert [field.engines[name].running for name in "AB"] == kept
+    reasons = [report.reason for report in field.said if report.answer == "aborted"]
+    assert ["nobody was told to start" in reason for reason in reasons] == [True, True]
+
+
+def test_a_robot_whose_sender_died_after_it_told_another_to_start_starts_too():
+    field = Field("A", "B")
+    sent = dead_after_loading(field, "d1", 1)
+    field.send("A", sent._envelope("A", "start").to_json())
+    field.pass_time(10)
+    assert [field.engines[name].deployed for name in "AB"] == ["d1", "d1"]
+
+
+def test_a_sender_that_is_alive_is_waited_for_however_long_the_others_take():
+    field = Field("A")
+    sent = made(field, TEAM.replace('name="go"', 'name="~/go"'), "d1", 1)
+    sent.begin()
+    field.pass_time(9)
+    assert (field.engines["A"].state, sent.done) == ("ready", False)
+    field.pass_time(3)
+    assert (field.engines["A"].state, sent.failed) == ("waiting", True)
+    assert sent.standings["B"].reason == "did not answer within 10 s"
+
+
+def test_a_script_may_bring_its_robot_to_rest_before_the_next_process_begins():
+    leaving = patrol(1).replace("mark = 1", "try:\n    await sleep(9)\nfinally:\n    await sleep(0.5)\n    log('out')")
+    lines: list[tuple[float, str]] = []
+    field = Field()
+    engine = EngineNode(
+        "A",
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        on_report=lambda event: lines.append((event.time / SECOND, event.detail)),
+    )
+    field.engines["A"] = engine
+    field.listen("A")
+    field.send("A", leaving)
+    field.pass_time(1)
+    field.send("A", patrol(2))
+    field.pass_time(0.2)
+    assert (engine.state, field.answers()) == ("loading", ["started"])
+    field.send("A", patrol(3))
+    field.pass_time(1)
+    assert lines == [(1.5, "out")]
+    assert field.answers() == ["started", "started", "started"]
+    assert field.variables("A") == {"mark": 3}
+
+
+def test_a_script_that_does_not_end_when_it_is_told_to_does_not_hold_up_the_next_process():
+    field = Field("A")
+    field.send("A", patrol(1).replace("mark = 1", "try:\n    await sleep(99)\nfinally:\n    await sleep(99)"))
+    field.pass_time(1)
+    field.send("A", patrol(2))
+    field.pass_time(3)
+    assert field.variables("A") == {"mark": 2}
+
+
+def test_an_engine_that_ends_waits_for_its_scripts():
+    field = Field("A")
+    field.send(
+        "A", patrol(1).replace("mark = 1", "try:\n    await sleep(99)\nfinally:\n    await sleep(1)\n    mark = 7")
+    )
+    field.pass_time(1)
+    engine = field.engines["A"]
+    assert engine.stop()
+    field.pass_time(2)
+    assert not engine.stop()
+    assert field.variables("A") == {"mark": 7}
+    engine.close()
+
+
+def test_of_two_engines_of_one_robot_the_younger_leaves():
+    field = Field()
+    elder = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, wall_time=lambda: 10.0)
+    field.pass_time(1)
+    EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, wall_time=lambda: 11.0)
+    with pytest.raises(fame.FameError, match="there is an engine 'A' already"):
+        field.pass_time(1)
+    assert elder.state == "waiting"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"robot": 5},
+        {"model": ["x"]},
+        {"sequence": 1.5},
+        {"promises": 3},
+        {"team": {"a": 1}},
+        {"phase": "dance"},
+        {"deployment": None},
+        {"colour": "red"},
+        {"model": "\ud800"},
+        {"hash": True},
+    ],
+    ids=str,
+)
+def test_an_envelope_that_is_not_as_it_has_to_be_is_refused_and_harms_nobody(change):
+    field = Field("A", "B")
+    sent = field.deploy(TEAM)
+    said = json.loads(sent.standings["A"].envelope.to_json()) | {"deployment": "d9", "sequence": 9} | change
+    field.send("A", json.dumps(said))
+    field.pass_time(0.1)
+    assert (field.said[-1].answer, field.said[-1].state) == ("refused", "running")
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"fame": 1, "robot": ' * 10_000, "null", "[]", "0", '"'])
+def test_any_text_is_answered(text):
+    field = Field("A")
+    field.send("A", text)
+    field.pass_time(0.1)
+    assert field.answers() == ["refused"]
+
+
+def test_a_report_that_is_none_harms_no_deployment():
+    field = Field("A", "B")
+    node = field.middleware.node("liar")
+    for robot in "AB":
+        liar = node.publisher(f"/{robot}/bpmn_status", deployment.STRING)
+        for text in ("", "[" * 100_000, '{"robot": 1, "state": 2}', '{"robot": "A", "state": "ready", "born": "x"}'):
+            liar.publish(messages.create(deployment.STRING, text))
+    assert not field.deploy(TEAM).failed
+
+
+def test_a_report_tells_since_when_tokens_wait_for_which_topic_and_who_publishes_there():
+    field = Field("A")
+    field.pass_time(2)
+    field.send("A", patrol(1))
+    field.pass_time(3)
+    assert field.said[-1].waits == [
+        {"element": "c", "for": "topic /stop, which nobody else publishes", "since": 2.0, "topics": {"/stop": 0}}
+    ]
+    field.person.publisher("/stop", "std_msgs/msg/Empty")
+    field.pass_time(1)
+    assert field.said[-1].waits == [{"element": "c", "for": "topic /stop", "since": 2.0, "topics": {"/stop": 1}}]
+
+
+def test_a_robot_that_no_pool_wants_belongs_to_others_and_is_left_alone():
+    field = Field("A", "B", "Z")
+    sent = field.deploy(TEAM)
+    assert (sent.failed, list(sent.standings)) == (False, ["A", "B"])
+    assert field.engines["Z"].state == "waiting"
+
+
+def test_a_model_for_one_robot_goes_to_it_though_others_that_play_its_pools_are_not_there():
+    field = Field("A")
+    sent = field.deploy(TEAM.replace('name="go"', 'name="~/go"'), only=["A"])
+    assert (sent.failed, list(sent.standings)) == (False, ["A"])
+
+
+def test_after_a_thousand_redeployments_everything_is_as_after_ten():
+    import gc
+    import threading
+
+    field = Field("A")
+    field.said = []
+
+    def redeploy(times: int) -> tuple[int, ...]:
+        for number in range(times):
+            field.send("A", patrol(number % 3))
+            field.pass_time(0.01)
+        field.pass_time(2)
+        field.said.clear()
+        gc.collect()
+        ends = sum(len(info.publishers) + len(info.subscribers) for info in field.middleware.graph())
+        return ends, len(field.scheduler), len(field.middleware.nodes), threading.active_count(), len(gc.get_objects())
+
+    redeploy(10)
+    after_ten = redeploy(100)
+    after_many = redeploy(1000)
+    assert after_many[:4] == after_ten[:4]
+    assert after_many[4] <= after_ten[4] + 50

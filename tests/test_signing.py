@@ -113,4 +113,4 @@ def test_so_does_one_on_loopback_that_the_platform_does_not_confine(monkeypatch,
     monkeypatch.setattr(domain, "confine", lambda number: False)
     monkeypatch.setenv("ROS_DOMAIN_ID", "229")
     assert main(["engine", "A"]) == 2
-    assert "other machines can reach this engine" in capsys.readouterr().err
+    assert "other machines can reach this process" in capsys.readouterr().err

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command, positive
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
+
+if TYPE_CHECKING:
+    from fame.deployment import Deployment
 
 
 def add(commands: Commands) -> None:
@@ -19,6 +24,9 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
     parser.add_argument("--to", action="append", default=[], metavar="ROBOT", help="only to this robot; repeatable")
+    parser.add_argument(
+        "--stay", action="store_true", help="then stay, and send robots that come late (or back) their process"
+    )
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
     parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
     add_network(parser)
@@ -27,22 +35,32 @@ def add(commands: Commands) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Deploy, and print how each robot answered."""
+    """Deploy, and print how each robot answered; then stay, if that is wanted."""
     from fame.bpmn.reader import read
     from fame.library import Library
-    from fame.remote import deploy
+    from fame.remote import Sending
     from fame.signing import read_private
 
     definitions, library = read(arguments.model), Library(arguments.library)
     key = read_private(arguments.key) if arguments.key is not None else None
     with connected(arguments) as (scheduler, middleware):
-        deployment = deploy(
-            definitions, middleware, scheduler, only=arguments.to, library=library, patience=arguments.wait, key=key
-        )
+        sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)
+        deployment = sending.deploy(arguments.to, arguments.wait)
+        _tell(deployment, json=arguments.json)
+        if arguments.stay and not deployment.failed:
+            deployment.close()
+            sending.stay(deployment.standings, lambda text: print(text, file=sys.stderr, flush=True))
+    return 1 if deployment.failed else 0
+
+
+def _tell(deployment: Deployment, *, json: bool) -> None:
     standings = deployment.standings.values()
-    if arguments.json:
-        robots = {each.robot: {"state": each.state, "reason": each.reason} for each in standings}
+    if json:
+        robots = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in standings}
         print_json({"status": "failed" if deployment.failed else "completed", "robots": robots})
     else:
-        print(table(("robot", "state", "reason"), [(each.robot, each.state, each.reason) for each in standings]))
-    return 1 if deployment.failed else 0
+        rows = [
+            (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
+            for each in standings
+        ]
+        print(table(("robot", "state", "time", "reason"), rows), flush=True)

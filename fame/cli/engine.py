@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command
-from fame.cli.network import add_network
+from fame.cli.network import OPEN, add_network
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -18,10 +18,7 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
     from fame.node import Event
 
-_OPEN = (
-    "other machines can reach this engine, and a topic that carries code must not be open by accident: "
-    "give --trust FILE.pub, or --insecure to take what anybody sends"
-)
+_OPEN = f"{OPEN}: give --trust FILE.pub, or --insecure to take what anybody sends"
 
 
 def add(commands: Commands) -> None:
@@ -48,8 +45,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    from fame.clock import SECOND
-    from fame.deployment import EngineNode, engines
+    from fame.deployment import EngineNode
     from fame.library import Library
     from fame.middleware.simulated_time import SharedTime
     from fame.remote import serve
@@ -64,8 +60,7 @@ def run(arguments: Namespace) -> int:
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
             raise FameError(_OPEN)
-        scheduler.run(scheduler.now + SECOND // 2)  # until others are found
-        if arguments.name in engines(middleware):
+        if _is_there(arguments.name, scheduler, middleware):
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
         time = None
         if arguments.use_sim_time or middleware.use_sim_time:
@@ -85,6 +80,23 @@ def run(arguments: Namespace) -> int:
 
     serve(arguments.middleware, arguments.network, build)
     return 0
+
+
+def _is_there(name: str, scheduler: WallScheduler, middleware: Middleware) -> bool:
+    """Whether an engine of that name speaks. One that was killed stays in the graph for a while, and is silent."""
+    from fame.clock import SECOND
+    from fame.deployment import STATUS_QOS, STRING, engines
+    from fame.deployment.robot import HEARTBEAT
+
+    scheduler.run(scheduler.now + SECOND // 2)  # until others are found
+    heard: list[object] = []
+    node = middleware.node("fame_twin", name)
+    node.subscription("bpmn_status", STRING, heard.append, STATUS_QOS)
+    until = scheduler.now + round(1.5 * HEARTBEAT * SECOND)
+    while name in engines(middleware) and not heard and scheduler.now < until:
+        scheduler.run(scheduler.now + SECOND // 20)
+    node.close()
+    return bool(heard)
 
 
 def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]:

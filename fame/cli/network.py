@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import Middleware
 
+OPEN = "other machines can reach this process, and a topic that carries code must not be open by accident"
+
 
 def add_network(parser: Parser) -> None:
     """``--middleware``, ``--localhost`` and ``--network``."""

@@ -10,16 +10,22 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
 
 ::
 
-    envelope  what goes over ``bpmn_process`` and ``bpmn_status``
-    robot     the robot's end
-    sender    the sender's end
+    envelope   what goes over ``bpmn_process`` and ``bpmn_status``
+    robot      the robot's end
+    loading    from a model that was sent to a process that is ready
+    abandoned  a robot that is ready, and whose sender fell silent
+    sender     the sender's end
+    keeping    robots that come late, or come back
+    splitting  the splitter as a node
 """
 
 from __future__ import annotations
 
 from fame.deployment.envelope import STATUS_QOS, STRING, Envelope, Report, model_hash, read_envelope
+from fame.deployment.keeping import Keeper
 from fame.deployment.robot import EngineNode
 from fame.deployment.sender import Deployment, Standing, engines
+from fame.deployment.splitting import SplitterNode
 
 __all__ = [
     "STATUS_QOS",
@@ -27,7 +33,9 @@ __all__ = [
     "Deployment",
     "EngineNode",
     "Envelope",
+    "Keeper",
     "Report",
+    "SplitterNode",
     "Standing",
     "engines",
     "model_hash",

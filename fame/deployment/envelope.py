@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, TypeVar
 
 from fame.errors import DeploymentError
 from fame.middleware.interface import QoS
@@ -15,13 +16,30 @@ PROCESS_QOS = QoS(depth=20)
 """Of ``bpmn_process``: reliable and volatile, so that any publisher matches."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
 """How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
+PHASES = ("load", "hold", "start", "abort", "run")
 _SIZE = 20_000_000
+_KINDS: dict[str, Any] = {
+    "str": str,
+    "int": int,
+    "float": (int, float),
+    "bool": bool,
+    "Mapping": dict,
+    "Sequence": list,
+}
+"""What an annotation is in JSON."""
+_Said = TypeVar("_Said", "Envelope", "Report")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
-    """What a robot is told. `promises`: public topics at which others have the opposite end, as ``publisher`` or
-    ``subscriber``. `issued` (s since 1970) and `signature` are there where keys are used (`fame.signing`)."""
+    """What a robot is told.
+
+    phase     ``load`` (with the model), ``hold`` (go on waiting), ``start``, ``abort``; ``run`` of a bare model
+    promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
+    team      the robots that start together with it
+    again     whether the robot had this process before, and lost it
+    issued    s since 1970; like `signature` it is there where keys are used (`fame.signing`)
+    """
 
     deployment: str
     sequence: int
@@ -30,6 +48,8 @@ class Envelope:
     hash: str = ""
     model: str = ""
     promises: Mapping[str, str] = field(default_factory=dict)
+    team: Sequence[str] = ()
+    again: bool = False
     issued: float = 0.0
     signature: str = ""
 
@@ -44,12 +64,18 @@ class Report:
 
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``running``, ``idle`` (no instance), ``failed``
     instances, started, completed, failed      how many run now, have started, completed and failed with this process
-    answer  ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``; empty if it is no answer
+    deployed   the deployment that its process came with, `hash` the model
+    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty
+    waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
+    now        the time of the mission (s), which `since` is on
+    born       when the engine began (ns since 1970): of two with one name the older stays
+    time       how long it has been there (s)
     """
 
     robot: str
     state: str
     hash: str = ""
+    deployed: str = ""
     deployment: str = ""
     answer: str = ""
     reason: str = ""
@@ -57,8 +83,10 @@ class Report:
     started: int = 0
     completed: int = 0
     failed: int = 0
-    waits: Sequence[Mapping[str, str]] = ()
+    waits: Sequence[Mapping[str, Any]] = ()
     error: str = ""
+    now: float = 0.0
+    born: int = 0
     time: float = 0.0
 
     def to_json(self) -> str:
@@ -69,8 +97,8 @@ class Report:
     def from_json(cls, text: str) -> Report | None:
         """A report, or None if the text is none."""
         try:
-            return cls(**json.loads(text))
-        except (ValueError, TypeError):
+            return _made(cls, json.loads(text))
+        except (ValueError, TypeError, RecursionError):
             return None
 
 
@@ -84,16 +112,35 @@ def read_envelope(text: str, robot: str) -> Envelope:
     if len(text) > _SIZE:
         raise DeploymentError(f"{len(text)} characters; at most {_SIZE} are taken")
     if text.lstrip().startswith("<"):
-        key = model_hash(text.encode())
+        key = _text_hash(text)
         return Envelope(deployment=f"plain-{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
     try:
         said = json.loads(text)
         said.pop("fame")
-        envelope = Envelope(**said)
-    except (ValueError, TypeError, KeyError, AttributeError):
+        envelope = _made(Envelope, said)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise DeploymentError(f"neither a .bpmn text nor an envelope: {text[:60]!r}") from None
+    if envelope.phase not in PHASES:
+        raise DeploymentError(f"phase {envelope.phase!r}; there are {', '.join(PHASES)}")
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}")
-    if envelope.phase == "load" and model_hash(envelope.model.encode()) != envelope.hash:
+    if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
         raise DeploymentError("the model does not have the hash that the envelope says")
     return envelope
+
+
+def _text_hash(text: str) -> str:
+    try:
+        return model_hash(text.encode())
+    except UnicodeEncodeError:
+        raise DeploymentError("the model has half a character (a lone surrogate)") from None
+
+
+def _made(cls: type[_Said], said: Mapping[str, Any]) -> _Said:
+    """An object of data that came from somewhere. Raises TypeError if a field is not what it has to be."""
+    for part in fields(cls):
+        if part.name in said:
+            kind, value = _KINDS[str(part.type).partition("[")[0]], said[part.name]
+            if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+                raise TypeError(part.name)
+    return cls(**said)

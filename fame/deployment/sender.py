@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,12 +16,14 @@ from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import Middleware
 from fame.signing import sign
-from fame.splitter import Pool, bind, pools_of, shared_topics, split
+from fame.splitter import Pool, bind, expected, plays, pools_of, shared_topics, split
 
 PATIENCE = 10.0
 """How long a deployment waits for a robot (s)."""
 AGAIN = 1.0
 """After how long a deployment asks again a robot that did not answer (s); asking twice has no effect but the answer."""
+REFUSALS = ("refused", "stale", "superseded", "aborted")
+"""Answers that end a deployment for all."""
 
 
 @dataclass(slots=True)
@@ -33,15 +35,16 @@ class Standing:
     envelope: Envelope
     state: str = "silent"
     reason: str = ""
-    since: float = 0.0
+    took: float = 0.0
 
 
 class Deployment:
     """One model, sent to its robots: all start, or none does.
 
-    `robots` are the namespaces to play it (by default all that have an engine); `only` restricts it to some of them;
-    `key` signs what is sent. `ended` is called once, when all have started or it is known that they will not;
-    `standings` then tell the rest.
+    `robots` are the namespaces to play it (by default those that have an engine and that a pool wants); `only`
+    restricts it to some of them; `again` are those that had the model before; `key` signs what is sent. `ended` is
+    called once, when all have started or it is known that they will not; `standings` then tell the rest, `took` after
+    how many seconds. Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class Deployment:
         ended: Callable[[Deployment], object],
         robots: Sequence[str] | None = None,
         only: Sequence[str] = (),
+        again: Collection[str] = (),
         library: Library | None = None,
         patience: float = PATIENCE,
         key: Any = None,
@@ -64,18 +68,23 @@ class Deployment:
         self.id, self.sequence, self.scheduler, self.middleware = id, sequence, scheduler, middleware
         self._ended, self._patience = ended, patience
         library = library or Library()
-        pools = pools_of(definitions)
-        cast = bind(pools, robots if robots is not None else engines(middleware), file=definitions.file)
-        unknown = [name for name in only if name not in cast]
-        if unknown:
-            raise DeploymentError(f"no engine of a robot named {', '.join(unknown)}; there are {', '.join(cast)}")
+        cast = cast_of(definitions, engines(middleware) if robots is None else robots, found=robots is None, only=only)
         parts = {part.name: part.source.decode() for part in split(definitions, library)}
         promised = promises(definitions, cast, library)
         self.standings = {
-            robot: Standing(robot, pool, self._envelope(robot, "load", parts[pool.name], promised[robot]))
+            robot: Standing(robot, pool, self._envelope(robot, "load"))
             for robot, pool in cast.items()
             if not only or robot in only
         }
+        for robot, standing in self.standings.items():
+            standing.envelope = replace(
+                standing.envelope,
+                model=parts[standing.pool.name],
+                hash=model_hash(parts[standing.pool.name].encode()),
+                promises=promised[robot],
+                team=list(self.standings),
+                again=robot in again,
+            )
         self.done = False
         self.failed = False
         self._limit: Entry | None = None
@@ -88,19 +97,12 @@ class Deployment:
         for robot in self.standings:
             self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._heard, robot), STATUS_QOS)
 
-    def _envelope(self, robot: str, phase: str, model: str = "", promised: Mapping[str, str] | None = None) -> Envelope:
-        return Envelope(
-            deployment=self.id,
-            sequence=self.sequence,
-            robot=robot,
-            phase=phase,
-            hash=model_hash(model.encode()) if model else "",
-            model=model,
-            promises=promised or {},
-        )
+    def _envelope(self, robot: str, phase: str) -> Envelope:
+        return Envelope(deployment=self.id, sequence=self.sequence, robot=robot, phase=phase)
 
     def begin(self) -> None:
         """Send every robot its part."""
+        self._begun = self.scheduler.now
         self._phase = "load"
         self._ask()
         self._limit = self.scheduler.after(round(self._patience * SECOND), self._give_up, Kind.TIMER)
@@ -114,6 +116,8 @@ class Deployment:
                 self._send(robot, self._envelope(robot, "start"))
             elif standing.state == "silent":
                 self._send(robot, standing.envelope)
+            elif self._phase == "load":
+                self._send(robot, self._envelope(robot, "hold"))
         self._again = self.scheduler.after(round(AGAIN * SECOND), self._ask, Kind.TIMER)
 
     def _send(self, robot: str, envelope: Envelope) -> None:
@@ -128,9 +132,9 @@ class Deployment:
             return
         standing = self.standings[robot]
         standing.state, standing.reason = report.answer, report.reason
-        standing.since = self.scheduler.now / SECOND
+        standing.took = (self.scheduler.now - self._begun) / SECOND
         states = {each.state for each in self.standings.values()}
-        if report.answer in ("refused", "stale", "superseded", "aborted"):
+        if report.answer in REFUSALS:
             self._finish(failed=True)
         elif states == {"ready"} and self._phase == "load":
             self._phase = "start"
@@ -144,6 +148,8 @@ class Deployment:
         for standing in self.standings.values():
             if standing.state == "silent":
                 standing.reason = f"did not answer within {self._patience:g} s"
+            elif self._phase == "start" and standing.state == "ready":
+                standing.reason = "was ready, and did not answer when it was told to start"
         self._finish(failed=True)
 
     def _finish(self, failed: bool) -> None:
@@ -161,6 +167,28 @@ class Deployment:
     def close(self) -> None:
         """Leave."""
         self.node.close()
+
+
+def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]) -> dict[str, Pool]:
+    """Who plays which pool. Robots that were `found`, not named, may belong to others; `only` some leave pools open.
+
+    Raises DeploymentError and ConfigError for robots that are not there, ModelError for pools that cannot be played.
+    """
+    pools = pools_of(definitions)
+    if found:
+        robots = [robot for robot in robots if any(plays(robot, pool) for pool in pools)]
+    unknown = [name for name in only if name not in robots]
+    wanted = ", ".join(expected(pool) for pool in pools)
+    if unknown:
+        there = f"there are {', '.join(robots)}" if robots else "there is none"
+        text = f"no engine of a robot named {', '.join(unknown)}; of those that the model wants ({wanted}) {there}"
+        raise DeploymentError(text)
+    if only:
+        pools = [pool for pool in pools if any(plays(robot, pool) for robot in robots)]
+    cast = bind(pools, robots, file=definitions.file)
+    if not cast:
+        raise DeploymentError(f"no engine of a robot that the model wants: {wanted}")
+    return cast
 
 
 def engines(middleware: Middleware) -> list[str]:

@@ -128,8 +128,11 @@ class Node(Protocol):
 class Middleware(Protocol):
     """A backend. `confined` tells whether other machines cannot reach it: what carries code relies on that.
 
-    `use_sim_time` is ROS's parameter of that name, as far as the backend has it: time is that of ``/clock``.
+    `use_sim_time` is ROS's parameter of that name, as far as the backend has it: time is that of ``/clock``. `warnings`
+    collects what a person should know, such as ends that cannot hear each other; what is about a topic begins with it.
     """
+
+    warnings: list[str]
 
     @property
     def confined(self) -> bool: ...

@@ -11,12 +11,18 @@ from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
 
 BACKENDS = ("dds", "ros")
+_ENDING = 3
+"""How long a part may take to stop (s): more than the grace of scripts."""
 
 
 class Part(Protocol):
-    """What a process holds: closed before it leaves."""
+    """What a process holds."""
 
-    def close(self) -> None: ...
+    def stop(self) -> bool:
+        """Begin to end; whether it is not yet over, and should be asked again in a moment."""
+
+    def close(self) -> None:
+        """Leave, whatever goes on."""
 
 
 def scheduler_for(backend: str) -> WallScheduler:
@@ -41,17 +47,25 @@ def connect(backend: str, scheduler: WallScheduler, network: str | None = None) 
     raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
 
 
+def run_until_told(scheduler: WallScheduler) -> None:
+    """Work until SIGINT or SIGTERM."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: scheduler.stop())
+    scheduler.run()
+
+
 def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:
     """Build a part and let it live until SIGINT or SIGTERM; then close it safely."""
     scheduler = scheduler_for(backend)
     middleware = connect(backend, scheduler, network)
     try:
         part = build(scheduler, middleware)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: scheduler.stop())
         try:
-            scheduler.run()
+            run_until_told(scheduler)
         finally:
+            until = scheduler.now + _ENDING * SECOND
+            while part.stop() and scheduler.now < until:
+                scheduler.run(scheduler.now + SECOND // 50)
             part.close()
             scheduler.run(scheduler.now + SECOND // 10)  # what was said last still goes out
     finally:

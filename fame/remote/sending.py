@@ -1,47 +1,78 @@
-"""Deploying to whoever is there."""
+"""Deploying to whoever is there, and staying for those who are not."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
+from fame.bpmn.model import Definitions
 from fame.clock import SECOND, WallScheduler
-from fame.deployment import Deployment, engines
-from fame.errors import DeploymentError
+from fame.deployment import Deployment, Keeper
+from fame.deployment.sender import cast_of, engines
+from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
+from fame.remote.process import run_until_told
+
+_FINDING = SECOND // 2
+"""How long engines may be found later than others (ns)."""
 
 
-def deploy(
-    definitions: Any,
-    middleware: Middleware,
-    scheduler: WallScheduler,
-    *,
-    only: Sequence[str],
-    library: Any,
-    patience: float,
-    key: Any = None,
-) -> Deployment:
-    """Deploy a model to the engines that are there, and wait. Raises DeploymentError if there is none."""
-    until = scheduler.now + round(patience * SECOND)
-    while not engines(middleware) and scheduler.now < until:
-        scheduler.run(scheduler.now + SECOND // 20)
-    scheduler.run(scheduler.now + SECOND // 2)  # for those who are found a little later
-    if not engines(middleware):
-        raise DeploymentError(f"no engine was found within {patience:g} s; start one with: fame engine NAME")
-    deployment = Deployment(
-        definitions,
-        id=f"deploy-{os.getpid()}-{time.time_ns()}",
-        sequence=time.time_ns() // 1000,
-        scheduler=scheduler,
-        middleware=middleware,
-        ended=lambda _: scheduler.stop(),
-        only=only,
-        library=library,
-        patience=patience,
-        key=key,
-    )
-    deployment.begin()
-    scheduler.run()
-    return deployment
+class Sending:
+    """A model on its way to the engines of its robots. `options` are those of `Deployment`."""
+
+    def __init__(
+        self, definitions: Definitions, scheduler: WallScheduler, middleware: Middleware, **options: Any
+    ) -> None:
+        self.definitions, self.scheduler, self.middleware, self._options = definitions, scheduler, middleware, options
+
+    def deploy(self, only: Sequence[str], patience: float) -> Deployment:
+        """Deploy to the engines that are there, and wait. Raises DeploymentError, ConfigError if some are missing."""
+        self._find(only, self.scheduler.now + round(patience * SECOND))
+        deployment = self._begin(only, (), lambda _: self.scheduler.stop())
+        self.scheduler.run()
+        return deployment
+
+    def stay(self, served: Collection[str], say: Callable[[str], object]) -> None:
+        """Supply robots that come late, or come back, until SIGINT or SIGTERM."""
+        keeper = Keeper(
+            self.definitions,
+            self._begin,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            served=served,
+            say=say,
+        )
+        run_until_told(self.scheduler)
+        keeper.close()
+
+    def _find(self, only: Sequence[str], until: int) -> None:
+        """Wait until every pool has its robot."""
+        while True:
+            self.scheduler.run(self.scheduler.now + SECOND // 20)
+            try:
+                cast_of(self.definitions, engines(self.middleware), found=True, only=only)
+            except (ConfigError, DeploymentError) as error:
+                if self.scheduler.now < until:
+                    continue
+                text = f"{error}; start an engine with: fame engine NAME"
+                raise DeploymentError(text) from None
+            break
+        self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
+
+    def _begin(self, only: Sequence[str], again: Collection[str], ended: Callable[[Deployment], object]) -> Deployment:
+        number = time.time_ns()
+        deployment = Deployment(
+            self.definitions,
+            id=f"deploy-{os.getpid()}-{number}",
+            sequence=number // 1000,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=ended,
+            only=only,
+            again=again,
+            **self._options,
+        )
+        deployment.begin()
+        return deployment

@@ -72,6 +72,10 @@ class WorldPart:
             self._due = self._scheduler.now
             self._next = self._scheduler.soon(self._tick, Kind.WORLD)
 
+    def stop(self) -> bool:
+        """It is over at once."""
+        return False
+
     def close(self) -> None:
         """Leave."""
         self.pause()

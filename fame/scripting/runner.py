@@ -119,6 +119,11 @@ class Runner:
         task = self._tasks.get(key)
         return task.request.topic if task is not None and isinstance(task.request, Receive) else None
 
+    @property
+    def at_work(self) -> bool:
+        """Whether there is a script, be it one that is leaving."""
+        return bool(self._tasks)
+
     def poll(self) -> None:
         """Something may have changed: try the conditions awaited by `until`, in the order of arming."""
         for task in tuple(self._untils.values()):

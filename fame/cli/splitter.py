@@ -1,0 +1,61 @@
+"""``fame splitter``: splits whole collaborations that come on a topic, and keeps their robots supplied."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.arguments import Commands, add_library, command, positive
+from fame.cli.network import OPEN, add_network
+from fame.errors import FameError
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.deployment import SplitterNode
+    from fame.middleware.interface import Middleware
+
+_OPEN = f"{OPEN}: use fame deploy --stay --key FILE.key, or --insecure to take what anybody sends"
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "splitter", run, examples=("fame splitter", "fame splitter --library behaviours"),
+        help="wait for collaborations on /collaboration_diagram, deploy them, and supply robots that come late",
+    )  # fmt: skip
+    parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign what is sent with this key (see fame keys)")
+    parser.add_argument(
+        "--insecure", action="store_true", help="take (and sign) diagrams from a network that is not loopback"
+    )
+    add_network(parser)
+    add_library(parser)
+
+
+def run(arguments: Namespace) -> int:
+    """Serve until interrupted."""
+    from fame.deployment import SplitterNode
+    from fame.library import Library
+    from fame.remote import serve
+    from fame.signing import read_private
+
+    key = read_private(arguments.key) if arguments.key is not None else None
+    if arguments.network is not None and not arguments.insecure:
+        raise FameError(_OPEN)
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> SplitterNode:
+        if not (arguments.insecure or middleware.confined):
+            raise FameError(_OPEN)
+        return SplitterNode(
+            scheduler=scheduler,
+            middleware=middleware,
+            library=Library(arguments.library),
+            patience=arguments.wait,
+            key=key,
+            say=lambda text: print(f"{scheduler.now / 1e9:9.1f} s   {text}", file=sys.stderr, flush=True),
+        )
+
+    serve(arguments.middleware, arguments.network, build)
+    return 0

@@ -1,0 +1,50 @@
+"""From a model that was sent to a process that is ready, and who has to be there before it may start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fame.errors import FameError
+from fame.library import Library
+from fame.middleware.interface import Middleware
+from fame.node import RobotNode, Service, mission
+
+KEPT = 10
+"""How many instances that have ended an engine remembers."""
+
+
+def load(
+    model: str, robot: str, *, library: Library | None, services: Mapping[str, Service] | None, **options: Any
+) -> RobotNode:
+    """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
+
+    Raises ModelError, MessageError, ConfigError.
+    """
+    from fame.bpmn.reader import read_text
+    from fame.simulation import choose_process
+
+    definitions = read_text(model, file=f"{robot}.bpmn")
+    pools = [pool for pool in definitions.participants if pool.process]
+    process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
+    node = RobotNode(robot, mission(definitions, process, library=library, services=services), keep=KEPT, **options)
+    try:
+        node.load()
+    except FameError:
+        node.close()
+        raise
+    return node
+
+
+def missing(promises: Mapping[str, str], robot: str, middleware: Middleware) -> Sequence[str]:
+    """Promised ends that are not there, as ``topic (publisher)``. Those of the robot itself do not count."""
+    if not promises:
+        return ()
+    graph = {info.name: info for info in middleware.graph()}
+    absent = []
+    for topic, end in promises.items():
+        info = graph.get(topic)
+        ends = () if info is None else info.publishers if end == "publisher" else info.subscribers
+        if all(name.startswith(f"/{robot}/") for name in ends):
+            absent.append(f"{topic} ({end})")
+    return absent

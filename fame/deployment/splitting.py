@@ -1,0 +1,253 @@
+"""The splitter as a node: it takes whole collaborations on ``/collaboration_diagram`` and keeps the team supplied.
+
+What it is at stands on ``/fame_splitter`` (latched, 1 Hz). There may be several splitters: all hear every diagram, the
+oldest that is heard has the role, the others stand by. Where the role changes hands, the team goes on with what it has;
+only a diagram that nobody had deployed yet is deployed then.
+
+Of diagrams that wait, the newest is taken. One whose pools have no robots yet waits until they have.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+from fame.bpmn.model import Definitions
+from fame.bpmn.xml import LIMIT
+from fame.clock import SECOND, Kind, Scheduler
+from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, model_hash
+from fame.deployment.keeping import Keeper
+from fame.deployment.sender import PATIENCE, REFUSALS, Deployment, engines
+from fame.errors import ConfigError, DeploymentError, FameError
+from fame.library import Library
+from fame.middleware import messages
+from fame.middleware.interface import LATCHED, Middleware
+from fame.splitter import split
+
+DIAGRAM, STATUS = "/collaboration_diagram", "/fame_splitter"
+HEARTBEAT = 1.0
+"""How often a splitter says that it is there (s)."""
+GONE = 3.0
+"""After how long a splitter that says nothing is taken to be gone (s)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Role:
+    """What a splitter says of itself. `born` (ns since 1970) is its age and name; `deployed` the hash of a diagram."""
+
+    born: int
+    state: str
+    deployed: str = ""
+    text: str = ""
+
+    @classmethod
+    def from_json(cls, text: str) -> Role | None:
+        """What another one said, or None if it is nothing of that kind."""
+        try:
+            role = cls(**json.loads(text))
+        except (ValueError, TypeError, RecursionError):
+            return None
+        return role if isinstance(role.born, int) and isinstance(role.deployed, str) else None
+
+
+class SplitterNode:
+    """See the module. `say` gets a line for people; `patience` is how long a robot may take to answer (s)."""
+
+    def __init__(
+        self,
+        *,
+        scheduler: Scheduler,
+        middleware: Middleware,
+        library: Library | None = None,
+        patience: float = PATIENCE,
+        key: Any = None,
+        say: Callable[[str], object] = lambda text: None,
+        wall_time: Callable[[], float] = time.time,
+    ) -> None:
+        self.scheduler, self.middleware, self._say, self._wall_time = scheduler, middleware, say, wall_time
+        self._options: dict[str, Any] = {
+            "library": library or Library(),
+            "patience": patience,
+            "key": key,
+            "wall_time": wall_time,
+        }
+        self.born = round(wall_time() * SECOND)
+        self._sequence = 0
+        self._elders: dict[int, tuple[int, Role]] = {}  # born -> when it was heard last, and what it said
+        self._diagram: tuple[str, Definitions] | None = None  # hash and model, the newest
+        self._deployed = ""  # the hash of the diagram that the team has
+        self._text = ""
+        self._deployment: Deployment | None = None
+        self._keeper: Keeper | None = None
+        self.node = middleware.node("fame_splitter")
+        self._status = self.node.publisher(STATUS, STRING, LATCHED)
+        self.node.subscription(STATUS, STRING, self._met, STATUS_QOS)
+        self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS)
+        self._leads = False
+        self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # elders speak first
+        self._report("begins")
+
+    @property
+    def state(self) -> str:
+        """``standby``, ``idle`` (no diagram), ``deploying``, ``keeping`` (the team has it)."""
+        if not self._leads:
+            return "standby"
+        return "deploying" if self._deployment is not None else "keeping" if self._keeper is not None else "idle"
+
+    # ---- who has the role ------------------------------------------------------------------------------------------
+
+    def _beat(self) -> None:
+        horizon = self.scheduler.now - round(GONE * SECOND)
+        heirloom = [role.deployed for heard, role in self._elders.values() if heard < horizon]
+        self._elders = {born: said for born, said in self._elders.items() if said[0] >= horizon}
+        if self._leads and self._elders:
+            self._leads = False
+            self._let_be()
+            self._report("stands by: there is an older splitter")
+        elif not self._leads and not self._elders:
+            self._leads = True
+            self._report("has the role" + ("; the one before is gone" if heirloom else ""))
+            self._take_over(heirloom)
+        elif self._leads and self._deployment is None:
+            self._try()
+        self._publish()
+        self._pulse = self.scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)
+
+    def _met(self, message: Any) -> None:
+        role = Role.from_json(message.data)
+        if role is not None and 0 < role.born < self.born:
+            self._elders[role.born] = self.scheduler.now, role
+
+    def _take_over(self, heirloom: Sequence[str]) -> None:
+        """The team of the one before is kept; what it had not deployed is deployed."""
+        if self._diagram is not None and self._diagram[0] in heirloom:
+            self._keep(self._diagram, served=engines(self.middleware))
+        else:
+            self._try()
+
+    # ---- diagrams --------------------------------------------------------------------------------------------------
+
+    def _heard(self, message: Any) -> None:
+        try:
+            diagram = self._read(message.data)
+        except FameError as error:
+            self._report(f"refused: {error}")
+            return
+        self._diagram = diagram
+        if self._leads and self._deployment is None:
+            self._deployed = ""  # the same again is a restart
+            self._try()
+
+    def _read(self, text: str) -> tuple[str, Definitions]:
+        """Check it as far as it can be without the robots. Raises FameError."""
+        from fame.bpmn.reader import read_text
+
+        if len(text) > LIMIT:
+            raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken")
+        definitions = read_text(text, file=DIAGRAM)
+        split(definitions, self._options["library"])
+        return model_hash(text.encode(errors="replace")), definitions
+
+    def _try(self) -> None:
+        """Deploy the newest diagram, if the team has it not and its robots are there."""
+        if self._diagram is None or self._diagram[0] == self._deployed:
+            return
+        diagram = self._diagram
+        try:
+            self._deployment = self._send(diagram[1], (), (), partial(self._ended, diagram))
+        except (ConfigError, DeploymentError) as error:
+            self._report(f"waits: {error}")
+        except FameError as error:
+            self._diagram = None
+            self._report(f"refused: {error}")
+        else:
+            self._let_be(but=self._deployment)
+
+    def _send(
+        self,
+        definitions: Definitions,
+        only: Sequence[str],
+        again: Collection[str],
+        ended: Callable[[Deployment], object],
+    ) -> Deployment:
+        self._sequence = max(self._sequence + 1, round(self._wall_time() * 1e6))
+        deployment = Deployment(
+            definitions,
+            id=f"splitter-{self.born}-{self._sequence}",
+            sequence=self._sequence,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=ended,
+            only=only,
+            again=again,
+            **self._options,
+        )
+        deployment.begin()
+        return deployment
+
+    def _ended(self, diagram: tuple[str, Definitions], deployment: Deployment) -> None:
+        standings = deployment.standings.values()
+        lines = [": ".join(filter(None, (each.robot, each.state, each.reason))) for each in standings]
+        self._report(("not deployed: " if deployment.failed else "deployed: ") + "; ".join(lines))
+        self.scheduler.soon(partial(self._after, diagram, deployment))
+
+    def _after(self, diagram: tuple[str, Definitions], deployment: Deployment) -> None:
+        """Make room for what came meanwhile, or keep the team supplied with what it has."""
+        deployment.close()
+        if self._deployment is not deployment:
+            return
+        self._deployment = None
+        if not deployment.failed:
+            self._keep(diagram, served=deployment.standings)
+        elif self._diagram is diagram and any(each.state in REFUSALS for each in deployment.standings.values()):
+            self._diagram = None  # the team keeps what it had; who was silent may come back, and is asked again
+        self._try()
+
+    # ---- the team --------------------------------------------------------------------------------------------------
+
+    def _keep(self, diagram: tuple[str, Definitions], served: Collection[str]) -> None:
+        self._let_be()
+        self._deployed = diagram[0]
+        self._keeper = Keeper(
+            diagram[1],
+            partial(self._send, diagram[1]),
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            served=served,
+            say=self._report,
+        )
+
+    def _let_be(self, but: Deployment | None = None) -> None:
+        """Work no more for anybody."""
+        if self._keeper is not None:
+            self._keeper.close()
+        if self._deployment is not None and self._deployment is not but:
+            self._deployment.close()
+            self._deployment = None
+        self._keeper = None
+
+    # ---- saying so -------------------------------------------------------------------------------------------------
+
+    def _report(self, text: str) -> None:
+        if text != self._text:
+            self._text = text
+            self._say(text)
+        self._publish()
+
+    def _publish(self) -> None:
+        role = Role(born=self.born, state=self.state, deployed=self._deployed, text=self._text)
+        self._status.publish(messages.create(STRING, json.dumps(asdict(role))))
+
+    def stop(self) -> bool:
+        """It is over at once: the robots go on without it."""
+        return False
+
+    def close(self) -> None:
+        """Leave."""
+        self._pulse.cancel()
+        self._let_be()
+        self.node.close()

@@ -1,0 +1,224 @@
+"""The splitter node: whole collaborations from a topic, robots that come late, and a role that one of several has."""
+
+import json
+
+import pytest
+from test_deployment import TEAM, Field, patrol
+
+from fame import deployment
+from fame.clock import SECOND
+from fame.deployment import EngineNode, SplitterNode
+from fame.deployment.splitting import DIAGRAM, STATUS
+from fame.middleware import messages
+
+
+class Farm(Field):
+    """Robots, splitters, and somebody who sends diagrams."""
+
+    def __init__(self, *robots: str) -> None:
+        super().__init__(*robots)
+        self.diagrams = self.person.publisher(DIAGRAM, deployment.STRING)
+        self.roles: list[dict] = []
+        self.person.subscription(STATUS, deployment.STRING, lambda message: self.roles.append(json.loads(message.data)))
+        self.wall = 1000.0
+        self.lines: list[str] = []
+
+    def splitter(self) -> SplitterNode:
+        self.wall += 1
+        return SplitterNode(
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            say=self.lines.append,
+            wall_time=lambda at=self.wall: at + self.scheduler.now / SECOND,
+        )
+
+    def diagram(self, text: str) -> None:
+        self.diagrams.publish(messages.create(deployment.STRING, text))
+
+    def come(self, robot: str) -> EngineNode:
+        engine = self.engines[robot] = EngineNode(robot, scheduler=self.scheduler, middleware=self.middleware)
+        self.person.subscription(f"/{robot}/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+        return engine
+
+    def vanish(self, robot: str) -> None:
+        """As if its process had been killed: its ends are gone, nobody said goodbye."""
+        engine = self.engines.pop(robot)
+        engine._pulse.cancel()
+        if engine.running is not None:
+            engine.running.close()
+        engine.node.close()
+
+
+TRACTORS = TEAM.replace(
+    'name="B" processRef="pb"/>', 'name="B" processRef="pb"><participantMultiplicity minimum="1"/></participant>'
+)
+
+
+def test_a_diagram_is_split_and_every_robot_gets_its_part():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
+    assert farm.roles[-1]["state"] == "keeping"
+    assert "deployed: A: started; B: started" in farm.lines
+
+
+def test_a_diagram_waits_for_the_robots_of_its_pools():
+    farm = Farm("A")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(5)
+    assert farm.engines["A"].state == "waiting"
+    assert "waits: " in farm.lines[-1]
+    assert "B" in farm.lines[-1]
+    farm.come("B")
+    farm.pass_time(3)
+    assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
+
+
+def test_a_robot_that_comes_late_gets_its_process_and_the_others_go_on():
+    farm = Farm("A", "B_1")
+    farm.splitter()
+    farm.diagram(TRACTORS)
+    farm.pass_time(3)
+    kept = farm.engines["A"].running, farm.engines["B_1"].running
+    farm.come("B_2")
+    farm.pass_time(3)
+    assert farm.engines["B_2"].deployed
+    assert (farm.engines["A"].running, farm.engines["B_1"].running) == kept
+
+
+def test_a_robot_that_comes_back_after_a_crash_begins_again_and_says_so():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    kept = farm.engines["A"].running
+    farm.vanish("B")
+    farm.pass_time(2)
+    farm.come("B")
+    farm.pass_time(3)
+    assert farm.engines["A"].running is kept
+    answer = [report for report in farm.said if report.robot == "B" and report.answer == "started"][-1]
+    assert "takes it up again from the start" in answer.reason
+
+
+def test_robots_that_all_come_back_at_once_find_each_other_again():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    for name in "AB":
+        farm.vanish(name)
+        farm.come(name)
+    farm.pass_time(20)
+    assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
+
+
+def test_a_robot_that_was_given_something_else_is_left_alone():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    farm.send("B", patrol(1))
+    farm.pass_time(20)
+    assert farm.variables("B") == {"mark": 1}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "garbage",
+        "",
+        "<",
+        '{"fame": 1}',
+        f'<!DOCTYPE x [<!ENTITY a "b">]>{TEAM}',
+        TEAM.replace("processRef", "processref"),
+        TEAM.replace("<userTask", "<callActivity calledElement='nowhere'").replace('id="ua"', 'id="uc"'),
+        "x" * 20_000_001,
+    ],
+    ids=["garbage", "empty", "half a tag", "envelope", "entities", "no process", "no such call", "too large"],
+)
+def test_a_diagram_that_is_none_is_refused_and_the_next_one_is_taken(text):
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.pass_time(2)
+    farm.diagram(text)
+    farm.pass_time(0.5)
+    assert farm.roles[-1]["text"].startswith("refused: ")
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
+
+
+def test_a_diagram_that_a_robot_refuses_leaves_what_runs_running():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    kept = [farm.engines[name].running for name in "AB"]
+    farm.diagram(TEAM.replace('<userTask id="ub"/>', '<scriptTask id="ub"><script>x = = 1</script></scriptTask>'))
+    farm.pass_time(3)
+    assert [farm.engines[name].running for name in "AB"] == kept
+    assert "syntax" in farm.lines[-1].casefold()
+
+
+def test_of_diagrams_that_come_in_a_burst_the_newest_is_what_the_team_ends_up_with():
+    farm = Farm("A", "B")
+    farm.splitter()
+    farm.pass_time(2)
+    for number in range(10):
+        farm.diagram(TEAM.replace('"ua"', f'"ua{number}"'))
+    farm.pass_time(5)
+    assert farm.engines["A"].running.instances[-1].waiting == ["ua9"]
+    assert farm.engines["A"].running.started == 1
+
+
+def test_of_two_splitters_the_older_keeps_the_role():
+    farm = Farm("A", "B")
+    elder = farm.splitter()
+    farm.pass_time(2)
+    younger = farm.splitter()
+    farm.pass_time(2)
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    assert (elder.state, younger.state) == ("keeping", "standby")
+    assert [farm.engines[name].running.started for name in "AB"] == [1, 1]
+
+
+def test_splitters_that_start_together_agree():
+    farm = Farm("A", "B")
+    splitters = [farm.splitter() for _ in range(3)]
+    farm.diagram(TEAM)
+    farm.pass_time(5)
+    assert [splitter.state for splitter in splitters] == ["keeping", "standby", "standby"]
+    assert [farm.engines[name].running.started for name in "AB"] == [1, 1]
+
+
+def test_when_the_older_is_gone_the_younger_keeps_the_team_as_it_is():
+    farm = Farm("A", "B_1")
+    elder = farm.splitter()
+    younger = farm.splitter()
+    farm.pass_time(2)
+    farm.diagram(TRACTORS)
+    farm.pass_time(3)
+    kept = [farm.engines[name].running for name in ("A", "B_1")]
+    elder.close()
+    farm.pass_time(6)
+    assert younger.state == "keeping"
+    assert [farm.engines[name].running for name in ("A", "B_1")] == kept
+    farm.come("B_2")
+    farm.pass_time(3)
+    assert farm.engines["B_2"].deployed
+
+
+def test_what_the_older_could_not_deploy_any_more_the_younger_does():
+    farm = Farm("A", "B")
+    elder, younger = farm.splitter(), farm.splitter()
+    farm.pass_time(2)
+    elder.close()
+    farm.diagram(TEAM)
+    farm.pass_time(8)
+    assert younger.state == "keeping"
+    assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
