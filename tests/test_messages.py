@@ -420,7 +420,7 @@ def test_a_directory_of_definitions_is_registered_as_a_whole(tmp_path: Path) -> 
 
 def test_a_place_without_definitions_is_refused(tmp_path: Path) -> None:
     for place in (tmp_path, tmp_path / "Missing.msg"):
-        with pytest.raises(MessageError, match=r"there is no \.msg or \.srv file at"):
+        with pytest.raises(MessageError, match=r"there is no \.msg, \.srv or \.action file at"):
             register_files(place)
     (tmp_path / "Lost.msg").write_text("nowhere_msgs/Thing thing\n")
     with pytest.raises(MessageError, match="thing: its type nowhere_msgs/msg/Thing is not known"):

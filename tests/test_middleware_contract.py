@@ -10,7 +10,7 @@ from middleware_contract import BACKENDS, World, middlewares, world
 
 from fame.clock import Kind
 from fame.errors import MessageError
-from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
+from fame.middleware.interface import LATCHED, SENSOR_DATA, Later, QoS
 from fame.middleware.messages import create
 
 INT, TEXT, FLAG = "std_msgs/msg/Int64", "std_msgs/msg/String", "std_msgs/msg/Bool"
@@ -364,6 +364,28 @@ def test_a_response_that_does_not_fit_is_the_fault_of_the_service(here: World) -
     client.call(None, print)
     with pytest.raises(MessageError, match="std_srvs/srv/SetBool_Response: ok: there is no such field"):
         here.until(lambda: False)
+
+
+def test_a_response_may_come_later(here: World) -> None:
+    seen: list[str] = []
+    later: list[Later] = []
+    node = here.node("a")
+
+    def asked(request: Any) -> Later:
+        later.append(Later())
+        if request.data:
+            later[-1].answer({"message": "known already"})
+        return later[-1]
+
+    node.service("/grip", SET_BOOL, asked)
+    client = node.client("/grip", SET_BOOL)
+    here.until(lambda: client.available)
+    client.call(False, lambda response: seen.append(response.message))
+    here.until(lambda: later)
+    client.call(True, lambda response: seen.append(response.message))
+    here.until(lambda: seen == ["known already"])
+    later[0].answer({"message": "now"})
+    here.until(lambda: seen == ["known already", "now"])
 
 
 def test_a_service_or_client_that_leaves_meanwhile_drops_the_call(here: World) -> None:

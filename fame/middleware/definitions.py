@@ -1,4 +1,5 @@
-"""What a message type is, read from the type store of rosbags or from the text of a `.msg` or `.srv` file.
+"""What a message type is, read from the type store of rosbags or from the text of a `.msg`, `.srv` or `.action`
+file.
 
 Two things are mended on the way: `char` is `uint8` in ROS 2, and the defaults that a `.msg` file gives its fields,
 which rosbags drops, are kept.
@@ -76,20 +77,51 @@ def from_rosbags(name: str, constants: Any, fields: Any, defaults: Mapping[str, 
 
 
 def from_text(text: str, name: str) -> list[Definition]:
-    """What the text of a `.msg` or `.srv` file describes: the message ``pkg/msg/Type``, or the two of ``pkg/srv/Name``.
+    """What the text of a `.msg`, `.srv` or `.action` file describes.
 
-    Raises MessageError for a name of another form and for a text that cannot be read.
+    It is the message ``pkg/msg/Type``, the two of the service ``pkg/srv/Name``, or all that travels for the action
+    ``pkg/action/Name``. Raises MessageError for a name of another form and for a text that cannot be read.
     """
-    match = re.fullmatch(r"[a-z][a-z0-9_]*/(msg|srv)/[A-Z][A-Za-z0-9]*(?:_Request|_Response)?", name)
+    match = re.fullmatch(r"[a-z][a-z0-9_]*/(msg|srv|action)/[A-Z][A-Za-z0-9]*(?:_Request|_Response)?", name)
     if match is None:
-        raise MessageError("a type is named like my_robot_msgs/msg/Wheel or my_robot_msgs/srv/Reset", type=name)
+        text = "a type is named like my_robot_msgs/msg/Wheel, my_robot_msgs/srv/Reset or my_robot_msgs/action/Drive"
+        raise MessageError(text, type=name)
     lines = text.splitlines()
     if match[1] == "msg":
         return [_message(lines, name)]
-    separator = next((number for number, line in enumerate(lines) if line.strip() == "---"), None)
-    if separator is None:
-        raise MessageError("a service is a request and a response, with a line of --- between them", type=name)
-    return [_message(lines[:separator], f"{name}_Request"), _message(lines[separator + 1 :], f"{name}_Response")]
+    parts = [f"{name}_{part}" for part in _PARTS[match[1]]]
+    separators = [number for number, line in enumerate(lines) if line.strip() == "---"]
+    if len(separators) != len(parts) - 1:
+        raise MessageError(_SEPARATED[match[1]], type=name)
+    begins, ends = [0, *(number + 1 for number in separators)], [*separators, len(lines)]
+    found = [_message(lines[begin:end], part) for begin, end, part in zip(begins, ends, parts, strict=True)]
+    return found if match[1] == "srv" else [*found, *_transport(name)]
+
+
+_PARTS = {"srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_SEPARATED = {
+    "srv": "a service is a request and a response, with a line of --- between them",
+    "action": "an action is a goal, a result and a feedback, with lines of --- between them",
+}
+
+
+def _transport(name: str) -> list[Definition]:
+    """The messages in which goals, results and feedback of an action travel (ROS 2 design, article Actions)."""
+    id, time = ("goal_id", "unique_identifier_msgs/msg/UUID"), ("stamp", "builtin_interfaces/msg/Time")
+    travelling = {
+        "SendGoal_Request": (id, ("goal", f"{name}_Goal")),
+        "SendGoal_Response": (("accepted", "bool"), time),
+        "GetResult_Request": (id,),
+        "GetResult_Response": (("status", "int8"), ("result", f"{name}_Result")),
+        "FeedbackMessage": (id, ("feedback", f"{name}_Feedback")),
+    }
+    nothing: Mapping[str, Any] = MappingProxyType({})
+    return [
+        Definition(
+            f"{name}_{part}", tuple(Field(field, field, base, "single") for field, base in fields), nothing, nothing
+        )
+        for part, fields in travelling.items()
+    ]
 
 
 def _field(name: str, description: Any) -> Field:
@@ -109,7 +141,7 @@ def _field(name: str, description: Any) -> Field:
 def _message(lines: list[str], name: str) -> Definition:
     from rosbags.typesys import TypesysError, get_types_from_msg
 
-    place = name.replace("/srv/", "/msg/")  # where the parser looks for a type that is named without its package
+    place = re.sub("/(srv|action)/", "/msg/", name)  # where a type without package is looked for
     for line in lines:
         try:
             get_types_from_msg(line, place)

@@ -67,6 +67,35 @@ class Subscription(Protocol):
     def close(self) -> None: ...
 
 
+class Later:
+    """A response that is not known yet: a handler returns it, and `answer`s it once when it is."""
+
+    def __init__(self) -> None:
+        self._given: list[Any] = []
+        self._tell: Callable[[Any], object] | None = None
+
+    def answer(self, response: Any) -> None:
+        """Respond: a message, a mapping, or None for one of defaults."""
+        if self._tell is None:
+            self._given.append(response)
+        else:
+            self._tell(response)
+
+    def then(self, tell: Callable[[Any], object]) -> None:
+        """For backends: what to do with the response."""
+        self._tell = tell
+        for response in self._given:
+            tell(response)
+
+
+def respond(answer: Any, tell: Callable[[Any], object]) -> None:
+    """For backends: tell what a handler gave, now or `Later`."""
+    if isinstance(answer, Later):
+        answer.then(tell)
+    else:
+        tell(answer)
+
+
 class Service(Protocol):
     """What answers requests. `name` is the full name, `type` is ``pkg/srv/Name``."""
 
@@ -112,7 +141,7 @@ class Node(Protocol):
         """Calls back for every message. Errors as `publisher`."""
 
     def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Service:
-        """Answer requests: `handler` gives the response (a message, a mapping, or None for one of defaults).
+        """Answer requests: `handler` gives the response (a message, a mapping, None for one of defaults), or `Later`.
 
         Names of services are resolved like those of topics. Raises MessageError if the type is unknown, or somebody
         offers a service of that name already.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import Message
+from fame.middleware.interface import Message, respond
 
 if TYPE_CHECKING:
     from fame.middleware.local import LocalNode
@@ -24,9 +24,9 @@ class LocalService:
         if offered is not self:
             raise MessageError(f"the service {name} is offered by {offered.node.full_name} already", type=type)
 
-    def answer(self, request: Message) -> Message:
-        """The response. Raises MessageError if what the handler gave does not fit the type."""
-        return messages.create(self.response_type, self._handler(request))
+    def answer(self, request: Message, tell: Callable[[Message], object]) -> None:
+        """Tell the response. Raises MessageError if what the handler gave does not fit the type."""
+        respond(self._handler(request), lambda response: tell(messages.create(self.response_type, response)))
 
     def close(self) -> None:
         if self.node.middleware.services.get(self.name) is self:
@@ -63,7 +63,7 @@ class LocalClient:
     def _ask(self, service: LocalService, request: Message, callback: Callable[[Message], object]) -> None:
         middleware = self.node.middleware
         if middleware.services.get(self.name) is service:
-            middleware.scheduler.soon(partial(self._hand_over, service.answer(request), callback))
+            service.answer(request, lambda said: middleware.scheduler.soon(partial(self._hand_over, said, callback)))
         else:
             middleware.warn(f"{self.name}: the service was closed before it answered {self.node.full_name}")
 

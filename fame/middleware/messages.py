@@ -19,10 +19,11 @@ from fame.middleware import typesystem
 from fame.middleware.classes import Message, message_class
 from fame.middleware.definitions import Definition, Field
 from fame.middleware.primitives import Converter, Misfit, converter, describe, expected, listed
-from fame.middleware.typesystem import register, register_files, service
+from fame.middleware.typesystem import action, register, register_files, service
 
 __all__ = [
     "Message",
+    "action",
     "bare",
     "create",
     "default_payload",

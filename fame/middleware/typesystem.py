@@ -1,4 +1,4 @@
-"""Which message types there are: those of ROS 2 Jazzy's common interfaces, and those that were registered.
+"""Which message types there are: those of ROS 2 Jazzy's common interfaces, of a sourced ROS, and registered ones.
 
 Types belong to the process, as they do in ROS: one table, which only grows; a type never changes once it is there. The
 table is filled from the type store of rosbags, which is imported when the first type is asked for.
@@ -7,6 +7,7 @@ table is filled from the type store of rosbags, which is imported when the first
 from __future__ import annotations
 
 import difflib
+import os
 import threading
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,6 +20,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.
 """Type -> field -> default that is not zero: all there are in the common interfaces."""
 
 _SERVICES = {
+    "action_msgs/srv/CancelGoal": "GoalInfo goal_info\n---\nint8 return_code\nGoalInfo[] goals_canceling",
     "std_srvs/srv/Empty": "---",
     "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message",
     "std_srvs/srv/Trigger": "---\nbool success\nstring message",
@@ -26,6 +28,7 @@ _SERVICES = {
     "uint8 OK=1\nuint8 ERROR_NOT_CONNECTED=2\nuint8 ERROR_BUSY=3\nuint8 rc",
 }
 """The standard's, and that of the drone that the original FaMe flew."""
+_SUFFIXES = (".msg", ".srv", ".action")
 _definitions: dict[str, Definition] = {}
 _lock = threading.RLock()
 
@@ -36,7 +39,7 @@ def definition(name: str) -> Definition:
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/msg/")
-    if full in known:
+    if full in known or _sourced(full):
         return known[full]
     if f"{full}_Request" in known:
         raise MessageError(f"this is a service; its messages are {full}_Request and {full}_Response", type=name)
@@ -54,14 +57,26 @@ def service(name: str) -> tuple[str, str]:
     if full.count("/") == 1:
         full = full.replace("/", "/srv/")
     request, response = f"{full}_Request", f"{full}_Response"
-    if request not in _table():
+    if request not in _table() and not _sourced(request):
         services = [entry.removesuffix("_Request") for entry in names() if entry.endswith("_Request")]
         raise MessageError(f"there is no such service type{_suggestion(name, services)}", type=name)
     return request, response
 
 
+def action(name: str) -> str:
+    """The full name of the action type ``pkg/action/Name``; ``action/`` may be left out. Raises MessageError."""
+    full = name.strip()
+    if full.count("/") == 1:
+        full = full.replace("/", "/action/")
+    if f"{full}_Goal" not in _table() and not _sourced(f"{full}_Goal"):
+        actions = [entry.removesuffix("_Goal") for entry in names() if "/action/" in entry and entry.endswith("_Goal")]
+        text = f"there is no such action type{_suggestion(name, actions)}"
+        raise MessageError(f"{text}; register its .action file, or source its package", type=name)
+    return full
+
+
 def register(text: str, name: str) -> list[str]:
-    """Add the type ``pkg/msg/Type`` that the text of a `.msg` file describes, or the two of a service ``pkg/srv/Name``.
+    """Add what the text of a `.msg`, `.srv` or `.action` file describes (``pkg/msg/Type``, ``pkg/srv/Name`` ...).
 
     Returns their full names. The same text again does nothing. Types that it refers to may follow later. Raises
     MessageError for a text that cannot be read, and for a type that is there already but different.
@@ -78,19 +93,19 @@ def register(text: str, name: str) -> list[str]:
 
 
 def register_files(path: str | Path, package: str = "") -> list[str]:
-    """Add the types of a `.msg` or `.srv` file, or of all such files in a directory and below.
+    """Add the types of a `.msg`, `.srv` or `.action` file, or of all such files in a directory and below.
 
-    The package of a file is `package`, else the name of its directory, or of the one above if that is ``msg`` or
-    ``srv``. Returns full names. Raises MessageError as `register`, for a path without such files, and for a field whose
-    type is not known in the end.
+    The package of a file is `package`, else the name of its directory, or of the one above if that is ``msg``, ``srv``
+    or ``action``. Returns full names. Raises MessageError as `register`, for a path without such files, and for a field
+    whose type is not known in the end.
     """
     root = Path(path).resolve()
-    files = sorted(file for file in root.rglob("*") if file.suffix in (".msg", ".srv")) if root.is_dir() else [root]
-    if not files or not all(file.is_file() and file.suffix in (".msg", ".srv") for file in files):
-        raise MessageError(f"there is no .msg or .srv file at {path}")
+    files = sorted(file for file in root.rglob("*") if file.suffix in _SUFFIXES) if root.is_dir() else [root]
+    if not files or not all(file.is_file() and file.suffix in _SUFFIXES for file in files):
+        raise MessageError(f"there is no .msg, .srv or .action file at {path}")
     described: list[str] = []
     for file in files:
-        home = file.parent.parent if file.parent.name in ("msg", "srv") else file.parent
+        home = file.parent.parent if f".{file.parent.name}" in _SUFFIXES else file.parent
         described += register(file.read_text("utf-8"), f"{package or home.name}/{file.suffix[1:]}/{file.stem}")
     for full in described:
         check_references(definition(full))
@@ -101,12 +116,24 @@ def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
     """Raise MessageError if a field is of a type that nobody registered, or if a type contains itself."""
     for entry in content.fields:
         if entry.is_message:
-            if entry.base not in _table():
+            if entry.base not in _table() and not _sourced(entry.base):
                 text = f"its type {entry.base} is not known: register it"
                 raise MessageError(text, type=content.name, field=entry.name)
             if entry.base in (content.name, *inside):
                 raise MessageError("a type cannot contain itself", type=content.name, field=entry.name)
             check_references(_table()[entry.base], (content.name, *inside))
+
+
+def _sourced(full: str) -> bool:
+    """Whether a type is of a package of the ROS workspace that was sourced, if one was: then it is registered now."""
+    package, _, rest = full.partition("/")
+    kind, _, name = rest.partition("/")
+    name = name.partition("_")[0]
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if kind else ():
+        file = Path(prefix, "share", package, kind, f"{name}.{kind}")
+        if prefix and file.is_file():
+            return full in register(file.read_text("utf-8"), f"{package}/{kind}/{name}")
+    return False
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:

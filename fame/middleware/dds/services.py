@@ -19,7 +19,7 @@ from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.dds import policies, wire
-from fame.middleware.interface import Message, QoS
+from fame.middleware.interface import Message, QoS, respond
 
 if TYPE_CHECKING:
     from fame.middleware.dds.nodes import DdsNode
@@ -105,8 +105,11 @@ class DdsService:
             self.exchange.close()
 
     def _answer(self, request: Message, numbers: Numbers, client: int) -> None:
-        response = messages.create(self._response_type, self._handler(request))
-        self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
+        def tell(said: Any) -> None:
+            response = messages.create(self._response_type, said)
+            self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
+
+        respond(self._handler(request), tell)
 
     def _respond(self, response: Message, numbers: Numbers, client: int, deadline: int) -> None:
         """Respond as soon as the reader of the client has been discovered: before that, it would not hear."""

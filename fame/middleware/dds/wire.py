@@ -25,7 +25,7 @@ HEADER = 4
 """Length of the encapsulation header of CDR (bytes)."""
 
 _LARGEST_BOUND = 65535
-_ROS_TYPE = re.compile(r"(\w+)::(msg|srv)::dds_::(\w+)_")
+_ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 

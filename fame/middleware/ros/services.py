@@ -11,7 +11,7 @@ from rclpy.task import Future
 from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import Message
+from fame.middleware.interface import Message, respond
 from fame.middleware.ros.translation import from_ros, ros_class, to_ros
 
 if TYPE_CHECKING:
@@ -50,10 +50,12 @@ class RosService:
         return await answer
 
     def _answer(self, request: Any, answer: Any) -> None:
-        if not self._closed:
-            response = messages.create(self._response_type, self._handler(from_ros(request, self._request_type)))
-            answer.set_result(to_ros(response, self._class.Response))
+        def tell(said: Any) -> None:
+            answer.set_result(to_ros(messages.create(self._response_type, said), self._class.Response))
             self.node.middleware.executor.wake()
+
+        if not self._closed:
+            respond(self._handler(from_ros(request, self._request_type)), tell)
 
 
 class RosClient:

@@ -1,0 +1,154 @@
+"""Actions on every backend: goals that take their time, tell how far they are, and can be cancelled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from action_server import DRIVE, Server
+from middleware_contract import BACKENDS, World, world
+
+from fame.errors import MessageError
+from fame.middleware import messages
+from fame.middleware.actions import ActionClient
+
+
+@pytest.fixture(params=BACKENDS)
+def here(request: pytest.FixtureRequest) -> Iterator[World]:
+    made = world(request.param)
+    yield made
+    made.close()
+
+
+class Place:
+    """A server, a client that has found it, and what the client heard."""
+
+    def __init__(self, here: World) -> None:
+        self.server = Server(here.node("driver", "REX"))
+        self.client = ActionClient(here.node("engine", "REX"), "drive", DRIVE)
+        self.heard: list[Any] = []
+        here.until(lambda: self.client.available)
+        here.connect("/REX/drive/_action/feedback")
+
+    def send(self, distance: float) -> Any:
+        return self.client.send({"distance": distance}, self.ended, lambda said: self.heard.append(said.remaining))
+
+    def ended(self, outcome: str, result: Any) -> None:
+        self.heard.append((outcome, result and result.driven))
+
+
+@pytest.fixture
+def place(here: World) -> Place:
+    return Place(here)
+
+
+def test_a_goal_tells_how_far_it_is_and_its_result(here: World, place: Place) -> None:
+    place.send(2)
+    here.until(lambda: place.server.goals)
+    place.server.step()
+    here.until(lambda: place.heard == [1.0])
+    place.server.step()
+    here.until(lambda: len(place.heard) == 3)
+    assert sorted(map(str, place.heard)) == ["('succeeded', 2.0)", "0.0", "1.0"]
+    assert place.client.goals == {}
+
+
+def test_goals_are_kept_apart(here: World, place: Place) -> None:
+    other: list[Any] = []
+    place.send(3)
+    here.until(lambda: len(place.server.goals) == 1)
+    place.client.send({"distance": 1}, lambda *said: other.append(said[0]), lambda said: other.append(said.remaining))
+    here.until(lambda: len(place.server.goals) == 2)
+    place.server.step()
+    here.until(lambda: len(other) == 2 and place.heard)
+    here.settle()
+    assert (set(other), place.heard) == ({0.0, "succeeded"}, [2.0])
+
+
+def test_a_rejected_goal_has_no_result(here: World, place: Place) -> None:
+    place.send(-1)
+    here.until(lambda: place.heard)
+    assert place.heard == [("rejected", None)]
+
+
+@pytest.mark.parametrize(("status", "outcome"), [(4, "succeeded"), (5, "canceled"), (6, "aborted")])
+def test_the_server_may_end_a_goal_as_it_likes(here: World, place: Place, status: int, outcome: str) -> None:
+    place.send(9)
+    here.until(lambda: place.server.goals)
+    place.server.end(next(iter(place.server.goals)), status)
+    here.until(lambda: place.heard)
+    assert place.heard == [(outcome, 0.0)]
+
+
+def test_a_cancelled_goal_ends_at_the_server_and_is_heard_of_no_more(here: World, place: Place) -> None:
+    goal = place.send(9)
+    here.until(lambda: place.server.goals and goal._accepted)
+    goal.cancel()
+    goal.cancel()
+    here.until(lambda: place.server.cancelled == [goal.id])
+    here.settle()
+    assert (place.heard, place.server.goals) == ([], {})
+
+
+def test_a_goal_may_be_cancelled_before_it_was_accepted(here: World, place: Place) -> None:
+    goal = place.send(9)
+    goal.cancel()
+    here.until(lambda: place.server.cancelled == [goal.id])
+    assert place.heard == []
+
+
+def test_a_goal_that_is_over_is_not_cancelled(here: World, place: Place) -> None:
+    goal = place.send(1)
+    here.until(lambda: place.server.goals)
+    place.server.step()
+    here.until(lambda: ("succeeded", 1.0) in place.heard)
+    goal.cancel()
+    here.settle()
+    assert place.server.cancelled == []
+
+
+def test_what_cannot_be_sent_is_refused(here: World, place: Place) -> None:
+    with pytest.raises(MessageError, match="distance: found 'far', expected a number"):
+        place.client.send({"distance": "far"}, print)
+    nobody = ActionClient(here.node("other"), "/fly", DRIVE)
+    assert not nobody.available
+    with pytest.raises(MessageError, match="nobody offers the service /fly/_action/send_goal"):
+        nobody.send(None, print)
+    nobody.close()
+
+
+def test_an_unknown_action_is_refused_with_one_that_is_like_it(here: World) -> None:
+    with pytest.raises(MessageError, match="did you mean farm_msgs/action/Drive"):
+        ActionClient(here.node("engine"), "drive", "farm_msg/Drive")
+
+
+# ---- where types come from -------------------------------------------------------------------------------------------
+
+
+def test_types_of_a_sourced_workspace_are_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    texts = {
+        "msg/Blade.msg": "float64 speed\nbool on\n",
+        "srv/Grind.srv": "Blade blade\n---\nbool sharp\n",
+        "action/Mow.action": "Blade blade\n---\nfloat64 area\n---\nfloat64 done\n",
+    }
+    for name, text in texts.items():
+        file = tmp_path / "share" / "mower_msgs" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    with pytest.raises(MessageError, match="there is no such message type"):
+        messages.create("mower_msgs/msg/Blade")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/no/such/place:{tmp_path}")
+    assert messages.action("mower_msgs/Mow") == "mower_msgs/action/Mow"
+    assert messages.service("mower_msgs/Grind")[0] == "mower_msgs/srv/Grind_Request"
+    goal = messages.create("mower_msgs/action/Mow_Goal", {"blade": {"speed": 3, "on": True}})
+    assert (goal.blade.speed, goal.blade.on) == (3.0, True)
+    with pytest.raises(MessageError, match="there is no such action type"):
+        messages.action("mower_msgs/action/Plough")
+
+
+@pytest.mark.parametrize("text", ["float64 x", "float64 x\n---\n", "---\n---\n---"])
+def test_an_action_has_three_parts(text: str) -> None:
+    with pytest.raises(MessageError, match="a goal, a result and a feedback"):
+        messages.register(text, "farm_msgs/action/Odd")
