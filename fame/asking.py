@@ -1,20 +1,26 @@
-"""Service tasks that ask a ROS service: the request is the task's payload, the response goes where the task says.
+"""Service tasks that ask a ROS service or action: the payload is the request or goal, the response goes where it says.
 
-The result variable takes the response; else the variables of the data objects at its output association take the fields
-named like them; else one variable named like the service takes it. Where the task has an output mapping, that finds the
-response as ``msg``, and its fields by their names.
+The result variable takes the response (of an action its result); else the variables of the data objects at its output
+association take the fields named like them; else one variable named like the service takes it. Where the task has an
+output mapping, that finds the response as ``msg``, and its fields by their names. Property ``feedback`` names the
+variable that takes what an action tells meanwhile.
+
+What cannot be asked is BpmnError ``service``; a goal without success is ``rejected``, ``aborted`` or ``canceled``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from fame.bpmn.model import DataObject, Process, SubProcess, Task, Topic
 from fame.engine.data import match, variable_name
-from fame.engine.host import Compiled
+from fame.engine.host import BpmnError, Compiled
 from fame.engine.variables import UNDEFINED
-from fame.scripting.requests import Call
+from fame.errors import MessageError
+from fame.middleware.messages import is_action
+from fame.scripting.requests import Act, Call, Request
 
 
 def asking_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
@@ -33,7 +39,10 @@ def ask(process: Process, task: Task, request: Compiled | None) -> Callable[[dic
     objects = _objects(process, task)
 
     async def wait(variables: dict[str, Any], fields: Any) -> None:
-        response = await Call(topic.name, topic.type or "", fields)
+        try:
+            response = await _request(task, topic, fields, variables)
+        except MessageError as error:
+            raise BpmnError("service", str(error)) from error
         variables.update(_taken(task, topic, objects, response))
 
     def begin(variables: dict[str, Any]) -> Any:
@@ -41,6 +50,15 @@ def ask(process: Process, task: Task, request: Compiled | None) -> Callable[[dic
         return wait(variables, None if fields is UNDEFINED else fields)
 
     return begin
+
+
+def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -> Request:
+    """What is awaited."""
+    type = topic.type or ""
+    if not is_action(type):
+        return Call(topic.name, type, fields)
+    told = task.properties.get("feedback", "").strip()
+    return Act(topic.name, type, fields, partial(variables.__setitem__, told) if told else None)
 
 
 def _objects(process: Process, task: Task) -> list[DataObject]:

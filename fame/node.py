@@ -207,9 +207,9 @@ class RobotNode:
 
     def _open(self, topic: str, direction: str, type: str | None) -> None:
         """The endpoint of a topic that a script names, if its type is known now."""
-        if direction == "call":
+        if direction in ("call", "act"):
             with suppress(MessageError):  # the script will say so itself
-                self.runner.inbox.client(topic, type or "")
+                (self.runner.inbox.client if direction == "call" else self.runner.inbox.action)(topic, type or "")
             return
         full = resolve(topic, self.namespace)
         known = type or self._type(full)
@@ -356,14 +356,15 @@ class RobotNode:
         return self._asking(*found, file)
 
     def _asking(self, process: Process, task: Task, file: str) -> Compiled:
-        """A service task that asks a ROS service; its client is made now, so that discovery is over in time."""
+        """A service task that asks a ROS service or action. Its client is made now: discovery is over in time."""
         topic = task.topic
         assert topic is not None
         if topic.type is None:
             text = f"asks the service {topic.name!r} of no type: give it property type, pkg/srv/Name"
             raise ModelError(text, file=file, element=task.id)
         try:
-            self.runner.inbox.client(topic.name, topic.type)
+            inbox = self.runner.inbox
+            (inbox.action if messages.is_action(topic.type) else inbox.client)(topic.name, topic.type)
         except MessageError as error:
             raise ModelError(str(error), file=file, element=task.id) from error
         request = self.compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None

@@ -94,11 +94,14 @@ def _message(node: HalfRead, kind: Literal["send", "receive"]) -> Topic | None:
 
 
 def _service(node: HalfRead) -> Topic | None:
-    """The ROS service that a service task calls: by the elements of FaMe's web modeler, or property ``service``."""
-    named = node.extensions.take("service")
+    """The ROS service or action of a service task: by the web modeler's elements, or by a property of that name."""
+    service, action = node.extensions.take("service"), node.extensions.take("action")
+    if service is not None and action is not None:
+        raise node.context.error(node.element, "the properties service and action: a service task calls one of them")
+    named = service or action
     if named is None and not node.extensions.service:
         return None
-    say = topic_properties(node.context, node.element, node.extensions, "srv")
+    say = topic_properties(node.context, node.element, node.extensions, "srv" if action is None else "action")
     name = named.value.strip() if named is not None else node.extensions.operation
     return Topic(name=name, type=say.type, payload=say.payload, private=say.private, qos=say.qos)
 

@@ -314,10 +314,10 @@ TaskKind = Literal["plain", "user", "manual", "script", "service", "send", "rece
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task(Activity):
     """A task. `script` is that of a script task, or the expression that a service task evaluates; `topic` that of a
-    send or receive task, or the ROS service (name, ``pkg/srv/Type``) of a service task; `operation` what a service task
-    names (registry name, external task topic or type); `result_variable` takes a script's or service's result;
-    `payload` is the same as that of `topic`; `keys` correlate the message of a receive task. `instantiate`: one that
-    starts a process.
+    send or receive task, or the ROS service (name, ``pkg/srv/Type``) or action of a service task; `operation` what a
+    service task names (registry name, external task topic or type); `result_variable` takes a script's or service's
+    result; `payload` is the same as that of `topic`; `keys` correlate the message of a receive task. `instantiate`: one
+    that starts a process.
     """
 
     kind: TaskKind = "plain"

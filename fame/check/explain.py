@@ -29,6 +29,7 @@ from fame.check.texts import texts_of
 from fame.check.topics import End, message_fields, said_type, table, taken_by_prefix
 from fame.engine.data import variable_name
 from fame.library import Library
+from fame.middleware import messages
 
 Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
 KINDS: tuple[Kind, ...] = ("form", "topic", "data", "call", "script", "quirk", "semantics")
@@ -114,7 +115,8 @@ def _services(unit: Unit) -> Iterator[Reading]:
     for node in unit.process.body.walk():
         if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
             sent = f"request {_shown(node.payload)}" if node.payload is not None else "a request of defaults"
-            text = f"asks the service {node.topic.name}, {node.topic.type or 'of no type'}, {sent}"
+            kind = "action" if messages.is_action(node.topic.type or "") else "service"
+            text = f"asks the {kind} {node.topic.name}, {node.topic.type or 'of no type'}, {sent}"
             yield _at(unit, "topic", text, node)
 
 

@@ -188,12 +188,12 @@ def _taking(end: End, topic: Topic, type: str | None) -> Iterator[Finding]:
 
 
 def _services(unit: Unit) -> Iterator[Finding]:
-    """The ROS services that service tasks call."""
+    """The ROS services and actions that service tasks call."""
     for node in unit.process.body.walk():
         service = node.topic if isinstance(node, Task) and node.kind == "service" else None
         if service is not None and service.type:
             try:
-                request, _ = messages.service(service.type)
+                request = messages.goal_type(service.type) or messages.service(service.type)[0]
             except MessageError as error:
                 yield unit.finding("error", f"type {error}", node)
             else:

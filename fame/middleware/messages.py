@@ -28,6 +28,8 @@ __all__ = [
     "create",
     "default_payload",
     "fields",
+    "goal_type",
+    "is_action",
     "is_wrapper",
     "message_type",
     "register",
@@ -81,6 +83,16 @@ def type_name(message: Message) -> str:
     if not isinstance(message, Message):
         raise MessageError(f"found {describe(message)}, expected a message")
     return message.__msgtype__
+
+
+def goal_type(type: str) -> str | None:
+    """The message type of an action's goals; None for a type of another kind. Raises MessageError if it is unknown."""
+    return f"{action(type)}_Goal" if is_action(type) else None
+
+
+def is_action(type: str) -> bool:
+    """Whether a full type is that of an action, ``pkg/action/Name``."""
+    return "/action/" in type
 
 
 def types() -> list[str]:

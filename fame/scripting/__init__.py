@@ -23,7 +23,8 @@ from fame.scripting.runner import GRACE, Runner
 from fame.scripting.topics import ScriptTopic, script_topics
 
 __all__ = [
-    "GRACE", "NAMES", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log", "MessageQueue",
-    "Receive", "Request", "Robot", "Runner", "ScriptTopic", "Sleep", "Until", "Variables", "compile_expression",
-    "compile_script", "error_line", "error_text", "heartbeat", "interface", "plain", "script_names", "script_topics",
+    "GRACE", "NAMES", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log",
+    "MessageQueue", "Receive", "Request", "Robot", "Runner", "ScriptTopic", "Sleep", "Until", "Variables",
+    "compile_expression", "compile_script", "error_line", "error_text", "heartbeat", "interface",
+    "plain", "script_names", "script_topics",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The topics that the scripts of one robot listen to, each subscribed once for all of them; and the services they ask.
+"""The topics that the scripts of one robot listen to, each subscribed once for all of them; and whom they ask.
 
 A topic is subscribed when its process is loaded (literal names, `fame.scripting.topics`), else at its first use, which
 cannot hear what was sent before. The inbox keeps the latest message of each topic, wakes who waits, fills queues.
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from fame.errors import MessageError
+from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Message, Node, Subscription, resolve
 from fame.scripting.requests import MessageQueue
 
@@ -58,6 +59,7 @@ class Inbox:
         self._node, self._types, self._subscribe, self._changed = node, types, subscribe, changed
         self._ears: dict[str, Ear] = {}
         self._clients: dict[tuple[str, str], Client] = {}
+        self._actions: dict[tuple[str, str], ActionClient] = {}
 
     def listen(self, topic: str, type: str | None = None) -> Ear:
         """Hear a topic, named as seen from the robot.
@@ -97,6 +99,13 @@ class Inbox:
             client = self._clients[service, type] = self._node.client(service, type)
         return client
 
+    def action(self, name: str, type: str) -> ActionClient:
+        """What sends goals to an action, likewise."""
+        client = self._actions.get((name, type))
+        if client is None:
+            client = self._actions[name, type] = ActionClient(self._node, name, type)
+        return client
+
     def deliver(self, topic: str, message: Any) -> None:
         """A message of the robot's own on a full topic name, which the middleware does not bring back."""
         ear = self._ears.get(topic)
@@ -110,6 +119,9 @@ class Inbox:
                 ear.subscription.close()
         for client in self._clients.values():
             client.close()
+        for action in self._actions.values():
+            action.close()
+        self._actions.clear()
         self._ears.clear()
         self._clients.clear()
 

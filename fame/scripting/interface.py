@@ -16,7 +16,7 @@ from fame.engine.host import BpmnError
 from fame.middleware.interface import Message
 from fame.scripting.budget import DEFAULT, Budget
 from fame.scripting.inbox import Inbox
-from fame.scripting.requests import Call, MessageQueue, Receive, Sleep, Until, check_topic
+from fame.scripting.requests import Act, Call, MessageQueue, Receive, Sleep, Until, check_topic
 
 NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "receive", "until")
 """The names of the interface. A variable of such a name hides it."""
@@ -66,6 +66,13 @@ class Robot:
         """``response = await robot.call("tello_action", "tello_msgs/srv/TelloAction", cmd="takeoff")``."""
         check_topic("robot.call", service)
         return Call(service, type, fields)
+
+    def act(
+        self, action: str, type: str, /, on_feedback: Callable[[Message], object] | None = None, **fields: Any
+    ) -> Act:
+        """``result = await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose={...})``."""
+        check_topic("robot.act", action)
+        return Act(action, type, fields, on_feedback)
 
 
 class Log:

@@ -90,10 +90,27 @@ class Call(Request):
 
     service: str
     type: str
-    fields: Mapping[str, Any]
+    fields: Mapping[str, Any] | None
 
     def __str__(self) -> str:
         return f"call({self.service!r})"
+
+
+@dataclass(frozen=True, slots=True)
+class Act(Request):
+    """``await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose=...)``: the result of an action.
+
+    `feedback` is called with what the action tells meanwhile. BpmnError ``rejected``, ``aborted`` or ``canceled`` if it
+    does not succeed. Who is cancelled cancels the goal.
+    """
+
+    action: str
+    type: str
+    fields: Mapping[str, Any] | None
+    feedback: Callable[[Any], object] | None = None
+
+    def __str__(self) -> str:
+        return f"act({self.action!r})"
 
 
 class MessageQueue:

@@ -20,12 +20,13 @@ from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.faults import is_from_outside
-from fame.engine.host import Cancelled
-from fame.middleware.interface import Node
+from fame.engine.host import BpmnError, Cancelled
+from fame.middleware.actions import ActionClient
+from fame.middleware.interface import Client, Node
 from fame.scripting.budget import BUDGET, Budget
 from fame.scripting.inbox import Inbox, Subscribe, Types
 from fame.scripting.python import error_text
-from fame.scripting.requests import Call, Next, Receive, Request, Sleep, Until
+from fame.scripting.requests import Act, Call, Next, Receive, Request, Sleep, Until
 
 GRACE = 2.0
 """How long a cancelled script may take to leave (s)."""
@@ -34,6 +35,8 @@ _AT_ONE_INSTANT = 100_000
 """Awaits of one script without time going on, before it is taken for a livelock."""
 
 _CLOSINGS = 100
+_PATIENCE, _LOOK = 5 * SECOND, SECOND // 20
+"""How long a script waits for a service or action that nobody offers, and how often it looks (ns)."""
 
 Ended = Callable[[int, BaseException | None], object]
 Report = Callable[[int, str], object]
@@ -232,7 +235,7 @@ class Runner:
         """Arm what wakes the script. Raises what is wrong with the request."""
         arm = _ARM.get(type(request))
         if arm is None:
-            raise TypeError(f"cannot await {type(request).__name__}: only sleep, receive, until, robot.call "
+            raise TypeError(f"cannot await {type(request).__name__}: only sleep, receive, until, robot.call, robot.act "
                             "and messages of robot.subscribe can be awaited")  # fmt: skip
         task.request = request
         arm(self, task, request)
@@ -295,11 +298,45 @@ class Runner:
             self._soon(task, task.script.throw, error)
 
     def _call(self, task: _Task, request: Call) -> None:
+        client = self.inbox.client(request.service, request.type)
+
         def answered(response: Any) -> None:
             if task.request is request:
                 self._soon(task, task.script.send, response)
 
-        self.inbox.client(request.service, request.type).call(request.fields, answered)
+        self._offered(task, client, lambda: client.call(request.fields, answered))
+
+    def _act(self, task: _Task, request: Act) -> None:
+        client = self.inbox.action(request.action, request.type)
+
+        def ended(outcome: str, result: Any) -> None:
+            if outcome == "succeeded":
+                self._soon(task, task.script.send, result)
+            else:
+                self._soon(task, task.script.throw, BpmnError(outcome, f"{request}: the goal was {outcome}"))
+
+        def told(feedback: Any) -> None:
+            if request.feedback is not None:
+                request.feedback(feedback)
+                self._stepped(task.key)
+                self.poll()
+
+        def begin() -> None:
+            task.disarm = client.send(request.fields, ended, told).cancel
+
+        self._offered(task, client, begin)
+
+    def _offered(self, task: _Task, end: Client | ActionClient, begin: Callable[[], object], until: int = 0) -> None:
+        """Begin as soon as somebody offers it, at last when the patience is over: `begin` then says why not."""
+        until = until or self._scheduler.now + _PATIENCE
+        if not end.available and self._scheduler.now < until:
+            again = partial(self._offered, task, end, begin, until)
+            task.due = self._scheduler.after(_LOOK, again, Kind.RESUMPTION)
+            return
+        try:
+            begin()
+        except Exception as error:
+            self._soon(task, task.script.throw, error)
 
 
 _ARM: dict[type, Callable[[Runner, _Task, Any], None]] = {
@@ -308,4 +345,5 @@ _ARM: dict[type, Callable[[Runner, _Task, Any], None]] = {
     Next: Runner._next,
     Until: Runner._until,
     Call: Runner._call,
+    Act: Runner._act,
 }

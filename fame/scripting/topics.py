@@ -11,7 +11,7 @@ from typing import Literal
 from fame.bpmn.model import Expression
 from fame.scripting.python import parse_python
 
-Direction = Literal["publish", "subscribe", "call"]
+Direction = Literal["publish", "subscribe", "call", "act"]
 
 _CALLS: dict[str, Direction] = {
     "receive": "subscribe",
@@ -19,6 +19,7 @@ _CALLS: dict[str, Direction] = {
     "robot.latest": "subscribe",
     "robot.publish": "publish",
     "robot.call": "call",
+    "robot.act": "act",
     "signal": "publish",
 }
 _MAKES: dict[str, Direction] = {"Publisher": "publish", "Subscription": "subscribe", "Client": "call"}
@@ -35,7 +36,7 @@ _NAMES = ("receive", "robot", "signal")
 
 @dataclass(frozen=True, slots=True)
 class ScriptTopic:
-    """A topic as a script names it (relative to its robot), or a service.
+    """A topic as a script names it (relative to its robot), or a service or an action.
 
     `type` is None where the script does not say.
     """

@@ -1,0 +1,251 @@
+"""Service tasks call ROS services and actions, on every backend: request, result, feedback, errors, cancellation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from action_server import DRIVE, Server
+from bpmn_text import process, properties
+from middleware_contract import BACKENDS, World, middlewares, world
+
+import fame
+from fame.bpmn.reader import read_text
+from fame.errors import ModelError
+from fame.node import RobotNode, mission
+
+SET_BOOL = "std_srvs/srv/SetBool"
+
+
+@pytest.fixture(params=[backend for backend in BACKENDS if "dds apart" not in str(backend)])
+def here(request: pytest.FixtureRequest) -> Iterator[World]:
+    made = world(request.param)
+    yield made
+    made.close()
+
+
+def model(task: str, more: str = "", attributes: str = "") -> str:
+    """A process of one service task ``t``, and what else belongs to it."""
+    outer = '<startEvent id="s"/><endEvent id="e"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
+    flow = '<sequenceFlow id="g" sourceRef="t" targetRef="e"/>'
+    return process(f'{outer}{flow}<serviceTask id="t" {attributes}>{task}</serviceTask>{more}', root=SIGNAL)
+
+
+SIGNAL = '<signal id="S" name="stop"/><error id="E" errorCode="aborted"/><error id="R" errorCode="rejected"/>'
+
+
+class Place:
+    """A driver, whose action is ``drive`` and whose service is ``blade``, and an engine that runs a model."""
+
+    def __init__(self, here: World) -> None:
+        self.here, node = here, here.node("driver", "REX")
+        self.server, self.blade = Server(node), list[bool]()
+        node.service("blade", SET_BOOL, self._switch)
+        self.stop = node.publisher("/stop", "std_msgs/msg/Empty")
+        self.robots: list[RobotNode] = []
+
+    def _switch(self, request: Any) -> Any:
+        self.blade.append(request.data)
+        return {"success": request.data, "message": f"blade {request.data}"}
+
+    def run(self, text: str, **variables: Any) -> Any:
+        """Start a model; returns its instance."""
+        definitions = read_text(text, file="mission.bpmn")
+        robot = RobotNode(
+            "REX",
+            mission(definitions, definitions.processes[0]),
+            scheduler=self.here.scheduler,
+            middleware=next(iter(middlewares(self.here))),
+        )
+        self.robots.append(robot)
+        robot.load()
+        robot.start(variables)
+        return robot.instances[-1]
+
+    def end(self, instance: Any) -> Any:
+        """Run until it is over."""
+        self.here.until(lambda: instance.status != "running")
+        return instance
+
+
+@pytest.fixture
+def place(here: World) -> Iterator[Place]:
+    made = Place(here)
+    yield made
+    for robot in made.robots:
+        robot.close()
+
+
+# ---- services --------------------------------------------------------------------------------------------------------
+
+
+def test_a_service_is_asked_and_its_response_is_the_result(place: Place) -> None:
+    task = properties(service="blade", type=SET_BOOL, payload="{data: ${on}}")
+    instance = place.end(place.run(model(task, attributes='camunda:resultVariable="answer"'), on=True))
+    assert (instance.status, place.blade) == ("completed", [True])
+    assert (instance.variables["answer"].success, instance.variables["answer"].message) == (True, "blade True")
+
+
+def test_without_payload_the_request_is_one_of_defaults_and_outputs_take_what_they_want(place: Place) -> None:
+    output = '<camunda:inputOutput><camunda:outputParameter name="said">${msg.message}</camunda:outputParameter>'
+    task = properties(service="blade", type=SET_BOOL).replace(
+        "</extensionElements>", f"{output}</camunda:inputOutput></extensionElements>"
+    )
+    instance = place.end(place.run(model(task)))
+    assert (instance.variables["said"], "msg" in instance.variables, place.blade) == ("blade False", False, [False])
+
+
+def test_the_web_modelers_form_calls_too(place: Place) -> None:
+    task = f'<extensionElements><ros:service name="blade" type="{SET_BOOL}"/><ros:payload data="true"/>'
+    instance = place.end(place.run(model(f"{task}</extensionElements>")))
+    assert (instance.status, place.blade) == ("completed", [True])
+
+
+def test_a_service_that_comes_late_is_waited_for(here: World, place: Place) -> None:
+    instance = place.run(model(properties(service="/late", type="std_srvs/srv/Trigger")))
+    here.scheduler.after(200_000_000, lambda: here.node("late").service("/late", "std_srvs/Trigger", lambda r: None))
+    assert place.end(instance).status == "completed"
+
+
+def test_a_request_that_does_not_fit_is_an_error_of_the_task(place: Place) -> None:
+    instance = place.end(place.run(model(properties(service="blade", type=SET_BOOL, payload="{data: often}"))))
+    assert (instance.status, instance.error.element, instance.error.code) == ("failed", "t", "service")
+    assert "data: found 'often', expected true or false" in str(instance.error)
+
+
+# ---- actions ---------------------------------------------------------------------------------------------------------
+
+
+def drive(distance: str = "3", more: str = "", attributes: str = "", **said: str) -> str:
+    return model(properties(action="drive", type=DRIVE, payload=f"{{distance: {distance}}}", **said), more, attributes)
+
+
+def test_an_action_gets_its_goal_and_gives_its_result(here: World, place: Place) -> None:
+    instance = place.run(drive("${x + 1}", attributes='camunda:resultVariable="result"'), x=1)
+    here.until(lambda: place.server.goals)
+    assert [wanted for wanted, _ in place.server.goals.values()] == [2.0]
+    place.server.step()
+    here.settle()
+    assert instance.status == "running"
+    place.server.step()
+    assert (place.end(instance).status, instance.variables["result"].driven) == ("completed", 2.0)
+
+
+def test_feedback_goes_to_a_variable_and_conditional_events_see_it(here: World, place: Place) -> None:
+    boundary = (
+        '<boundaryEvent id="near" attachedToRef="t" cancelActivity="false"><conditionalEventDefinition>'
+        "<condition>state is not None and state.remaining &lt; 2</condition></conditionalEventDefinition>"
+        '</boundaryEvent><scriptTask id="slow"><script>slow = state.remaining</script></scriptTask>'
+        '<sequenceFlow id="h" sourceRef="near" targetRef="slow"/>'
+    )
+    instance = place.run(drive(more=boundary, feedback="state"), state=None)
+    for remaining in (2.0, 1.0):
+        here.until(lambda: place.server.goals)
+        place.server.step()
+        here.until(lambda r=remaining: instance.variables["state"] and instance.variables["state"].remaining == r)
+        assert instance.variables.get("slow") == (1.0 if remaining == 1 else None)
+    place.server.step()
+    assert place.end(instance).status == "completed"
+
+
+ON_STOP = (
+    '<boundaryEvent id="b" attachedToRef="t"><signalEventDefinition signalRef="S"/></boundaryEvent>'
+    '<sequenceFlow id="h" sourceRef="b" targetRef="e"/>'
+)
+
+
+def test_a_task_that_is_cancelled_cancels_its_goal(here: World, place: Place) -> None:
+    instance = place.run(drive("9", ON_STOP))
+    here.until(lambda: place.server.goals)
+    here.connect("/stop")
+    here.settle()
+    place.stop.publish(fame.middleware.messages.create("std_msgs/msg/Empty"))
+    assert place.end(instance).status == "completed"
+    here.until(lambda: len(place.server.cancelled) == 1)
+    assert (place.server.goals, instance.visits["t"]) == ({}, 0)
+
+
+def test_an_engine_that_stops_cancels_its_goal(here: World, place: Place) -> None:
+    place.run(drive("9"))
+    here.until(lambda: place.server.goals)
+    here.settle()
+    place.robots[-1].stop()
+    here.until(lambda: len(place.server.cancelled) == 1)
+
+
+@pytest.mark.parametrize(("reference", "distance", "code"), [("E", "9", "aborted"), ("R", "-1", "rejected")])
+def test_a_goal_that_does_not_succeed_is_an_error_of_its_outcome(
+    here: World, place: Place, reference: str, distance: str, code: str
+) -> None:
+    caught = (
+        f'<boundaryEvent id="b" attachedToRef="t"><errorEventDefinition errorRef="{reference}"/></boundaryEvent>'
+        '<scriptTask id="note"><script>caught = True</script></scriptTask>'
+        '<sequenceFlow id="h" sourceRef="b" targetRef="note"/>'
+    )
+    for text in (drive(distance), drive(distance, caught)):
+        instance = place.run(text)
+        if code == "aborted":
+            here.until(lambda: place.server.goals)
+            here.settle()
+            place.server.end(next(iter(place.server.goals)), 6)
+        place.end(instance)
+    failed, handled = (robot.instances[-1] for robot in place.robots)
+    assert (failed.status, failed.error.code, failed.error.element) == ("failed", code, "t")
+    assert (handled.status, handled.variables["caught"]) == ("completed", True)
+
+
+def test_scripts_act_too(here: World, place: Place) -> None:
+    script = (
+        "seen = []\n"
+        f"result = await robot.act('drive', '{DRIVE}', lambda told: seen.append(told.remaining), distance=2)\n"
+        "driven = result.driven\n"
+        f"try: await robot.act('drive', '{DRIVE}', distance=-1)\n"
+        "except BpmnError as error: code = error.code"
+    )
+    task = f'<scriptTask id="t"><script>{script}</script></scriptTask>'
+    text = model("").replace('<serviceTask id="t" ></serviceTask>', task)
+    instance = place.run(text)
+    here.until(lambda: place.server.goals)
+    for remaining in (1.0, 0.0):
+        place.server.step()
+        here.until(lambda r=remaining: not instance.variables["seen"] or r in instance.variables["seen"])
+    place.end(instance)
+    assert (instance.variables["driven"], instance.variables["code"]) == (2.0, "rejected")
+
+
+# ---- what is said before anything moves ------------------------------------------------------------------------------
+
+
+def test_a_service_that_nobody_offers_fails_its_task_after_a_while() -> None:
+    sim = fame.Simulation(read_text(model(properties(service="/gone", type="std_srvs/Empty")), file="m.bpmn"))
+    sim.run()
+    (instance,) = sim.instances
+    assert (instance.status, sim.now) == ("failed", 5.0)
+    assert "nobody offers the service /gone" in str(instance.error)
+
+
+def test_a_function_of_that_name_takes_the_place_of_a_ros_service() -> None:
+    definitions = read_text(model(properties(service="blade", type=SET_BOOL)), file="m.bpmn")
+    seen: list[Any] = []
+    sim = fame.Simulation(definitions, services={"blade": lambda variables: seen.append(1)})
+    sim.run()
+    assert (sim.instances[0].status, seen) == ("completed", [1])
+
+
+def test_an_unknown_type_is_refused_at_load() -> None:
+    definitions = read_text(model(properties(action="drive", type="farm_msg/Drive")), file="m.bpmn")
+    with pytest.raises(ModelError, match=r"m\.bpmn:\d+.*did you mean farm_msgs/action/Drive"):
+        fame.Simulation(definitions)
+
+
+def test_a_task_calls_either_a_service_or_an_action() -> None:
+    with pytest.raises(ModelError, match="service and action"):
+        read_text(model(properties(service="a", action="b", type=DRIVE)), file="m.bpmn")
+
+
+def test_the_check_looks_at_goals() -> None:
+    from fame.check import check
+
+    definitions = read_text(drive("far").replace("distance", "length"), file="m.bpmn")
+    assert any("length" in str(finding) and "Drive_Goal" in str(finding) for finding in check(definitions))
