@@ -10,8 +10,8 @@ import yaml
 
 from fame.errors import ConfigError, FameError, MessageError
 from fame.middleware import messages
-from fame.middleware.interface import SENSOR_DATA, SIGNAL
-from fame.pipeline.configuration import Configuration, load
+from fame.middleware.interface import SIGNAL
+from fame.pipeline.configuration import INPUT, Configuration, load
 from fame.pipeline.fields import Unusable, reader
 from fame.pipeline.loading import assign, find_class, make_processors
 from fame.pipeline.writing import writer
@@ -67,7 +67,7 @@ def test_a_published_configuration_is_read_with_message_files_beside_it(tmp_path
     (given,), (told,) = found.inputs, found.outputs
     assert (given.name, given.topic, given.type) == ("Effort0", "effort_split_lp", "ros_m1_messages/msg/SplitEfforts")
     assert (told.path, told.description, found.stages) == (("loss",), "Encoder Loss", ())
-    assert (found.name, found.frequency, given.qos, told.qos) == ("encoder_0", 50.0, SENSOR_DATA, SIGNAL)
+    assert (found.name, found.frequency, given.qos, told.qos) == ("encoder_0", 50.0, INPUT, SIGNAL)
     with pytest.raises(ConfigError, match="names no Processor, and none was given"):
         make_processors(found)
 

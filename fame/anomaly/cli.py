@@ -299,7 +299,7 @@ def _play(arguments: argparse.Namespace, make: Callable[[Middleware, Scheduler],
     node = make(middleware, scheduler)
     player = middleware.node("bag").publisher(arguments.topic, TYPE, SENSOR_DATA)
     first, empty = None, True
-    for time, message in read_bag(arguments.bag, arguments.topic):
+    for time, _, message in read_bag(arguments.bag, {arguments.topic: TYPE}):
         first = time if first is None else first
         header = {"stamp": {"sec": message.header.stamp.sec, "nanosec": message.header.stamp.nanosec}}
         content = {name: list(getattr(message, name)) for name in ("name", *FIELDS)}

@@ -21,13 +21,18 @@ from fame.cli import (
     engine,
     keys,
     library,
+    param,
     pause,
+    process,
+    record,
     resume,
     run,
     split,
     splitter,
     status,
     templates,
+    topic,
+    train,
     world,
 )
 from fame.cli.arguments import Parser, Version
@@ -51,6 +56,11 @@ _COMMANDS = (
     pause,
     resume,
     keys,
+    process,
+    record,
+    train,
+    param,
+    topic,
     adm,
 )
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended

@@ -26,7 +26,7 @@ _lock = threading.Lock()
 def serialize(message: Message) -> bytes:
     """The message as CDR: 4 bytes of encapsulation header, then the fields, without padding at the end."""
     name = message.__msgtype__
-    return bytes(_store(name).serialize_cdr(message, name, little_endian=True))
+    return bytes(typestore(name).serialize_cdr(message, name, little_endian=True))
 
 
 def deserialize(data: bytes | memoryview, type: str) -> Message:
@@ -35,7 +35,7 @@ def deserialize(data: bytes | memoryview, type: str) -> Message:
 
     name = typesystem.definition(type).name
     try:
-        message: Any = _store(name).deserialize_cdr(data, name)
+        message: Any = typestore(name).deserialize_cdr(data, name)
     except SerdeError as error:
         raise MessageError(f"cannot read {len(data)} bytes of CDR: {error}", type=name) from None
     return cast(Message, message)
@@ -53,8 +53,8 @@ def type_hash(type: str) -> str:
 
 
 @cache
-def _store(name: str) -> Typestore:
-    """The store that packs and unpacks. It has `name`, and what that contains."""
+def typestore(name: str) -> Typestore:
+    """The store of rosbags that packs and unpacks messages of a type: it has `name`, and what that contains."""
     store = _empty_store()
     with _lock:
         _describe(store, name, DTYPES)  # rosbags reads a list of `byte` as signed

@@ -34,13 +34,15 @@ from typing import Any
 
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
-from fame.middleware.interface import SENSOR_DATA, SIGNAL, QoS
+from fame.middleware.interface import SIGNAL, QoS
 from fame.pipeline import fields, writing
 
 _SECTIONS = ("Inputs", "Outputs", "Imports", "Processor", "Frequency", "QoS", "Name", "Training")
 _PORT = ("Topic", "Field", "MessageType", "Description", "QoS", "Rate")
 _IMPORT = ("Package", "Module", "File")
 FREQUENCY = 50.0
+INPUT = QoS(reliability="best_effort", depth=1000)
+"""Of inputs: hears every publisher, and has room for what comes while a processor is at work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,7 @@ def _ports(
 ) -> tuple[Port, ...]:
     entries = _mapping(sections.get(section) or {}, section, None)
     ports = tuple(
-        _port(str(name), value, f"{section}.{name}", imports, general, SENSOR_DATA if section == "Inputs" else SIGNAL)
+        _port(str(name), value, f"{section}.{name}", imports, general, INPUT if section == "Inputs" else SIGNAL)
         for name, value in entries.items()
     )
     spelled: dict[str, str] = {}

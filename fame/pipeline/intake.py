@@ -160,7 +160,7 @@ class Intake:
             shape = () if value.__class__ is float else value.shape
             if shape != source.shapes[number]:
                 if source.shapes[number] is not None:
-                    if source.stamps:
+                    if source.stamps or self._arrived is not None:
                         raise Unusable(f"{port.name} has {shape} values, before it had {source.shapes[number]}")
                     self._say(f"shape {port.name}", f"{port.name}: {shape} values from now on")
                 source.shapes[number] = shape

@@ -1,14 +1,14 @@
 """Recorded CSV files as runs: what `fame record` wrote, and any table of numbers with a header.
 
 A column ``stamp`` (s) is needed; a column ``run`` parts a file into runs, and every file begins a new one. A cell may
-be empty: another topic spoke in that row. Rows that lack any of the columns asked for are left out.
+be empty: another topic spoke in that row. Rows that lack any of the columns asked for are left out, and so is a last
+line without an end in a file of `fame record`: it was torn when its writer was killed.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -71,41 +71,39 @@ def rate_of(runs: Sequence[Samples]) -> float:
 def _read(path: Path) -> tuple[list[str], Floats]:
     """Header and numbers; NaN where a cell is empty. Raises ConfigError."""
     try:
-        with path.open(encoding="utf-8", newline="") as stream:
-            names = [name.strip() for name in next(csv.reader(stream), [])]
-            if not names or any(_is_number(name) for name in names):
-                raise ConfigError("has no header; stamp,effort_0,... would be right", file=str(path), line=1)
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", UserWarning)  # that there are no rows, which is said below
-                    cells = np.loadtxt(stream, delimiter=",", ndmin=2)
-                if len(cells) and cells.shape[1] == len(names):
-                    return names, cells
-            except ValueError:  # empty cells, or something wrong: looked at cell by cell
-                pass
-        return names, _cell_by_cell(path, names)
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except UnicodeDecodeError:
         raise ConfigError("is no UTF-8 text", file=str(path)) from None
-
-
-def _cell_by_cell(path: Path, names: list[str]) -> Floats:
-    rows = []
-    with path.open(encoding="utf-8", newline="") as stream:
-        lines = csv.reader(stream)
-        next(lines)
-        for row in lines:
-            try:
-                rows.append([float(cell) if cell.strip() else np.nan for cell in row])
-            except ValueError as error:
-                text = f"found {str(error).rpartition(':')[2].strip()}; a number would be right"
-                raise ConfigError(text, file=str(path), line=lines.line_num) from None
-            if len(row) != len(names):
-                text = f"found {len(row)} cells; {len(names)} would be right"
-                raise ConfigError(text, file=str(path), line=lines.line_num)
-    if not rows:
+    lines = text.splitlines()
+    names = [name.strip() for name in next(csv.reader(lines[:1]), [])]
+    if not names or any(_is_number(name) for name in names):
+        raise ConfigError("has no header; stamp,effort_0,... would be right", file=str(path), line=1)
+    if names[:2] == [STAMP, RUN] and not text.endswith("\n"):
+        lines.pop()
+    if len(lines) < 2:
         raise ConfigError("has no rows", file=str(path))
+    try:
+        cells = np.loadtxt(lines[1:], delimiter=",", ndmin=2)
+        if cells.shape == (len(lines) - 1, len(names)):
+            return names, cells
+    except ValueError:  # empty cells, or something wrong
+        pass
+    return names, _cell_by_cell(path, names, lines)
+
+
+def _cell_by_cell(path: Path, names: list[str], lines: list[str]) -> Floats:
+    rows = []
+    for number, row in enumerate(csv.reader(lines[1:]), start=2):
+        try:
+            rows.append([float(cell) if cell.strip() else np.nan for cell in row])
+        except ValueError as error:
+            text = f"found {str(error).rpartition(':')[2].strip()}; a number would be right"
+            raise ConfigError(text, file=str(path), line=number) from None
+        if len(row) != len(names):
+            text = f"found {len(row)} cells; {len(names)} would be right"
+            raise ConfigError(text, file=str(path), line=number)
     return np.array(rows, dtype=np.float64)
 
 

@@ -1,0 +1,168 @@
+"""``fame topic``: looking at topics."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Commands, add_json, command, natural, positive
+from fame.cli.network import add_network, connected
+from fame.cli.output import print_json, table
+
+if TYPE_CHECKING:
+    from fame.clock import Scheduler
+    from fame.middleware.interface import Middleware
+
+_EXAMPLES = (
+    "fame topic list",
+    "fame topic echo /joint_states --field effort.elbow_joint",
+    "fame topic hz /joint_states",
+    "fame topic plot /encoder_loss:data /joint_states:effort --duration 20 -o loss.png",
+)
+
+
+def add(commands: Commands) -> None:
+    """Declare the command and its four parts."""
+    parser = command(
+        commands, "topic", run, examples=_EXAMPLES, help="look at topics: which there are, what is said, how often"
+    )
+    parts = parser.add_subparsers(metavar="list|echo|hz|plot", required=True)
+    listing = parts.add_parser("list", help="all topics, their types, who is at their ends")
+    echo = parts.add_parser("echo", help="what is said on a topic")
+    hz = parts.add_parser("hz", help="how often something is said")
+    plot = parts.add_parser("plot", help="how numbers go over time, as a picture")
+    for part in (echo, hz):
+        part.add_argument("topic", metavar="TOPIC")
+        part.add_argument("--count", type=natural, default=0, metavar="N", help="end after N messages")
+    echo.add_argument("--field", metavar="PATH", help="only what stands there, such as effort.3 or pose.position.x")
+    plot.add_argument("series", nargs="+", metavar="TOPIC:PATH", help="such as /joint_states:effort.elbow_joint")
+    plot.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.png")
+    plot.add_argument("--threshold", type=float, action="append", default=[], metavar="X", help="a line at this height")
+    for part, seconds in ((listing, 1.0), (echo, None), (hz, None), (plot, 10.0)):
+        said = f"(default: {seconds:g})" if seconds else "(default: until interrupted)"
+        part.add_argument("--duration", type=positive, default=seconds, metavar="S", help=f"listen for so long {said}")
+        add_network(part)
+    add_json(listing)
+    for name, part in (("list", listing), ("echo", echo), ("hz", hz), ("plot", plot)):
+        part.set_defaults(part=name)
+
+
+def run(arguments: Namespace) -> int:
+    """Listen, and tell."""
+    from fame.clock import SECOND
+
+    with connected(arguments) as (scheduler, middleware):
+        if arguments.duration is not None:
+            scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
+        return _PARTS[arguments.part](arguments, scheduler, middleware)
+
+
+def _list(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
+    scheduler.run()
+    topics = list(middleware.graph())
+    if arguments.json:
+        told = [
+            {"name": info.name, "types": info.types, "publishers": info.publishers, "subscribers": info.subscribers}
+            for info in topics
+        ]
+        print_json({"topics": told})
+        return 0
+    rows = [(info.name, ", ".join(info.types), len(info.publishers), len(info.subscribers)) for info in topics]
+    print(table(("topic", "type", "publishers", "subscribers"), rows))
+    return 0
+
+
+def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
+    from fame.middleware import messages
+    from fame.pipeline.fields import Unusable, reader
+    from fame.pipeline.looking import parse_path, shown
+
+    type = _type(arguments, scheduler, middleware)
+    read = reader(type, parse_path(arguments.field)) if arguments.field else None
+    left = arguments.count or -1
+
+    def heard(message: Any) -> None:
+        nonlocal left
+        if left == 0:
+            return
+        try:
+            value = read(message)[0] if read is not None else shown(messages.to_mapping(message)) + "---"
+        except Unusable as reason:
+            print(f"fame: {reason}", file=sys.stderr)
+            return
+        print(value if read is None else shown(value.tolist() if hasattr(value, "tolist") else value), flush=True)
+        left -= 1
+        if left == 0:
+            scheduler.stop()
+
+    return _listen(arguments, scheduler, middleware, type, heard)
+
+
+def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
+    from fame.clock import SECOND
+    from fame.pipeline.looking import Times
+
+    type = _type(arguments, scheduler, middleware)
+    times = Times()
+
+    def heard(message: Any) -> None:
+        times.times.append(scheduler.now / SECOND)
+        if len(times.times) == arguments.count:
+            scheduler.stop()
+
+    def tell() -> None:
+        print(times.text() or f"{arguments.topic}: silent", flush=True)
+        scheduler.after(SECOND, tell)
+
+    scheduler.after(SECOND, tell)
+    code = _listen(arguments, scheduler, middleware, type, heard)
+    print(times.text(float("inf")) or f"{arguments.topic}: silent", flush=True)
+    return code if len(times.times) > 1 else 1
+
+
+def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
+    from fame.errors import ConfigError, MissionError
+    from fame.pipeline.looking import Series, parse_path, wait_for_types
+    from fame.pipeline.plots import plot_series
+
+    if arguments.output.suffix.lower() != ".png":
+        raise ConfigError(
+            f"found the ending {arguments.output.suffix!r}; .png would be right", file=str(arguments.output)
+        )
+    named = [text.partition(":") for text in arguments.series]
+    for topic, _, path in named:
+        if not topic.startswith("/") or not path:
+            raise ConfigError(f"found {topic}; /topic:field would be right, such as /joint_states:effort.0")
+    types = wait_for_types(middleware, scheduler, [topic for topic, _, _ in named])
+    node = middleware.node("fame_topic")
+    series = [Series(node, scheduler, topic, types[topic], parse_path(path)) for topic, _, path in named]
+    scheduler.run()
+    if not any(each.stamps for each in series):
+        raise MissionError("nothing was said on these topics")
+    plot_series(series, arguments.output, thresholds=arguments.threshold)
+    print(f"{arguments.output}: {', '.join(f'{len(each.stamps)} samples of {each.label}' for each in series)}")
+    return 0
+
+
+def _type(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> str:
+    from fame.pipeline.looking import wait_for_types
+
+    if not arguments.topic.startswith("/"):
+        arguments.topic = f"/{arguments.topic}"
+    return wait_for_types(middleware, scheduler, [arguments.topic])[arguments.topic]
+
+
+def _listen(arguments: Namespace, scheduler: Scheduler, middleware: Middleware, type: str, heard: Any) -> int:
+    from fame.middleware.interface import SENSOR_DATA
+
+    middleware.node("fame_topic").subscription(arguments.topic, type, heard, SENSOR_DATA)
+    try:
+        scheduler.run()
+    except KeyboardInterrupt:
+        print()
+    return 0
+
+
+_PARTS = {"list": _list, "echo": _echo, "hz": _hz, "plot": _plot}

@@ -1,0 +1,405 @@
+"""Recording nodes: what is said on topics, as CSV, bags and in a database; live and from bags."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import urllib.parse
+import urllib.request
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from fame.cli import main
+from fame.clock import SECOND, Scheduler
+from fame.errors import ConfigError
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from fame.pipeline.configuration import Configuration, load
+from fame.pipeline.influx import Influx
+from fame.pipeline.recording import RecordingNode, record_bag
+from fame.pipeline.rows import Row
+from fame.pipeline.tables import read_runs
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
+ELBOW = {"Topic": "joint_states", "Field": ["position", "elbow"], "MessageType": JOINT_STATE}
+FORCE = {"Topic": "force", "Field": ["data"], "MessageType": "std_msgs/msg/Float64"}
+
+
+def configuration(folder: Path, **inputs: Any) -> Configuration:
+    path = folder / "joints.yaml"
+    path.write_text(yaml.safe_dump({"Inputs": inputs or {"Efforts": EFFORTS, "Elbow": ELBOW}}, sort_keys=False))
+    return load(path)
+
+
+class Bench:
+    """Topics on simulated time."""
+
+    def __init__(self) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        outside = self.middleware.node("arm")
+        self.arm = outside.publisher("joint_states", JOINT_STATE)
+        self.force = outside.publisher("force", "std_msgs/msg/Float64")
+        self.begin = outside.publisher("task_start", "std_msgs/msg/Empty")
+        self.said: list[str] = []
+
+    def record(self, of: Configuration, *outputs: Path | str, **options: Any) -> RecordingNode:
+        return RecordingNode(self.middleware, self.scheduler, of, outputs, report=self.said.append, **options)
+
+    def joints(self, stamp: float, *efforts: float) -> None:
+        content = {"header": {"stamp": stamp}, "name": ["elbow", "wrist"], "effort": list(efforts)}
+        self.arm.publish(messages.create(JOINT_STATE, {**content, "position": [10 * stamp, 0.0]}))
+
+    def run(self, seconds: float = 0.01) -> None:
+        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+
+def test_each_message_is_a_row_with_its_stamp_and_columns_named_by_channel(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path), tmp_path / "runs.csv")
+    bench.joints(0.1, 1.0, 2.5)
+    bench.joints(0.2, -1.0, 1e-7)
+    bench.run()
+    node.close()
+    assert (tmp_path / "runs.csv").read_text() == (
+        "stamp,run,Efforts.elbow,Efforts.wrist,Elbow\n0.100000000,0,1,2.5,1\n0.200000000,0,-1,1e-07,2\n"
+    )
+    (run,) = read_runs([tmp_path / "runs.csv"], ["Elbow", "Efforts.wrist"])
+    assert run.values.tolist() == [[1.0, 2.5], [2.0, 1e-7]]
+
+
+def test_cells_of_a_topic_that_said_nothing_are_empty(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path, Force=FORCE, Efforts=EFFORTS), tmp_path / "runs.csv")
+    bench.joints(0.1, 1.0, 2.0)
+    bench.run(0.25)
+    bench.force.publish(messages.create("std_msgs/msg/Float64", 7))
+    bench.run()
+    node.close()
+    assert (tmp_path / "runs.csv").read_text().splitlines() == [
+        "stamp,run,Force,Efforts.elbow,Efforts.wrist", "0.100000000,0,,1,2", "0.250000000,0,7,,",
+    ]  # fmt: skip
+
+
+def test_a_topic_that_stays_silent_has_no_columns_and_that_is_said(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path, Force=FORCE, Efforts=EFFORTS), tmp_path / "runs.csv")
+    for second in range(1, 13):
+        bench.joints(float(second), 1.0, 2.0)
+    bench.run()
+    bench.force.publish(messages.create("std_msgs/msg/Float64", 7))
+    bench.run()
+    node.close()
+    lines = (tmp_path / "runs.csv").read_text().splitlines()
+    assert (lines[0], len(lines)) == ("stamp,run,Efforts.elbow,Efforts.wrist", 13)
+    assert "joints: force: silent for 10 s; it has no columns" in bench.said
+    assert "joints: force: left out: 1 values for 0 columns" in bench.said
+
+
+def test_runs_are_told_apart_by_a_topic_and_a_file_goes_on_with_the_next(tmp_path: Path) -> None:
+    bench = Bench()
+    for _ in range(2):
+        node = bench.record(configuration(tmp_path), tmp_path / "a.csv", append=True, run_topic="/task_start")
+        for stamp in (0.1, 0.2):
+            bench.begin.publish(messages.create("std_msgs/msg/Empty"))
+            bench.run()
+            bench.joints(stamp, 1.0, 2.0)
+            bench.run()
+        node.close()
+    assert [line.split(",")[1] for line in (tmp_path / "a.csv").read_text().splitlines()] == ["run", *"0123"]
+    with pytest.raises(ConfigError, match="exists already; --append goes on with it"):
+        bench.record(configuration(tmp_path), tmp_path / "a.csv")
+    node = bench.record(configuration(tmp_path, Efforts=EFFORTS), tmp_path / "a.csv", append=True)
+    bench.joints(0.1, 1.0, 2.0)
+    with pytest.raises(ConfigError, match=r"has the columns stamp,run,Efforts\.elbow,Efforts\.wrist,Elbow; now"):
+        bench.run()
+
+
+def test_a_torn_last_line_is_cut_off_when_a_file_goes_on_and_left_out_when_it_is_read(tmp_path: Path) -> None:
+    bench = Bench()
+    (tmp_path / "a.csv").write_text("stamp,run,Efforts.elbow,Efforts.wrist,Elbow\n0.1,0,1,2,3\n0.2,0,1,2,3")
+    assert len(read_runs([tmp_path / "a.csv"])[0]) == 1
+    node = bench.record(configuration(tmp_path), tmp_path / "a.csv", append=True)
+    bench.joints(0.3, 1.0, 2.0)
+    bench.run()
+    node.close()
+    assert (tmp_path / "a.csv").read_text().splitlines()[1:] == ["0.1,0,1,2,3", "0.300000000,1,1,2,3"]
+
+
+def test_what_cannot_be_used_is_left_out_and_said(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path), tmp_path / "a.csv")
+    bench.joints(0.1, 1.0, 2.0)
+    bench.joints(0.2, float("nan"), 2.0)
+    bench.joints(0.05, 1.0, 2.0)
+    bench.joints(0.3, 1.0)
+    bench.run()
+    node.close()
+    assert node.rows == 1
+    assert [text.partition("left out: ")[2] for text in bench.said] == [
+        "Efforts is not finite", "a sample 0.05 s older of stamp 0.050 s after 0.100 s",
+        "Efforts has (1,) values, before it had (2,)",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("output", ["runs.txt", "runs.db3"])
+def test_another_ending_is_refused(tmp_path: Path, output: str) -> None:
+    with pytest.raises(ConfigError, match=r"\.csv, \.mcap, none \(a bag\) or http:// would be right"):
+        Bench().record(configuration(tmp_path), tmp_path / output)
+
+
+# ---- bags ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("output", ["runs", "runs.mcap"])
+def test_a_bag_that_was_recorded_gives_the_same_rows_as_the_topics(tmp_path: Path, output: str) -> None:
+    bench = Bench()
+    of = configuration(tmp_path)
+    node = bench.record(of, tmp_path / "live.csv", tmp_path / output)
+    for number in range(1, 30):
+        bench.joints(number / 10, float(number), 0.5)
+        bench.run()
+    node.close()
+    record_bag(tmp_path / output, of, [tmp_path / "bag.csv"])
+    assert (tmp_path / "bag.csv").read_text() == (tmp_path / "live.csv").read_text()
+
+
+def ros1_bag(path: Path) -> None:
+    """A bag of ROS 1."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    with Writer(path) as bag:
+        connection = bag.add_connection("/joint_states", JOINT_STATE, typestore=store)
+        for number in range(3):
+            header = types["std_msgs/msg/Header"](number, types["builtin_interfaces/msg/Time"](5, number), "")
+            message = types[JOINT_STATE](
+                header, ["elbow", "wrist"], np.array([1.0, 2.0]), np.zeros(0), np.array([number, 0.0])
+            )
+            bag.write(connection, 5_000_000_000 + number, store.serialize_ros1(message, JOINT_STATE))
+
+
+def test_a_bag_of_ros_1_is_read(tmp_path: Path) -> None:
+    ros1_bag(tmp_path / "old.bag")
+    node = record_bag(tmp_path / "old.bag", configuration(tmp_path), [tmp_path / "old.csv"])
+    assert node.rows == 3
+    assert (tmp_path / "old.csv").read_text().splitlines()[-1] == "5.000000002,0,2,0,1"
+
+
+def test_a_bag_without_the_topic_or_with_another_type_is_refused_before_a_file_is_made(tmp_path: Path) -> None:
+    ros1_bag(tmp_path / "old.bag")
+    for inputs, reason in (
+        ({"Force": FORCE}, "has no topic /force; it has /joint_states"),
+        ({"X": {**FORCE, "Topic": "joint_states"}}, "/joint_states carries sensor_msgs/msg/JointState; std_msgs"),
+    ):
+        with pytest.raises(ConfigError, match=reason):
+            record_bag(tmp_path / "old.bag", configuration(tmp_path, **inputs), [tmp_path / "x.csv"])
+    with pytest.raises(ConfigError, match="is no bag that can be read"):
+        record_bag(tmp_path / "none.bag", configuration(tmp_path), [tmp_path / "x.csv"])
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_the_command_records_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ros1_bag(tmp_path / "old.bag")
+    configuration(tmp_path)
+    command = ["record", str(tmp_path / "joints.yaml"), "--bag", str(tmp_path / "old.bag"), "-o"]
+    assert main([*command, str(tmp_path / "a.csv")]) == 0
+    assert capsys.readouterr().out == f"{tmp_path}/a.csv: 3 rows, 1 run\n"
+    assert main([*command, str(tmp_path / "a.csv")]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_a_csv_file_is_whole_up_to_its_last_line_when_its_writer_is_killed(tmp_path: Path) -> None:
+    """Killed while it writes as fast as it can."""
+    configuration(tmp_path)
+    code = f"""
+import sys; sys.path[:0] = {sys.path!r}
+from pathlib import Path
+from test_pipeline_recording import Bench, configuration
+bench = Bench()
+node = bench.record(configuration(Path({str(tmp_path)!r})), Path({str(tmp_path / "a.csv")!r}))
+for number in range(1, 10**9):
+    bench.joints(number / 500, float(number), 2.0 * number)
+    bench.run(0.002)
+    if number == 500:
+        print("going", flush=True)
+"""
+    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    assert child.stdout.readline() == b"going\n"
+    child.kill()
+    child.communicate()
+    (run,) = read_runs([tmp_path / "a.csv"])
+    assert len(run) >= 450
+    np.testing.assert_allclose(run.values[:, 1], 2 * run.values[:, 0])
+    np.testing.assert_allclose(np.diff(run.values[:, 0]), 1)
+
+
+# ---- a database ------------------------------------------------------------------------------------------------------
+
+
+class Server:
+    """What a server of the line protocol says and gets."""
+
+    def __init__(self, port: int = 0, status: int = 204) -> None:
+        self.lines: list[str] = []
+        self.status = status
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                body = self.rfile.read(int(self.headers["Content-Length"])).decode()
+                status = 200 if self.path.startswith("/query") else outer.status
+                if self.path.startswith("/write?db=robots&precision=ns") and status == 204:
+                    outer.lines += body.splitlines()
+                self.send_response(status)
+                self.end_headers()
+
+            def log_message(self, *_: object) -> None: ...
+
+        self._server = HTTPServer(("127.0.0.1", port), Handler)
+        self.port = self._server.server_port
+        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.01})
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+def row(folder: Path, number: int) -> Row:
+    ports = configuration(folder, Effort0={**ELBOW, "Field": ["effort", 0]}).inputs
+    return Row(number / 10, 0, ports, [float(number)], [()])
+
+
+def influx(folder: Path, port: int, said: list[str]) -> Influx:
+    return Influx(f"http://127.0.0.1:{port}/robots", folder / "spool", "arm 1", said.append, pause=0.01)
+
+
+def test_rows_go_to_a_database_by_line_protocol(tmp_path: Path) -> None:
+    server, said = Server(), list[str]()
+    try:
+        sink = influx(tmp_path, server.port, said)
+        for number in range(3):
+            sink.put(row(tmp_path, number))
+        sink.close()
+    finally:
+        server.stop()
+    assert server.lines[1] == r"arm\ 1 Effort0=1.0,run=0i 100000000"
+    assert (len(server.lines), said, list(tmp_path.glob("spool*"))) == (3, [], [])
+
+
+def test_nothing_is_lost_while_the_server_is_away(tmp_path: Path) -> None:
+    server, said = Server(), list[str]()
+    port = server.port
+    server.stop()
+    sink = influx(tmp_path, port, said)
+    for number in range(50):
+        sink.put(row(tmp_path, number))
+        sink.flush()
+    server = Server(port)
+    try:
+        sink.put(row(tmp_path, 50))
+        sink.close()
+    finally:
+        server.stop()
+    assert [float(line.split("=")[1].split(",")[0]) for line in server.lines] == list(range(51))
+    assert said[0].startswith("the server cannot be reached (")
+    assert said[-1] == "the server is there again; what waited on disk is sent"
+
+
+def test_what_could_not_be_sent_waits_on_disk_for_the_next_time(tmp_path: Path) -> None:
+    server, said = Server(status=503), list[str]()
+    try:
+        sink = influx(tmp_path, server.port, said)
+        sink.put(row(tmp_path, 1))
+        sink.close(0.2)
+        assert said[0].startswith("the server cannot be reached (HTTP 503)")
+        assert f"bytes wait in {tmp_path}/spool.lines" in said[-1]
+        server.status = 204
+        sink = influx(tmp_path, server.port, said)
+        sink.put(row(tmp_path, 2))
+        sink.close()
+    finally:
+        server.stop()
+    assert [line.split()[-1] for line in server.lines] == ["100000000", "200000000"]
+
+
+def test_lines_that_the_server_refuses_are_kept_apart(tmp_path: Path) -> None:
+    server, said = Server(status=400), list[str]()
+    try:
+        sink = influx(tmp_path, server.port, said)
+        sink.put(row(tmp_path, 1))
+        sink.close()
+    finally:
+        server.stop()
+    assert said == [f"the server refuses 1 lines (HTTP 400); kept in {tmp_path}/spool.refused"]
+    assert (tmp_path / "spool.refused").read_text().count("\n") == 1
+
+
+@pytest.mark.parametrize("url", ["http://localhost:8086", "influx://localhost/robots", "http:///robots"])
+def test_an_address_without_a_database_is_refused(tmp_path: Path, url: str) -> None:
+    with pytest.raises(ConfigError, match="http://host:8086/database would be right"):
+        Influx(url, tmp_path / "spool", "arm", print)
+
+
+@pytest.mark.influx
+@pytest.mark.skipif(shutil.which("influxd") is None, reason="needs InfluxDB 1.x: apt-get install influxdb")
+def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path: Path) -> None:
+    with socket.socket() as free, socket.socket() as other:
+        free.bind(("127.0.0.1", 0))
+        other.bind(("127.0.0.1", 0))
+        port, backup = free.getsockname()[1], other.getsockname()[1]
+    settings = {
+        "INFLUXDB_HTTP_BIND_ADDRESS": f"127.0.0.1:{port}", "INFLUXDB_BIND_ADDRESS": f"127.0.0.1:{backup}",
+        "INFLUXDB_META_DIR": str(tmp_path / "meta"), "INFLUXDB_DATA_DIR": str(tmp_path / "data"),
+        "INFLUXDB_DATA_WAL_DIR": str(tmp_path / "wal"), "INFLUXDB_REPORTING_DISABLED": "true",
+    }  # fmt: skip
+
+    def start() -> subprocess.Popen[bytes]:
+        quiet = subprocess.DEVNULL
+        child = subprocess.Popen(["influxd"], env={**os.environ, **settings}, stdout=quiet, stderr=quiet)
+        for _ in range(500):
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/ping", timeout=1).close()
+                return child
+            except OSError:
+                threading.Event().wait(0.02)
+        raise AssertionError("influxd does not answer")
+
+    def stop(child: subprocess.Popen[bytes]) -> None:
+        child.send_signal(signal.SIGTERM)
+        child.wait(20)
+
+    said: list[str] = []
+    child = start()
+    try:
+        sink = influx(tmp_path, port, said)
+        for number in range(300):
+            sink.put(row(tmp_path, number))
+            sink.flush()
+            if number == 100:
+                stop(child)
+            if number == 200:
+                child = start()
+        sink.close()
+        query = urllib.parse.urlencode({"db": "robots", "q": 'SELECT count("Effort0"), sum("Effort0") FROM "arm 1"'})
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/query?{query}", timeout=5) as answer:
+            (series,) = yaml.safe_load(answer.read())["results"][0]["series"]
+    finally:
+        stop(child)
+    assert series["values"][0][1:] == [300, sum(range(300))]
