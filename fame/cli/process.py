@@ -67,6 +67,10 @@ class Nodes:
     def __init__(self, nodes: list[Any]) -> None:
         self.nodes = nodes
 
+    def stop(self) -> bool:
+        """Nothing has to be waited for."""
+        return False
+
     def close(self) -> None:
         """Leave."""
         for node in self.nodes:

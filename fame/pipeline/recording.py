@@ -80,6 +80,10 @@ class RecordingNode:
         self.run += self._begun
         self._begun = False
 
+    def stop(self) -> bool:
+        """Nothing has to be waited for."""
+        return False
+
     def close(self) -> None:
         """Write the rest, and leave."""
         self._entry.cancel()
