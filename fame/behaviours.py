@@ -68,7 +68,7 @@ def behaviours(folders: Sequence[Path] = ()) -> list[Behaviour]:
     Raises ConfigError for a folder that is not there, and ModelError for a file that cannot be read.
     """
     library, found = Library(), dict[str, Behaviour]()
-    for folder in (*folders, BUILT_IN):
+    for folder in (*folders, *BUILT_IN):
         if not folder.is_dir():
             raise ConfigError("there is no such folder", file=str(folder))
         for path in sorted(folder.glob("*.bpmn")):

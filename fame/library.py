@@ -12,8 +12,9 @@ from pathlib import Path
 from fame.bpmn.model import CallActivity, Definitions, Process
 from fame.errors import ConfigError, ModelError
 
-BUILT_IN = Path(__file__).resolve().parent.parent / "models" / "library"
-"""The behaviours that come with FAME."""
+_MODELS = Path(__file__).resolve().parent.parent / "models"
+BUILT_IN = (_MODELS / "library", _MODELS / "monitoring")
+"""The behaviours and the monitoring units that come with FAME."""
 
 
 class Library:
@@ -35,7 +36,7 @@ class Library:
         if file and not file.startswith("<"):
             here = Path(file).parent
             yield from (here, here / "library")
-        yield BUILT_IN
+        yield from BUILT_IN
 
     def read(self, path: Path) -> Definitions:
         """A file, read once. Raises ModelError."""

@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import partial
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from fame.asking import ask, asking_task
@@ -40,6 +42,7 @@ from fame.scripting import (
     script_topics,
 )
 from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
+from fame.units import Around, Make, living
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
@@ -106,6 +109,7 @@ class RobotNode:
     strict     an undefined name in a payload is an error, not a warning
     keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
     on_end     called with each instance that has ended
+    units      what service tasks keep running, by name (`fame.units`)
     """
 
     def __init__(
@@ -124,6 +128,7 @@ class RobotNode:
         epoch: datetime = EPOCH,
         keep: int | None = None,
         on_end: Callable[[Instance], object] = lambda instance: None,
+        units: Mapping[str, Make] = MappingProxyType({}),
     ) -> None:
         self.name, self.mission, self.scheduler, self.strict = name, mission, scheduler, strict
         self.namespace = name if namespace is None else namespace
@@ -135,7 +140,7 @@ class RobotNode:
         self._hear = by_trails(observer) if observer is not None else None
         self.instances: list[Instance] = []
         self.started = self.completed = self.failed = 0
-        self._keep, self._on_end = keep, on_end
+        self._keep, self._on_end, self._units = keep, on_end, units
         self._seen: dict[int, int] = {}  # resting token -> when `waits` saw it first
         self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}
         self._publishers: dict[str, Publisher] = {}  # by full name
@@ -348,12 +353,25 @@ class RobotNode:
         mission, services = self.mission, self.mission.services
         if operation in services:
             return services[operation]
+        if operation in self._units:
+            return living(self._units[operation], self._around(element))
         closure = mission.library.closure(mission.definitions, mission.process)
         found = asking_task((process for home, process in closure if home.file == file), element)
         if found is None:
-            known = ", ".join(sorted(services)) or "none"
+            known = ", ".join(sorted(services) or sorted(self._units)) or "none"
             raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
         return self._asking(*found, file)
+
+    def _around(self, element: str) -> Around:
+        return Around(
+            robot=self.name,
+            namespace=self.namespace,
+            middleware=self.middleware,
+            scheduler=self.scheduler,
+            folder=Path(self.mission.definitions.file).parent,
+            report=partial(self.report, element),
+            changed=self.runner.poll,
+        )
 
     def _asking(self, process: Process, task: Task, file: str) -> Compiled:
         """A service task that asks a ROS service or action. Its client is made now: discovery is over in time."""

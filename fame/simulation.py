@@ -12,6 +12,7 @@ from fame.engine import Instance
 from fame.errors import ModelError
 from fame.library import Library
 from fame.middleware.local import LocalMiddleware
+from fame.monitoring import UNITS
 from fame.node import Event, RobotNode, Service, mission
 
 
@@ -48,6 +49,7 @@ class Simulation:
         self.node = RobotNode(
             robot,
             mission(definitions, chosen, library=Library(library), services=services),
+            units=UNITS,
             scheduler=self.scheduler,
             middleware=self.middleware,
             observer=observer,

@@ -44,7 +44,7 @@ def behaviour(tmp_path: Path, content: str, name: str = "Dig") -> Behaviour:
 
 
 def test_every_file_of_the_library_is_listed_once_by_name() -> None:
-    assert list(KNOWN) == sorted(path.stem for path in BUILT_IN.glob("*.bpmn"))
+    assert list(KNOWN) == sorted(path.stem for folder in BUILT_IN for path in folder.glob("*.bpmn"))
 
 
 @pytest.mark.parametrize("name", KNOWN)

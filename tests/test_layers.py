@@ -16,7 +16,7 @@ FLOORS = (
     ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors"),
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
-    ("fame.asking", "fame.library", "fame.node", "fame.observation", "fame.splitter"),
+    ("fame.asking", "fame.library", "fame.units", "fame.node", "fame.observation", "fame.splitter"),
     (
         "fame.simulation",
         "fame.check",
@@ -28,6 +28,7 @@ FLOORS = (
         "fame.anomaly",
         "fame.behaviours",
         "fame.templates",
+        "fame.monitoring",
     ),
     ("sim2d", "robots"),
     ("fame.cli", "fame.scenario", "fame.remote", "fame", "fame.__main__"),

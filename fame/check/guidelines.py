@@ -29,6 +29,7 @@ from fame.bpmn.model import (
 from fame.check.findings import Finding
 from fame.check.subject import Subject, Unit
 from fame.check.texts import texts_of
+from fame.monitoring import UNITS
 
 _SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
 _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")
@@ -103,7 +104,7 @@ def _selection(unit: Unit, node: FlowNode) -> Iterator[Finding]:
     outside = _outside(node)
     if outside:
         yield unit.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)
-    if isinstance(node, Task) and node.kind == "service" and node.operation and node.topic is None:
+    if isinstance(node, Task) and node.kind == "service" and node.operation not in ("", *UNITS) and node.topic is None:
         text = f"needs the service {node.operation!r} where it runs: Simulation(services=...)"
         yield unit.finding("note", text, node)
 

@@ -8,6 +8,7 @@ from typing import Any
 from fame.errors import FameError
 from fame.library import Library
 from fame.middleware.interface import Middleware
+from fame.monitoring import UNITS
 from fame.node import RobotNode, Service, mission
 
 KEPT = 10
@@ -27,7 +28,9 @@ def load(
     definitions = read_text(model, file=f"{robot}.bpmn")
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
-    node = RobotNode(robot, mission(definitions, process, library=library, services=services), keep=KEPT, **options)
+    node = RobotNode(
+        robot, mission(definitions, process, library=library, services=services), keep=KEPT, units=UNITS, **options
+    )
     try:
         node.load()
     except FameError:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
+from fame.monitoring import UNITS
 from fame.node import Event, RobotNode, Wait, mission
 from fame.observation import Observer, together
 from fame.scenario.captions import Captions
@@ -67,6 +68,7 @@ class Run:
             RobotNode(
                 robot,
                 mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
+                units=UNITS,
                 scheduler=self.scheduler,
                 middleware=self.middleware,
                 observer=self.observer,

@@ -1,0 +1,142 @@
+"""The three modes as units of a mission: ``adm_collect``, ``adm_learn``, ``adm_operate``.
+
+Each is made from variables, which the data object of its call activity names (models/monitoring). Topics, rules and
+fields are as of `fame adm`; files are relative to the folder of the mission's model.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, cast
+
+from fame.clock import SECOND, Entry, WallScheduler
+from fame.errors import ConfigError, MissionError
+from fame.units import Around, setting
+
+if TYPE_CHECKING:
+    from fame.anomaly.live import Rule
+
+RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
+_POLL = SECOND // 5
+
+
+class CollectUnit:
+    """Records runs with a label: ends after `runs` of them, else when its scope does; writes `output` either way."""
+
+    def __init__(self, around: Around, variables: Mapping[str, Any]) -> None:
+        from fame.anomaly.collect import Collect, Collector
+
+        self._output = around.folder / setting(variables, "output", type=str)
+        label = setting(variables, "label", type=int)
+        if label not in (1, -1):
+            raise ConfigError(f"found label = {label}; 1 (benign) or -1 (anomalous) would be right")
+        points, runs = setting(variables, "points", 0, type=int), setting(variables, "runs", 0, type=int)
+        self._collector = Collector(label, _rule(variables), cycle=points, limit=runs)
+        self._report = around.report
+        self._node = Collect(
+            around.middleware, around.scheduler, self._collector,
+            topic=setting(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
+            namespace=around.namespace, report=around.report, done=around.changed,
+        )  # fmt: skip
+
+    def results(self) -> Mapping[str, Any] | None:
+        """`runs_collected`, once there are enough."""
+        return {"runs_collected": self._collector.complete} if self._collector.done else None
+
+    def close(self) -> None:
+        """Leave, and write what has come."""
+        from fame.anomaly.files import write_csv
+
+        self._node.close()
+        try:
+            write_csv(self._output, self._collector.recording())
+        except MissionError as error:
+            self._report(error.text)
+
+
+class OperateUnit:
+    """Watches runs and raises the signal `anomaly`, until its scope ends."""
+
+    def __init__(self, around: Around, variables: Mapping[str, Any]) -> None:
+        from fame.anomaly.operate import Operate
+        from fame.anomaly.persist import load_model
+
+        model = load_model(around.folder / setting(variables, "model", type=str))
+        threshold = setting(variables, "threshold", type=float) if variables.get("threshold") is not None else None
+        self._node = Operate(
+            around.middleware, around.scheduler, model, threshold=threshold, rule=_rule(variables),
+            topic=setting(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
+            namespace=around.namespace, report=around.report,
+        )  # fmt: skip
+
+    def results(self) -> Mapping[str, Any] | None:
+        """It never ends by itself."""
+        return None
+
+    def close(self) -> None:
+        """Leave; the run that goes on is judged as far as it got."""
+        self._node.close()
+
+
+class LearnUnit:
+    """Fits the classifiers of `config` and stores the best in `model`: ``fame adm learn`` in a process of its own.
+
+    So the engine goes on meanwhile. In simulated time learning takes no time.
+    """
+
+    def __init__(self, around: Around, variables: Mapping[str, Any]) -> None:
+        self._around = around
+        config = around.folder / setting(variables, "config", type=str)
+        model = around.folder / setting(variables, "model", "best.skops", type=str)
+        command = [sys.executable, "-m", "fame", "adm", "learn", str(config), "-o", str(model), "--json"]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self._told: dict[str, Any] | None = None
+        self._poll: Entry | None = None
+        if isinstance(around.scheduler, WallScheduler):
+            self._poll = around.scheduler.after(_POLL, self._look)
+        else:
+            self._end()
+
+    def results(self) -> Mapping[str, Any] | None:
+        """`classifier` is the name of the best one. Raises ConfigError if learning failed."""
+        if self._told is None:
+            return None
+        if "error" in self._told:
+            raise ConfigError(str(self._told["error"]["text"]), file=str(self._told["error"].get("file", "")))
+        return {"classifier": next(item["name"] for item in self._told["classifiers"] if item["best"])}
+
+    def close(self) -> None:
+        """Stop learning, if it goes on."""
+        if self._poll is not None:
+            self._poll.cancel()
+        if self._told is None:
+            self._process.kill()
+            self._process.communicate()
+
+    def _look(self) -> None:
+        if self._process.poll() is None:
+            self._poll = self._around.scheduler.after(_POLL, self._look)
+            return
+        self._end()
+        self._around.changed()
+
+    def _end(self) -> None:
+        out, said = self._process.communicate()
+        for line in said.splitlines():
+            self._around.report(line)
+        self._told = json.loads(out)
+
+
+def _rule(variables: Mapping[str, Any]) -> Rule:
+    return cast("Rule", _choice(variables, "rule", RULES))
+
+
+def _choice(variables: Mapping[str, Any], name: str, known: tuple[str, ...]) -> str:
+    """One of the `known` words; the first if the variable is not set."""
+    value = setting(variables, name, known[0], type=str)
+    if value not in known:
+        raise ConfigError(f"found {name} = {value!r}; {', '.join(known)} would be right")
+    return value

@@ -1,0 +1,30 @@
+"""The units that come with FAME, by the name that a service task calls them: see models/monitoring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fame.units import Around, Make, Unit
+
+
+def _adm_collect(around: Around, variables: Mapping[str, Any]) -> Unit:
+    from fame.anomaly.units import CollectUnit
+
+    return CollectUnit(around, variables)
+
+
+def _adm_learn(around: Around, variables: Mapping[str, Any]) -> Unit:
+    from fame.anomaly.units import LearnUnit
+
+    return LearnUnit(around, variables)
+
+
+def _adm_operate(around: Around, variables: Mapping[str, Any]) -> Unit:
+    from fame.anomaly.units import OperateUnit
+
+    return OperateUnit(around, variables)
+
+
+UNITS: Mapping[str, Make] = {"adm_collect": _adm_collect, "adm_learn": _adm_learn, "adm_operate": _adm_operate}
+"""What needs packages is imported when a unit is made."""

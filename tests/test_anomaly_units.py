@@ -1,0 +1,127 @@
+"""The modes of the anomaly detection module as call activities of a mission."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arm_data import BENIGN, needs_data, recording
+from bpmn_text import process
+
+import fame
+from fame.anomaly.files import read_csv, write_csv
+from fame.anomaly.joints import TYPE
+from fame.anomaly.model import Model
+from fame.anomaly.paths import PathDetector
+from fame.anomaly.persist import load_model, save_model
+from fame.clock import SECOND
+from fame.middleware import messages
+from robots.arm.mh5 import FILE, MH5
+from robots.arm.sabotage import alter, knots
+
+PERIOD = SECOND // 40
+
+
+def calling(unit: str, more: str = "") -> str:
+    """A process that calls a unit, and what is beside it."""
+    return process(
+        f"""<startEvent id="s"/><callActivity id="c" calledElement="{unit}"/><endEvent id="e"/>
+        <sequenceFlow id="f" sourceRef="s" targetRef="c"/><sequenceFlow id="g" sourceRef="c" targetRef="e"/>{more}"""
+    )
+
+
+STOPPED_BY_THE_ALARM = """<subProcess id="h" triggeredByEvent="true"><startEvent id="hs"><signalEventDefinition
+signalRef="A"/><extensionElements><camunda:properties><camunda:property name="type" value="sensor_msgs/msg/JointState"/>
+</camunda:properties></extensionElements></startEvent><endEvent id="he"/>
+<sequenceFlow id="hf" sourceRef="hs" targetRef="he"/></subProcess>"""
+
+
+class Watch:
+    """A mission, and an arm that publishes joint states, one every 25 ms."""
+
+    def __init__(self, folder: Path, text: str, **variables: Any) -> None:
+        path = folder / "mission.bpmn"
+        path.write_text(text.replace("<process", '<signal id="A" name="anomaly"/><process', 1))
+        self.sim = fame.Simulation(fame.read(path), variables=variables)
+        self.sim.run(0)
+        self.joints = self.sim.middleware.node("arm").publisher("/joint_states", TYPE)
+
+    def play(self, values: np.ndarray) -> None:
+        for number, row in enumerate(values.tolist()):
+            stamp = {"sec": number // 40, "nanosec": number % 40 * PERIOD}
+            fields = {"header": {"stamp": stamp}, "name": list(MH5.joints), "position": row}
+            self.joints.publish(messages.create(TYPE, fields))
+            self.sim.run(self.sim.now + 0.025)
+
+    @property
+    def status(self) -> str:
+        return self.sim.instances[0].status
+
+
+def runs(*numbers: int) -> np.ndarray:
+    return recording(BENIGN).select(numbers).values
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    benign = recording(BENIGN)
+    path = tmp_path_factory.mktemp("model") / "best.skops"
+    detector = PathDetector(MH5).fit(benign.select(range(0, 30, 2)))
+    save_model(Model("path", MH5.joints, detector, None, 0.002, 518, benign.select([0, 1]).values), path)
+    return str(path)
+
+
+@needs_data
+def test_collect_writes_so_many_runs_and_goes_on(tmp_path: Path) -> None:
+    watch = Watch(tmp_path, calling("adm_collect"), output="benign.csv", label=1, runs=2)
+    watch.play(runs(20, 21, 22))
+    assert watch.status == "completed"
+    assert watch.sim.instances[0].variables["runs_collected"] == 2
+    assert len(list(read_csv(tmp_path / "benign.csv"))) == 2
+
+
+@needs_data
+def test_operate_raises_the_signal_that_the_mission_catches(tmp_path: Path, model: str) -> None:
+    watch = Watch(tmp_path, calling("adm_operate", STOPPED_BY_THE_ALARM), model=model)
+    watch.play(runs(21))
+    assert watch.status == "running"
+    watch.play(alter(runs(23), knots("b", 0.5)).values)
+    assert watch.status == "completed"
+    instance = watch.sim.instances[0]
+    assert instance.variables["anomaly"].name[0] in MH5.joints
+    assert (instance.visits["he"], instance.visits["e"]) == (1, 0)
+    assert any("alarm at point" in report.detail for report in watch.sim.reports)
+
+
+@needs_data
+def test_learn_stores_the_best_classifier(tmp_path: Path) -> None:
+    write_csv(tmp_path / "benign.csv", recording(BENIGN).select(range(6)))
+    (tmp_path / "learn.yaml").write_text(
+        "Files:\n  unsupervised_train: {name: benign.csv, input_col: [0, 1, 2, 3, 4, 5], output_col: [6]}\n"
+        f"Classifiers:\n  - {{name: path, class: PathDetector, parameters: {{chain: {FILE}}}, threshold: 0.002}}\n"
+        "Split: {folds: 0}\n"
+    )
+    watch = Watch(tmp_path, calling("adm_learn"), config="learn.yaml", model="stored.skops")
+    assert watch.status == "completed"
+    assert watch.sim.instances[0].variables["classifier"] == "path"
+    assert load_model(tmp_path / "stored.skops").name == "path"
+
+
+BAD = {
+    "no model": ("adm_operate", {}, "needs the variable model"),
+    "a model that is not there": ("adm_operate", {"model": "gone.skops"}, "gone.skops"),
+    "a label that is none": ("adm_collect", {"output": "x.csv", "label": 7}, "label = 7"),
+    "a rule that is none": ("adm_collect", {"output": "x.csv", "label": 1, "rule": "often"}, "'often'"),
+    "a learning file that is not there": ("adm_learn", {"config": "gone.yaml"}, "gone.yaml"),
+}
+
+
+@pytest.mark.parametrize(("unit", "variables", "said"), BAD.values(), ids=BAD)
+def test_what_is_wrong_fails_the_mission_by_name(
+    unit: str, variables: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    watch = Watch(tmp_path, calling(unit), **variables)
+    assert watch.status == "failed"
+    assert said in str(watch.sim.instances[0].error)
