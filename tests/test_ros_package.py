@@ -1,0 +1,79 @@
+"""FAME as a package of a ROS 2 workspace: what colcon installs is what there is."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import runpy
+import tomllib
+from pathlib import Path
+
+import pytest
+from lxml import etree
+
+from fame.cli import parser
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = etree.parse(ROOT / "package.xml").getroot()
+CMAKE = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def words(pattern: str) -> list[str]:
+    found = re.search(pattern, CMAKE)
+    assert found is not None
+    return found[1].split()
+
+
+def test_the_package_is_of_format_3_and_says_of_itself_what_the_project_says() -> None:
+    assert (PACKAGE.tag, PACKAGE.get("format"), PACKAGE.findtext("name")) == ("package", "3", "fame")
+    assert PACKAGE.findtext("version") == PROJECT["project"]["version"]
+    assert PACKAGE.findtext("description") == PROJECT["project"]["description"]
+    assert PACKAGE.findtext("license") == PROJECT["project"]["license"]
+    assert "@" in PACKAGE.find("maintainer").get("email")
+    order = [child.tag for child in PACKAGE if child.tag in ("name", "version", "description", "maintainer", "license")]
+    assert order == ["name", "version", "description", "maintainer", "license"]
+
+
+def test_what_cmake_looks_for_is_declared() -> None:
+    declared = {child.text for child in PACKAGE.findall("buildtool_depend")}
+    assert declared == set(re.findall(r"find_package\((\w+)", CMAKE))
+    assert PACKAGE.findtext("export/build_type") in declared
+
+
+def test_the_python_packages_of_the_wheel_are_installed() -> None:
+    installed = [*words(r"foreach\(package ([\w ]+)\)"), *words(r"install\(DIRECTORY ([\w ]+) DESTINATION")]
+    assert installed == PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    assert all((ROOT / package / "__init__.py").exists() for package in words(r"foreach\(package ([\w ]+)\)"))
+
+
+def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
+    commands = words(r"foreach\(command ([\w ]+)\)")
+    assert "engine" in commands
+    for command in commands:
+        needed = {"engine": ["REX"], "deploy": ["m.bpmn"], "world": ["w.yaml"]}.get(command, [])
+        assert parser().parse_args([command, "--middleware", "ros", *needed]).middleware == "ros"
+
+
+def test_what_is_installed_exists_and_can_be_executed() -> None:
+    for file in (*words(r"install\(FILES ([\w/. ]+) DESTINATION"), *words(r"install\(PROGRAMS ([\w/. ]+) DESTINATION")):
+        assert (ROOT / file).is_file()
+    script = ROOT / "launch" / "command.py"
+    assert script.read_text().startswith("#!/usr/bin/env python3\n")
+    assert script.stat().st_mode & 0o111
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed")
+def test_the_launch_file_starts_each_engine_in_the_namespace_of_its_robot() -> None:
+    from launch import LaunchContext
+
+    made = runpy.run_path(str(ROOT / "launch" / "team.launch.py"))
+    description = made["generate_launch_description"]()
+    context = LaunchContext()
+    said = {"robots": "REX:car DINGO", "world": "w.yaml", "use_sim_time": "", "options": "--insecure"}
+    assert {action.name for action in description.entities[:-1]} == said.keys()
+    context.launch_configurations.update(said)
+    world, rex, dingo = made["_nodes"](context)
+    assert [node.node_executable for node in (world, rex, dingo)] == ["world", "engine", "engine"]
+    assert rex._Node__node_namespace == "REX"
