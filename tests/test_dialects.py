@@ -23,6 +23,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
+from fame.scripting import compile_expression
 
 ROOTS = '<signal id="S" name="weed_found"/><message id="M" name="order"/><error id="E" errorCode="lost"/>'
 SIGNAL = '<signalEventDefinition signalRef="S"/>'
@@ -420,6 +421,19 @@ def test_the_mappings_of_camunda_8() -> None:
     assert (task.operation, dict(task.properties)) == ("mow", {"unit": "m"})
 
 
+def test_a_target_of_camunda_8_may_be_a_field_of_a_variable() -> None:
+    said = (
+        '<zeebe:ioMapping><zeebe:input source="=a" target="job.id"/><zeebe:input source="fast" target="job.how.speed"/>'
+        '<zeebe:output source="=b" target="cargo.state"/></zeebe:ioMapping>'
+    )
+    io = task_of(extensions(said)).io
+    assert io is not None
+    (job,), (cargo,) = io.inputs, io.outputs
+    variables = {"a": 1, "b": "full", "cargo": {"kept": True}, "job": {"hidden": True}}
+    assert (job.target, compile_expression(job.source)(variables)) == ("job", {"id": 1, "how": {"speed": "fast"}})
+    assert (cargo.target, compile_expression(cargo.source)(variables)) == ("cargo", {"kept": True, "state": "full"})
+
+
 @pytest.mark.parametrize(
     ("attributes", "io"),
     [
@@ -462,7 +476,7 @@ def test_messages_of_camunda_8_are_correlated_by_their_key() -> None:
     assert isinstance(node, Event)
     (definition,) = node.definitions
     assert isinstance(definition, MessageDefinition)
-    assert definition.keys == (("order_id", Expression("msg.order_id", "python", 3)),)
+    assert definition.keys == (("order_id", Expression("${msg.order_id}", "juel", 3)),)
 
 
 def test_properties_of_camunda_8_are_properties() -> None:

@@ -29,11 +29,19 @@ VECTOR, BOOL, INT = "geometry_msgs/msg/Vector3", "std_msgs/msg/Bool", "std_msgs/
 class Play:
     """A model on robot REX, beside a node that hears topics, and says things at a time (s)."""
 
-    def __init__(self, name: str, variables: dict[str, Any] | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        name: str,
+        variables: dict[str, Any] | None = None,
+        *,
+        folder: Path = FORMATS,
+        process: str = "P",
+        **options: Any,
+    ) -> None:
         self.events: list[Event] = []
         self.sim = fame.Simulation(
-            fame.read(FORMATS / f"{name}.bpmn"),
-            "P",
+            fame.read(folder / f"{name}.bpmn"),
+            process,
             variables=variables or {},
             robot="REX",
             observer=self.events.append,
@@ -67,9 +75,9 @@ class Play:
 
     @property
     def variables(self) -> dict[str, Any]:
-        assert self.instance.error is None
-        assert self.instance.status == "completed"
-        return self.instance.variables
+        assert [instance.error for instance in self.sim.instances] == [None] * len(self.sim.instances)
+        assert self.sim.instances[-1].status == "completed"
+        return self.sim.instances[-1].variables
 
     def times(self, element: str, what: str = "leave") -> list[float]:
         """When an element was completed (s)."""

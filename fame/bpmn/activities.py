@@ -70,6 +70,7 @@ def read_task(node: HalfRead, kind: TaskKind) -> Task:
         topic=topic,
         payload=topic.payload if topic is not None else None,
         operation=operation,
+        keys=message_keys(node.context, node.get("messageRef")) if kind == "receive" else (),
         result_variable=found.result,
         keys=message_keys(node.context, node.element.get("messageRef")) if kind == "receive" else (),
         instantiate=node.flag("instantiate"),

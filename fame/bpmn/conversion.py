@@ -103,8 +103,7 @@ def _correlate(root: Node, message: Node, found: Extensions) -> None:
     key = found.key.text.strip("${} ")
     said = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
     said.append(etree.Element(f"{_B}correlationPropertyRetrievalExpression", {"messageRef": message.get("id", "")}))
-    path = etree.SubElement(said[0], f"{_B}messagePath", {"language": "python"})
-    path.text = f"msg.{key.rpartition('.')[2]}"
+    etree.SubElement(said[0], f"{_B}messagePath").text = f"${{msg.{key.rpartition('.')[2]}}}"
     _add_to_root(root, said)
 
 

@@ -205,7 +205,7 @@ def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Ex
     key = extensions_of(context, message).key
     if key is not None:
         field = key.text.rpartition(".")[2].strip("${} ")
-        found.append((key.text.strip("${} "), Expression(f"msg.{field}", "python", key.line)))
+        found.append((key.text.strip("${} "), Expression(f"${{msg.{field}}}", "juel", key.line)))
     for one in context.roots.values():
         if local(one) == "correlationProperty":
             for retrieval in children(one, "correlationPropertyRetrievalExpression"):

@@ -178,7 +178,18 @@ def correlates(node: Node, variables: dict[str, Any], message: Any) -> bool:
         found = [(name, source(inner)) for name, source in node.keys]
     except Exception:  # a message without what is asked for is for somebody else
         return False
-    if any(name in variables and variables[name] != value for name, value in found):
+    if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found):
         return False
-    variables.update((name, value) for name, value in found if name not in variables)
+    variables.update((name, value) for name, value in found if name not in variables and "." not in name)
     return True
+
+
+def _held(variables: Mapping[str, Any], key: str) -> Any:
+    """The value of a key that a process has: of a variable, or of a field of one (``order.id``)."""
+    value: Any = variables
+    for name in (key,) if key in variables else key.split("."):
+        holds = name in value if isinstance(value, Mapping) else hasattr(value, name)
+        if not holds:
+            return UNDEFINED
+        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
+    return value

@@ -10,6 +10,7 @@ from fame.engine import activities, events, gateways, loops, steps
 from fame.engine.events import OBSERVED, alternatives, listen, refuse
 from fame.engine.host import Compiled
 from fame.engine.state import Body, Node, Step
+from fame.engine.variables import UNDEFINED
 from fame.errors import ModelError
 
 if TYPE_CHECKING:
@@ -284,6 +285,9 @@ def own_variables(wiring: Wiring, element: model.Activity, node: Node, io: model
     node.all_in, node.all_out = io.all_in, io.all_out
     node.inputs = compiler.assignments(((item.target, item.source) for item in io.inputs), element, wiring.file)
     node.outputs = compiler.assignments(((item.target, item.source) for item in io.outputs), element, wiring.file)
+    result = element.result_variable if isinstance(element, model.Task) else ""
+    if result and all(item.target != result for item in io.outputs):  # a result is meant for the process
+        node.outputs += ((result, lambda variables: variables.get(result, UNDEFINED)),)
 
 
 def event_sub_process(wiring: Wiring, element: model.SubProcess) -> None:

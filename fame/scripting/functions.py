@@ -58,6 +58,13 @@ def _round_to(rounding: Callable[[float], int]) -> Callable[..., Any]:
     return _or_null(rounded)
 
 
+def _put(context: Any, keys: Any, value: Any) -> dict[str, Any]:
+    """The context with another value under a key, or under a path of keys (DMN 1.5, table 81)."""
+    first, *rest = keys if isinstance(keys, list) else [keys]
+    entries = dict(plain(context)) if isinstance(context, dict) else {}
+    return {**entries, first: _put(entries.get(first), rest, value) if rest else value}
+
+
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": _or_null(abs),
     "floor": _round_to(math.floor),
@@ -83,6 +90,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "lower case": _or_null(lambda text: text.lower()),
     "string length": _or_null(len),
     "substring": _or_null(_sub),
+    "context put": _put,
     "split": _or_null(lambda text, separator: text.split(separator)),
 }
 """Name -> function."""

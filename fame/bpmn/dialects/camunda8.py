@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 
 from fame.bpmn.context import Context
@@ -48,8 +49,27 @@ def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
         source, target = one.get("source", ""), one.get("target", "").strip()
         if not target:
             raise context.error(one, f"a zeebe:{local(one)} has no target: say which variable it sets")
-        into = found.inputs if local(one) == "input" else found.outputs
-        into.append(Assignment(target, mapped(source, line_of(one))))
+        inwards, expression = local(one) == "input", mapped(source, line_of(one))
+        _assign(found.inputs if inwards else found.outputs, target, expression, inwards)
+
+
+def _assign(into: list[Assignment], target: str, source: Expression, inwards: bool) -> None:
+    """``order.id`` as a target is a field of a variable: of a new one (inwards), or of what it holds already."""
+    name, *path = target.split(".")
+    if not path:
+        into.append(Assignment(target, source))
+        return
+    place = next((place for place, one in enumerate(into) if one.target == name), None)
+    before = "null" if inwards else name
+    if place is not None and into[place].source.language == "feel":
+        before = f"({into[place].source.text})"
+    value = f"({source.text})" if source.language == "feel" else json.dumps(source.text, ensure_ascii=False)
+    text = f"context put({before}, {json.dumps(path)}, {value})"
+    assignment = Assignment(name, Expression(text, "feel", source.line))
+    if place is None:
+        into.append(assignment)
+    else:
+        into[place] = assignment
 
 
 def _task(context: Context, node: Node, found: Extensions) -> None:

@@ -29,7 +29,9 @@ def write(element: Node, found: Extensions) -> None:
         add_property(element, "payload", found.payload.value)
     for name, value in found.qos.items():
         add_property(element, f"qos.{name}", value)
-    for name, one in (*found.values, *found.properties.items()):
+    for place, (name, one) in enumerate(found.values):  # they are read before properties
+        add_property(element, name, one.value, place)
+    for name, one in found.properties.items():
         add_property(element, name, one.value)
     _mappings(element, found)
     if found.called:
@@ -38,11 +40,12 @@ def write(element: Node, found: Extensions) -> None:
     _script(element, found)
 
 
-def add_property(element: Node, name: str, value: str) -> None:
-    """A Camunda property, as Camunda Modeler writes it, unless there is one of that name."""
+def add_property(element: Node, name: str, value: str, place: int | None = None) -> None:
+    """A Camunda property, as Camunda Modeler writes it, unless there is one of that name; the last, or at `place`."""
     properties = _inside(element, f"{_C}properties")
     if all(one.get("name") != name for one in properties):
-        etree.SubElement(properties, f"{_C}property", {"name": name, "value": value})
+        made = etree.Element(f"{_C}property", {"name": name, "value": value})
+        properties.insert(len(properties) if place is None else place, made)
 
 
 def text_of_expression(expression: Expression) -> str:

@@ -63,9 +63,10 @@ def _payload(context: Context, node: Node) -> Property | None:
 def unfold(context: Context, root: Node) -> None:
     """Makes processes that stand as escaped text in a call activity processes of the file, called by their id.
 
-    The extension element then holds the id. Ids in it that are taken get a number: it was drawn in a file of its own.
+    The extension element then holds the id. Ids in it that are taken get a number: it was drawn in a file of its own,
+    and may have call activities with processes inside in turn.
     """
-    holders = [one for one in root.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
+    holders = _folded(root)
     known = {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
     taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
     for holder in holders:
@@ -78,9 +79,14 @@ def unfold(context: Context, root: Node) -> None:
             for one in process.iter():
                 one.sourceline = line_of(holder)  # type: ignore[assignment]
             root.append(process)
+            holders += _folded(process)
         holder.set("process", known[plain].get("id", ""))
         text = f"the process embedded in it is read as process {known[plain].get('id')} of the file"
         context.quirk(holder, text)
+
+
+def _folded(element: Node) -> list[Node]:
+    return [one for one in element.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
 
 
 def _embedded(context: Context, holder: Node, text: str) -> Node:
