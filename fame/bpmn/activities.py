@@ -72,7 +72,6 @@ def read_task(node: HalfRead, kind: TaskKind) -> Task:
         operation=operation,
         keys=message_keys(node.context, node.get("messageRef")) if kind == "receive" else (),
         result_variable=found.result,
-        keys=message_keys(node.context, node.element.get("messageRef")) if kind == "receive" else (),
         instantiate=node.flag("instantiate"),
         **read_activity(node),
     )
