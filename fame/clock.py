@@ -8,12 +8,16 @@ scripts, then timers, then the step of the world; among equals, whoever was ente
 simulated run is repeatable. Nothing is ever entered in the past: what is late is due now, behind what was due before,
 so that no entry can starve another by entering itself again. Who works periodically counts from the time that was due
 (`entry.time`), not from `now`, and does not drift. Cancelled entries are swept out before they outnumber the others.
+
+In simulated time messages for the present instant, most of all entries, wait in line and not in the heap: nothing can
+come before them but messages that were entered for this instant when it was still to come.
 """
 
 from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
@@ -64,6 +68,7 @@ class Scheduler:
     def __init__(self) -> None:
         self.now = 0
         self._heap: list[tuple[int, int, int, Entry]] = []
+        self._line: deque[Entry] = deque()  # messages for the present instant
         self._sequence = count(1)
         self._cancelled = 0
         self._running = False
@@ -71,12 +76,19 @@ class Scheduler:
 
     def __len__(self) -> int:
         """How many entries wait, cancelled ones that were not swept yet among them."""
-        return len(self._heap)
+        return len(self._heap) + len(self._line)
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         """Do `action` at `time` (ns), or now if that is past. Returns the entry, for `cancel`."""
-        if time < self.now:
-            time = self.now
+        now = self.now
+        if time > now or kind != Kind.MESSAGE:
+            return self._enter(max(time, now), action, kind)
+        entry = Entry(now, action, self)
+        self._line.append(entry)
+        return entry
+
+    def _enter(self, time: int, action: Action, kind: Kind) -> Entry:
+        """Into the heap."""
         entry = Entry(time, action, self)
         heappush(self._heap, (time, kind, next(self._sequence), entry))
         if self._cancelled > _SWEEP and 2 * self._cancelled > len(self._heap):
@@ -93,10 +105,15 @@ class Scheduler:
 
     def next_time(self) -> int | None:
         """When the next entry is due (ns), or None if there is nothing left to do."""
-        heap = self._heap
+        heap, line = self._heap, self._line
+        while line and line[0].action is None:
+            line.popleft()
+            self._cancelled -= 1
         while heap and heap[0][3].action is None:
             heappop(heap)
             self._cancelled -= 1
+        if line:
+            return self.now
         return heap[0][0] if heap else None
 
     def run(self, until: int | None = None) -> None:
@@ -105,17 +122,22 @@ class Scheduler:
         What an action raises ends the run and goes to the caller; the queue stays whole, and `run` may be called again.
         """
         with self._at_work():
-            heap = self._heap
-            while heap and not self._stopping:
-                due, _, _, entry = heap[0]
+            heap, line = self._heap, self._line
+            if until is not None and until < self.now:
+                return
+            while (heap or line) and not self._stopping:
+                if line and not (heap and heap[0][0] == self.now and heap[0][1] == Kind.MESSAGE):
+                    entry = line.popleft()
+                else:
+                    due, _, _, entry = heap[0]
+                    if until is not None and due > until and entry.action is not None:
+                        break
+                    heappop(heap)
                 action = entry.action
-                if until is not None and due > until and action is not None:
-                    break
-                heappop(heap)
                 if action is None:
                     self._cancelled -= 1
                     continue
-                self.now, entry.action = due, None
+                self.now, entry.action = entry.time, None
                 action()
             if until is not None and until > self.now and not self._stopping:
                 self.now = until
@@ -138,7 +160,7 @@ class Scheduler:
     def _sweep(self) -> None:
         self._heap[:] = [item for item in self._heap if item[3].action is not None]  # in place: `run` holds this list
         heapify(self._heap)
-        self._cancelled = 0
+        self._cancelled = sum(entry.action is None for entry in self._line)
 
 
 class WallScheduler(Scheduler):
@@ -164,7 +186,7 @@ class WallScheduler(Scheduler):
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         with self._changed:
-            entry = super().at(time, action, kind)
+            entry = self._enter(max(time, self.now), action, kind)
             self._changed.notify()
             return entry
 

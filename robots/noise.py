@@ -1,4 +1,7 @@
-"""Gaussian noise for sensors, drawn in blocks: one by one the draws would cost more than the measurement."""
+"""Gaussian noise for sensors, drawn in blocks: one by one the draws would cost more than the measurement.
+
+The blocks are small: what a thousand robots have drawn in advance has to stay in the processor's cache.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-_BLOCK = 32
+_BLOCK = 8
 
 
 class Noise:

@@ -7,7 +7,7 @@ robot has that corrects its odometry by landmarks. So the pose is given in the f
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 ODOMETRY = "nav_msgs/msg/Odometry"
 Deviations = tuple[float, float, float, float]
 """Of x, y, z and yaw, or of their rates."""
+Place = tuple[float, float, float]
+"""m."""
 _CORRELATION = 5.0
 """Seconds after which the error has forgotten two thirds of what it was."""
 
@@ -59,15 +61,15 @@ class Odometer:
     ) -> None:
         p, aloft = parameters, float(flies)
         self._noise = Noise(random, 8)
-        self._sigma = p.position_noise, p.position_noise, p.position_noise * aloft, p.heading_noise
+        sigma = p.position_noise, p.position_noise, p.position_noise * aloft, p.heading_noise
         self._speed_sigma = p.speed_noise, p.speed_noise * aloft, p.speed_noise * aloft, p.speed_noise
         self._keep = math.exp(-1 / (p.rate * _CORRELATION))
         fresh = math.sqrt(1 - self._keep**2)
-        self._fresh = tuple(fresh * sigma for sigma in self._sigma)
-        self._error = [sigma * draw for sigma, draw in zip(self._sigma, self._noise.row(), strict=False)]
+        self._fresh = tuple(fresh * deviation for deviation in sigma)
+        self._error = [deviation * draw for deviation, draw in zip(sigma, self._noise.row(), strict=False)]
         self._publisher = node.publisher("odom", ODOMETRY, MEASUREMENT)
         self._frame = f"{node.namespace}/base_link"
-        self._template, self._header = _template(self._sigma, self._speed_sigma)
+        self._make, self._header = _maker(sigma, self._speed_sigma), header_maker("map")
 
     def measure(self, now: int, pose: Pose, motion: Motion, altitude: float = 0.0) -> None:
         """Publish a measurement of the true pose, altitude (m) and motion."""
@@ -75,36 +77,39 @@ class Odometer:
         self._error = [
             keep * error + fresh * draw for error, fresh, draw in zip(self._error, self._fresh, draws, strict=False)
         ]
+        measured = [true + sigma * draw for true, sigma, draw in zip(motion, self._speed_sigma, draws[4:], strict=True)]
         dx, dy, dz, turn = self._error
-        where = pose.x + dx, pose.y + dy, altitude + dz, pose.heading + turn
-        ahead, left, up, turn_rate = (
-            true + sigma * draw for true, sigma, draw in zip(motion, self._speed_sigma, draws[4:], strict=True)
-        )
-        self._publisher.publish(self._message(now, where, Motion(ahead, left, up, turn_rate)))
-
-    def _message(self, now: int, where: tuple[float, float, float, float], motion: Motion) -> Message:
-        """Made of the types themselves, their fields in the order of ROS: nothing is published more often."""
-        t, (x, y, z, heading) = self._template, where
-        pose, twist = t.pose.pose, t.twist.twist
-        orientation = type(pose.orientation)(0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
-        linear = type(twist.linear)(motion.ahead, motion.left, motion.up)
-        return type(t)(
-            self._header(now),
-            self._frame,
-            type(t.pose)(type(pose)(type(pose.position)(x, y, z), orientation), t.pose.covariance),
-            type(t.twist)(type(twist)(linear, type(twist.angular)(0.0, 0.0, motion.turn_rate)), t.twist.covariance),
-        )
+        place = pose.x + dx, pose.y + dy, altitude + dz
+        self._publisher.publish(self._make(self._header(now), self._frame, place, pose.heading + turn, measured))
 
 
 @cache
-def _template(sigma: Deviations, speed_sigma: Deviations) -> tuple[Message, Callable[[int], Message]]:
-    """What all robots share that measure equally well, and so stays in the processor's cache: a message, its header."""
-    fields = {
-        "pose": {"covariance": _covariance(sigma)},
-        "twist": {"covariance": _covariance(speed_sigma)},
-    }
-    template = messages.create(ODOMETRY, fields)
-    return template, header_maker("map")
+def _maker(
+    sigma: Deviations, speed_sigma: Deviations
+) -> Callable[[Message, str, Place, float, Sequence[float]], Message]:
+    """Makes messages of their types themselves, fields in the order of ROS: nothing is published more often.
+
+    All robots that measure equally well share the maker, which so stays in the processor's cache.
+    """
+    covariances = {"pose": {"covariance": _covariance(sigma)}, "twist": {"covariance": _covariance(speed_sigma)}}
+    like = messages.create(ODOMETRY, covariances)
+    sure_of_pose, sure_of_twist = like.pose.covariance, like.twist.covariance
+    odometry, pose_of, twist_of = type(like), type(like.pose), type(like.twist)
+    pose, twist, point = type(like.pose.pose), type(like.twist.twist), type(like.pose.pose.position)
+    quaternion, vector = type(like.pose.pose.orientation), type(like.twist.twist.linear)
+
+    def make(header: Message, frame: str, place: Place, heading: float, motion: Sequence[float]) -> Message:
+        ahead, left, up, turn_rate = motion
+        orientation = quaternion(0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
+        velocity = twist(vector(ahead, left, up), vector(0.0, 0.0, turn_rate))
+        return odometry(
+            header,
+            frame,
+            pose_of(pose(point(*place), orientation), sure_of_pose),
+            twist_of(velocity, sure_of_twist),
+        )
+
+    return make
 
 
 def _covariance(sigma: Deviations) -> list[float]:

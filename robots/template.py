@@ -6,7 +6,7 @@ Many times cheaper than to fill each message from a mapping, and it is the most 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from fame.clock import SECOND
@@ -26,6 +26,7 @@ def maker(template: Message, *fields: str) -> Callable[..., Message]:
     return partial(template.__class__, **kept)
 
 
+@cache
 def header_maker(frame: str) -> Callable[[int], Message]:
     """A function of a time (ns) that gives a std_msgs/msg/Header with this stamp and frame."""
     header, time = constructor("std_msgs/msg/Header"), constructor("builtin_interfaces/msg/Time")

@@ -52,7 +52,7 @@ class Vehicle:
         self._ultrasonic = Ultrasonic(
             node, p.range, world.random(config.name, "range"), world.space, drive.filter, p.length / 2
         )
-        self._every = period(p.odom.rate, world.step), period(p.range.rate, world.step)
+        self._odom_every, self._range_every = period(p.odom.rate, world.step), period(p.range.rate, world.step)
         self._map, self._map_publisher = world.map, node.publisher("map", "nav_msgs/msg/OccupancyGrid", LATCHED)
         self._planner_node = world.middleware.node("planner", config.name)
         self._planner = Planner(self._planner_node, p.planner, drive.radius)
@@ -78,7 +78,7 @@ class Vehicle:
         self.drive.move(now, duration)
 
     def sense(self, now: int, count: int) -> None:
-        odom, range_ = (count % every == 0 for every in self._every)
+        odom, range_ = not count % self._odom_every, not count % self._range_every
         if not (odom or range_):
             return
         pose = self.pose

@@ -89,9 +89,10 @@ class Engine:
         return instance
 
     def deliver(self, topic: str, message: Any) -> None:
-        """A signal, or a message for this process, came from outside."""
-        waiting.deliver(self, topic, message)
-        self.run()
+        """A signal, or a message for this process, came from outside; unless somebody waits, little is done."""
+        if topic in self.listeners or topic in self.program.starts:
+            waiting.deliver(self, topic, message)
+            self.run()
 
     def post(self, topic: str, message: Any) -> None:
         """A script published: own catchers get it in its turn, behind which the script's token goes on."""

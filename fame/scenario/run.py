@@ -17,6 +17,7 @@ from fame.monitoring import UNITS
 from fame.node import Event, RobotNode, Wait, mission
 from fame.observation import Observer, together
 from fame.scenario.captions import Captions
+from fame.scenario.garbage import seldom_collected
 from fame.scenario.result import Fault, Progress, Result, RobotResult, Status
 from fame.scripting import heartbeat
 from fame.splitter import pools_of, shared_topics
@@ -110,7 +111,7 @@ class Run:
     def result(self) -> Result:
         """Let it go on until it is over, stop everything safely, and say how it went."""
         begun = time.monotonic()
-        with self._interruptible(), heartbeat():
+        with self._interruptible(), heartbeat(), seldom_collected():
             status = self._work(begun)
         simulated = self.scheduler.now / SECOND
         waits = {
