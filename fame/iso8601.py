@@ -132,8 +132,9 @@ def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
     """The date and time that `text` says, such as ``2026-01-31T12:00:00Z`` or ``20260131T130000,5+0100``.
 
     One without time zone is in `zone`, one without time of day at midnight; digits beyond microseconds are dropped.
+    A zone may be named behind it, as in FEEL: ``2026-01-31T12:00:00[Europe/Berlin]``.
     """
-    text = text.strip()
+    text, zone = _named_zone(text.strip(), zone)
     example = "an ISO 8601 date and time such as 2026-01-31T12:00:00Z"
     if not _DATETIME.fullmatch(text):
         raise ValueError(f"{text!r} is not {example}")
@@ -186,6 +187,19 @@ def nanoseconds_between(start: datetime, end: datetime) -> int:
     """From `start` to `end` (ns), negative if `end` comes first."""
     # In UTC, since Python leaves the turning of clocks out of the difference of two dates in one and the same zone.
     return (end.astimezone(UTC) - start.astimezone(UTC)) // timedelta(microseconds=1) * 1000
+
+
+def _named_zone(text: str, zone: tzinfo) -> tuple[str, tzinfo]:
+    """A date without the zone that FEEL writes behind it (``[Europe/Berlin]``), and the zone for one without offset."""
+    date, bracket, name = text.partition("[")
+    if not bracket or not name.endswith("]"):
+        return text, zone
+    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+    try:
+        return date, ZoneInfo(name[:-1])
+    except (ValueError, OSError, ZoneInfoNotFoundError):
+        raise ValueError(f"{text!r} has a time zone that is not known here: an offset such as +01:00 is") from None
 
 
 def _duration_or_until(start: datetime, text: str, zone: tzinfo) -> Duration:

@@ -52,6 +52,8 @@ class Library:
         where = {"file": caller.file, "line": call.line, "element": call.id}
         if call.called_expression is not None:
             raise ModelError("the called element is computed at run time; name a process", **where)  # type: ignore[arg-type]
+        if call.refused:
+            raise ModelError(call.refused, **where)  # type: ignore[arg-type]
         if not call.called:
             raise ModelError("names no called element: give it the id of a process or a library file", **where)  # type: ignore[arg-type]
         process = caller.process(call.called)

@@ -105,6 +105,14 @@ def test_a_date_without_time_zone_is_in_the_given_one() -> None:
     assert parse_datetime("2026-01-31T12:00Z", zone) == datetime(2026, 1, 31, 12, tzinfo=UTC)
 
 
+def test_a_date_may_name_its_zone_as_feel_does() -> None:
+    noon = datetime(2026, 7, 1, 10, tzinfo=UTC)
+    for text in ("2026-07-01T12:00:00[Europe/Berlin]", "2026-07-01T12:00:00+02:00[Europe/Berlin]", "2026-07-01T10:00Z"):
+        assert parse_datetime(text) == noon
+    with pytest.raises(ValueError, match="time zone that is not known here"):
+        parse_datetime("2026-07-01T12:00:00[Mars/Olympus]")
+
+
 @pytest.mark.parametrize(
     "text",
     [

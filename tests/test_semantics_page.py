@@ -219,6 +219,7 @@ def test_the_tables_have_every_element() -> None:
     assert {row for row, _, _ in table("gateway")} == {"exclusive", "inclusive", "parallel", "complex", "event-based"}
 
 
+RESOURCE = "conditionExpression camunda:resource='c.groovy'"
 REFUSED = {
     "an event sub-process needs a start event with a trigger": event("none", "event sub-process, interrupting"),
     "a boundary event needs a trigger": event("none", "boundary, interrupting"),
@@ -261,6 +262,10 @@ REFUSED = {
         + flow("s", "x"),
     "the called element is computed at run time; name a process":
         START + "<callActivity id='x' calledElement='${q}'/>" + flow("s", "x"),
+    "the name '=topic' is computed: name the topic, since its endpoints are made before anything runs":
+        START + "<endEvent id='x' name='=topic'><signalEventDefinition/></endEvent>" + flow("s", "x"),
+    "its condition is the resource c.groovy; put its text into the condition":
+        START + TASK + flow("s", "t").replace("/>", f"><{RESOURCE}/></sequenceFlow>"),
     "P has 2 none start events; one can begin it": START + "<startEvent id='x'/>",
     "has no none start event, so it cannot be called or entered":
         START + f"<subProcess id='x'><startEvent id='i'>{DEFINITIONS['signal']}</startEvent></subProcess>"

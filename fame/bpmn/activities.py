@@ -11,6 +11,7 @@ from fame.bpmn.dialects.extensions import topic_properties
 from fame.bpmn.events import TopicSource, message_keys, read_topic
 from fame.bpmn.expressions import body, mapped, variable
 from fame.bpmn.model import (
+    Assignment,
     CallActivity,
     Expression,
     IoMapping,
@@ -38,6 +39,10 @@ _NO_RULES = "business rules are not executed: decide with a gateway or a script 
 
 def read_activity(node: HalfRead) -> dict[str, Any]:
     """What all activities have in common, as arguments of their dataclasses."""
+    for name in ("startQuantity", "completionQuantity"):
+        if node.get(name).strip() not in ("", "1"):
+            text = f"{name}={node.get(name)!r} has no effect: every token starts it, and one leaves it"
+            node.context.note(node.element, text, "warning")
     io, moves = node.extensions.mapping(), node.moves
     if moves.assigned_in or moves.assigned_out:
         io = io or IoMapping()
@@ -90,6 +95,9 @@ def _message(node: HalfRead, kind: Literal["send", "receive"]) -> Topic | None:
     if kind == "send":
         return read_topic(TopicSource(node, "throw"), node.element, "message", say)
     takes, node.extensions.outputs = tuple(node.extensions.outputs), []
+    if node.extensions.inputs:  # it has variables of its own: what is taken has to leave them
+        leaving = (Assignment(one.target, Expression(one.target, "python", one.source.line)) for one in takes)
+        node.extensions.outputs = list(leaving)
     return read_topic(TopicSource(node, "catch", takes), node.element, "message", say)
 
 
@@ -120,6 +128,9 @@ def _operation(node: HalfRead) -> str:
 def read_call(node: HalfRead) -> CallActivity:
     """A call activity: what it calls stays a name, or an expression that gives one."""
     called = node.extensions.called or id_in(node.element, "calledElement")
+    root = node.context.root(called)
+    if root is not None and local(root).startswith("global"):
+        node.extensions.refused = f"it calls the <{local(root)}> {called}: make it a process with that task in it"
     seen = mapped(called, line_of(node.element)) if called else None
     computed = seen is not None and seen.language in ("juel", "feel", "template")
     return CallActivity(

@@ -10,7 +10,7 @@ from fame.bpmn.activities import TASKS, read_activity, read_call, read_task
 from fame.bpmn.context import Context, find, id_in, truth
 from fame.bpmn.data import read_data_objects
 from fame.bpmn.dialects import extensions_of
-from fame.bpmn.events import PLACES, read_definitions
+from fame.bpmn.events import PLACES, read_definitions, read_mapping
 from fame.bpmn.expressions import body, variable
 from fame.bpmn.model import (
     EMPTY,
@@ -18,13 +18,14 @@ from fame.bpmn.model import (
     Body,
     CompensateDefinition,
     Event,
+    Expression,
     FlowNode,
     Gateway,
     SequenceFlow,
     SubProcess,
 )
 from fame.bpmn.nodes import Surroundings, Wiring, documentation, half_read
-from fame.bpmn.xml import BPMN, Node, Parts, child, line_of, local
+from fame.bpmn.xml import BPMN, Node, Parts, attributes, child, line_of, local
 
 _GATEWAYS: Mapping[str, Literal["exclusive", "inclusive", "parallel", "event", "complex"]] = {
     "exclusiveGateway": "exclusive",
@@ -143,7 +144,6 @@ def _check_node(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode])
 
 
 def _flow(context: Context, element: Node) -> SequenceFlow:
-    holder = child(element, "conditionExpression") if len(element) else None
     extensions = extensions_of(context, element) if len(element) else None
     return SequenceFlow(
         id=element.get("id", ""),
@@ -153,8 +153,19 @@ def _flow(context: Context, element: Node) -> SequenceFlow:
         properties=extensions.rest() if extensions is not None else EMPTY,
         source=element.get("sourceRef", ""),
         target=element.get("targetRef", ""),
-        condition=body(context, holder) if holder is not None else None,
+        condition=_condition(context, element) if len(element) else None,
     )
+
+
+def _condition(context: Context, flow: Node) -> Expression | None:
+    holder = child(flow, "conditionExpression")
+    if holder is None:
+        return None
+    for name in attributes(holder):
+        if name.endswith("}resource"):
+            text = f"its condition is the resource {holder.get(name)}; put its text into the condition"
+            raise context.error(flow, text)
+    return body(context, holder)
 
 
 def _associations(element: Node, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
@@ -192,9 +203,11 @@ def _compensates(node: FlowNode) -> bool:
 def _event(around: Surroundings, element: Node, wiring: Wiring) -> Event:
     node = half_read(around, element, wiring)
     place = PLACES[local(element)]
+    definitions = read_definitions(node, place)
     return Event(
         place=place,
-        definitions=read_definitions(node, place),
+        definitions=definitions,
+        io=read_mapping(node, place, definitions),
         attached_to=id_in(element, "attachedToRef"),
         interrupting=node.flag("cancelActivity" if place == "boundary" else "isInterrupting", True),
         parallel=node.flag("parallelMultiple"),

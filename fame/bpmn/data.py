@@ -9,7 +9,7 @@ from typing import Literal
 from fame.bpmn.context import Context, boolean, find
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import data_values
-from fame.bpmn.expressions import body
+from fame.bpmn.expressions import body, is_name
 from fame.bpmn.model import Assignment, DataObject, Expression
 from fame.bpmn.xml import BPMN, Node, Parts, child, children, line_of, local, text_of
 
@@ -39,6 +39,21 @@ def data_ids(process: Node) -> dict[str, str]:
         if local(one) == "dataObjectReference":
             behind.setdefault(one.get("dataObjectRef", ""), id)
     return {id: behind.get(id, means) for id, means in found.items()}
+
+
+def data_variables(process: Node) -> dict[str, str]:
+    """Id of everything in a process that holds just one variable -> that variable; it goes by its own name, if by none.
+
+    So do the data inputs and outputs of activities and events.
+    """
+    found: dict[str, str] = {}
+    for one in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)):
+        names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))
+                 and inner is not one]  # fmt: skip
+        name = names[0] if len(names) == 1 else one.get("name", "") if not names else ""
+        if is_name(name) and name != _PLACEHOLDER:
+            found[one.get("id", "")] = name
+    return found
 
 
 def _has_variables(one: Node) -> bool:
@@ -91,18 +106,20 @@ def _data_object(context: Context, element: Node, objects: Mapping[str | None, N
 
 @dataclass(slots=True)
 class Moves:
-    """What the data associations of a flow node say: ids of data objects, and assignments of their own."""
+    """What the data associations of a flow node say: ids of data objects, assignments of their own, copies."""
 
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     assigned_in: tuple[Assignment, ...] = ()
     assigned_out: tuple[Assignment, ...] = ()
+    copied_in: tuple[Assignment, ...] = ()
+    copied_out: tuple[Assignment, ...] = ()
 
 
 _NONE = Moves()
 
 
-def read_moves(context: Context, data: Mapping[str, str], parts: Parts) -> Moves:
+def read_moves(context: Context, data: Mapping[str, str], variables: Mapping[str, str], parts: Parts) -> Moves:
     """Raises ModelError for an association to nothing."""
     into, out = parts.get("dataInputAssociation", ()), parts.get("dataOutputAssociation", ())
     if not into and not out:
@@ -112,7 +129,25 @@ def read_moves(context: Context, data: Mapping[str, str], parts: Parts) -> Moves
         tuple(_ends(context, data, out, "targetRef")),
         tuple(_assignments(context, into)),
         tuple(_assignments(context, out)),
+        tuple(_copies(context, variables, into)),
+        tuple(_copies(context, variables, out)),
     )
+
+
+def _copies(context: Context, variables: Mapping[str, str], associations: Iterable[Node]) -> Iterable[Assignment]:
+    """From one variable to another, perhaps through a transformation; what has assignments says all by itself."""
+    for association in associations:
+        target, source = child(association, "targetRef"), child(association, "sourceRef")
+        into = find(variables, text_of(target)) if target is not None else None
+        if into is None or child(association, "assignment") is not None:
+            continue
+        transformation = child(association, "transformation")
+        expression = body(context, transformation) if transformation is not None else None
+        out_of = find(variables, text_of(source)) if source is not None else None
+        if expression is None and out_of is not None and out_of != into:
+            expression = Expression(f"${{{out_of}}}", "value", line_of(association))
+        if expression is not None:
+            yield Assignment(into, expression)
 
 
 def _ends(context: Context, data: Mapping[str, str], associations: Iterable[Node], end: str) -> Iterable[str]:

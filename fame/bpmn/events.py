@@ -9,7 +9,7 @@ from typing import Literal
 from fame.bpmn.context import Context, boolean, find, id_in, is_type
 from fame.bpmn.dialects import extensions_of, fame_g0
 from fame.bpmn.dialects.extensions import Extensions, TopicProperties, topic_properties
-from fame.bpmn.expressions import body, template
+from fame.bpmn.expressions import body, by_look, is_mixed, template
 from fame.bpmn.model import (
     Assignment,
     CancelDefinition,
@@ -19,6 +19,7 @@ from fame.bpmn.model import (
     EscalationDefinition,
     EventDefinition,
     Expression,
+    IoMapping,
     LinkDefinition,
     MessageDefinition,
     Place,
@@ -88,6 +89,15 @@ def read_definitions(node: HalfRead, place: Place) -> tuple[EventDefinition, ...
     return tuple(_READERS[kind](source, element) for element, kind in found)
 
 
+def read_mapping(node: HalfRead, place: Place, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
+    """What the event maps besides what a caught message brings."""
+    found, moves = node.extensions, node.moves
+    catches = place not in THROWS and any(isinstance(one, SignalDefinition | MessageDefinition) for one in definitions)
+    inputs = (*found.inputs, *moves.assigned_in) if place in THROWS else ()
+    outputs = () if catches else (*found.outputs, *moves.assigned_out)
+    return IoMapping(inputs, outputs) if inputs or outputs else None
+
+
 def _referred(context: Context, reference: Node) -> tuple[Node, str]:
     element = context.root(text_of(reference))
     if element is None:
@@ -104,6 +114,9 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
     if referred is not None and local(referred) != kind:
         raise node.error(f"{kind}Ref {reference!r} is a {local(referred)}: expected a {kind}")
     name = _topic_name(node, referred, say)
+    if is_mixed(name) or name.startswith("="):
+        text = f"the name {name!r} is computed: name the topic, since its endpoints are made before anything runs"
+        raise node.error(text)
     if not name and reference and referred is None:
         raise node.error(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
     if not name and kind == "signal":
@@ -253,10 +266,22 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     return source.node.label or None
 
 
+def _computed(source: TopicSource, element: Node, kind: str) -> Expression | None:
+    """The expression that gives the code of a throw. Raises ModelError for one at a catch: its code is fixed."""
+    referred = source.node.context.root(element.get(f"{kind}Ref"))
+    text = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
+    if by_look(text, 0) is None:
+        return None
+    if source.place not in THROWS:
+        raise source.node.error(f"the {kind} code {text!r} is computed: what catches has a fixed code, or none for all")
+    return by_look(text, line_of(element))
+
+
 def _error(source: TopicSource, element: Node) -> ErrorDefinition:
     extensions = extensions_of(source.node.context, element)
     return ErrorDefinition(
         code=_code(source, element, "error"),
+        computed=_computed(source, element, "error"),
         code_variable=extensions.code_variable,
         message_variable=extensions.message_variable,
         line=line_of(element),
@@ -266,6 +291,7 @@ def _error(source: TopicSource, element: Node) -> ErrorDefinition:
 def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
     return EscalationDefinition(
         code=_code(source, element, "escalation"),
+        computed=_computed(source, element, "escalation"),
         code_variable=extensions_of(source.node.context, element).code_variable,
         line=line_of(element),
     )

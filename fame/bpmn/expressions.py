@@ -58,6 +58,11 @@ def is_whole(text: str) -> bool:
     return False
 
 
+def is_name(text: str) -> bool:
+    """Whether it can be the name of a variable."""
+    return _NAME.fullmatch(text) is not None
+
+
 def is_mixed(text: str) -> bool:
     """Whether ``${...}`` stands inside it."""
     return "${" in text or "#{" in text

@@ -177,18 +177,23 @@ class ConditionalDefinition(EventDefinition):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorDefinition(EventDefinition):
-    """An error. A catch without code catches all. Variables that take code and text of what was caught, if named."""
+    """An error. A catch without code catches all. Variables that take code and text of what was caught, if named.
+
+    `computed`: an expression that gives the code of a throw.
+    """
 
     code: str | None = None
+    computed: Expression | None = None
     code_variable: str | None = None
     message_variable: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EscalationDefinition(EventDefinition):
-    """An escalation. A catch without code catches all."""
+    """An escalation, coded like an error."""
 
     code: str | None = None
+    computed: Expression | None = None
     code_variable: str | None = None
 
 
@@ -234,13 +239,16 @@ class FlowNode(Element):
     """What a token can be at.
 
     `incoming`, `outgoing`: ids of sequence flows, in document order. `data_inputs`, `data_outputs`: ids of the data
-    objects that it reads when it starts and writes when it ends.
+    objects that it reads when it starts and writes when it ends; `copies_in`, `copies_out`: what is moved then between
+    variables and its own data inputs and outputs.
     """
 
     incoming: tuple[str, ...] = ()
     outgoing: tuple[str, ...] = ()
     data_inputs: tuple[str, ...] = ()
     data_outputs: tuple[str, ...] = ()
+    copies_in: tuple[Assignment, ...] = ()
+    copies_out: tuple[Assignment, ...] = ()
 
 
 Place = Literal["start", "catch", "throw", "end", "boundary"]
@@ -251,7 +259,8 @@ class Event(FlowNode):
     """An event. No definition: a none event; several: a multiple event (all of them if `parallel`).
 
     `interrupting` is isInterrupting of an event sub-process' start, cancelActivity of a boundary event (standard
-    table 10.93 and following). `attached_to` is the activity of a boundary event.
+    table 10.93 and following). `attached_to` is the activity of a boundary event. `io`: a mapping besides that of a
+    caught message: its inputs are for the payload alone, its outputs are assigned when the event has happened.
     """
 
     place: Place
@@ -259,6 +268,7 @@ class Event(FlowNode):
     attached_to: str = ""
     interrupting: bool = True
     parallel: bool = False
+    io: IoMapping | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

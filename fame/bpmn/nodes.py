@@ -19,10 +19,14 @@ Wiring = Mapping[str, tuple[list[str], list[str]]]
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What flow nodes share. `data`: see `fame.bpmn.data.data_ids`; `labels`: they name the topics of this process."""
+    """What flow nodes share.
+
+    `data`, `variables`: see `data_ids` and `data_variables`; `labels`: they name the topics of this process.
+    """
 
     context: Context
     data: Mapping[str, str]
+    variables: Mapping[str, str]
     labels: bool = False
 
 
@@ -65,7 +69,7 @@ class HalfRead:
 def half_read(around: Surroundings, element: Node, wiring: Wiring) -> HalfRead:
     """Reads what all flow nodes have. Raises ModelError for an id that is taken, or a data association to nothing."""
     context, parts = around.context, parts_of(element)
-    moves = read_moves(context, around.data, parts)
+    moves = read_moves(context, around.data, around.variables, parts)
     id = context.claim(element)
     incoming, outgoing = wiring.get(id, ((), ()))
     common = {
@@ -77,6 +81,8 @@ def half_read(around: Surroundings, element: Node, wiring: Wiring) -> HalfRead:
         "outgoing": tuple(outgoing),
         "data_inputs": moves.inputs,
         "data_outputs": moves.outputs,
+        "copies_in": moves.copied_in,
+        "copies_out": moves.copied_out,
     }
     return HalfRead(context, around, element, parts, extensions_of(context, element), moves, common)
 

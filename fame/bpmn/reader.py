@@ -23,7 +23,7 @@ from typing import Literal
 
 from fame.bpmn.bodies import read_body
 from fame.bpmn.context import Context, boolean, find, whole
-from fame.bpmn.data import data_ids
+from fame.bpmn.data import data_ids, data_variables
 from fame.bpmn.diagram import read_diagrams
 from fame.bpmn.dialects import extensions_of, fame_g2, looks_original
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
@@ -118,7 +118,9 @@ def _process(context: Context, element: Node) -> Process:
     meaning: Literal["standard", "original"] = "standard"
     if semantics is not None and semantics.value.strip() == "original":
         meaning = "original"
-    around = Surroundings(context, data_ids(element), topics is not None and topics.value.strip() == "labels")
+    around = Surroundings(
+        context, data_ids(element), data_variables(element), topics is not None and topics.value.strip() == "labels"
+    )
     return Process(
         id=context.claim(element),
         name=element.get("name", ""),

@@ -74,10 +74,13 @@ def _texts(element: Element) -> Iterator[Found]:
     elif isinstance(element, Activity):
         yield from _of_activity(element)
     if isinstance(element, FlowNode):
+        yield from ((item.source, "mapping") for item in (*element.copies_in, *element.copies_out))
         yield from ((topic.payload, "payload") for topic, _ in topics_of(element))
 
 
 def _of_event(event: Event) -> Iterator[Found]:
+    if event.io is not None:
+        yield from ((item.source, "mapping") for item in (*event.io.inputs, *event.io.outputs))
     for definition in event.definitions:
         if isinstance(definition, TimerDefinition):
             yield definition.expression, "timer"

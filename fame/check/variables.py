@@ -22,6 +22,7 @@ from fame.bpmn.model import (
     Event,
     Expression,
     FlowNode,
+    Gateway,
     MultiInstance,
     Task,
     Topic,
@@ -31,6 +32,7 @@ from fame.check.findings import Finding, Level
 from fame.check.subject import Subject, Unit
 from fame.check.texts import Text, names_of, texts_of
 from fame.check.topics import fields_taken, taken_by_prefix
+from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.scripting.interface import NAMES
 from fame.scripting.javascript.words import words_of
@@ -93,7 +95,14 @@ def _set_by(node: FlowNode) -> Iterator[str]:
     for definition in node.definitions if isinstance(node, Event) else ():
         if isinstance(definition, ErrorDefinition | EscalationDefinition):
             yield from filter(None, (definition.code_variable, getattr(definition, "message_variable", None)))
+    yield from (item.target for item in (*node.copies_in, *node.copies_out))
+    if isinstance(node, Event) and node.io is not None:
+        yield from (item.target for item in (*node.io.inputs, *node.io.outputs))
+    if isinstance(node, Gateway) and node.kind == "complex":
+        yield from gateways.NAMES
     if isinstance(node, Activity):
+        if node.loop is not None:
+            yield from loops.NAMES
         io, inside = node.io, not isinstance(node, CallActivity)
         yield from (item.target for item in (*io.outputs, *(io.inputs if inside else ()))) if io else ()
         if isinstance(node.loop, MultiInstance):

@@ -232,7 +232,10 @@ class Wiring:
         self.main[element.id] = self.entries[element.id] = node
         self.exits[element.id] = [node] if exits is None else exits
         takes = isinstance(element, model.Event) and element.place in ("start", "catch", "boundary")
-        before, after = self.values(element.data_inputs), self.values(() if takes else element.data_outputs)
+        before = self.values(element.data_inputs) + pairs(element.copies_in)
+        after = [] if takes else self.values(element.data_outputs) + pairs(element.copies_out)
+        if isinstance(element, model.Event) and element.io is not None:
+            after += pairs(element.io.outputs)
         if before:
             first = self.compiler.node(element, activities.assign, self.file, part="/inputs")
             first.inputs = self.compiler.assignments(before, element, self.file)
@@ -355,6 +358,11 @@ class Wiring:
         if isinstance(self.owner, model.Process) or any(map(moves, self.content.nodes)):
             refuse("has nothing to begin with: add a start event", self.owner, self.file)
         return self.compiler.node(self.owner, steps.end, self.file, part="/empty")
+
+
+def pairs(assignments: Iterable[model.Assignment]) -> list[tuple[str, model.Expression]]:
+    """Assignments as pairs."""
+    return [(item.target, item.source) for item in assignments]
 
 
 def asks_for_phase(flow: model.SequenceFlow) -> bool:

@@ -13,6 +13,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.model import DataObject, Process, SubProcess, Topic
+from fame.engine.host import Compiled
 from fame.engine.variables import UNDEFINED, Variables
 
 if TYPE_CHECKING:
@@ -75,6 +76,27 @@ def _mapped(assignments: Sequence[tuple[str, Callable[[dict[str, Any]], Any]]]) 
                 variables[name] = value
 
     return take
+
+
+def seeing_fields(source: Compiled) -> Compiled:
+    """An expression that sees the fields of the message by their names, as FEEL does."""
+
+    def evaluate(variables: dict[str, Any]) -> Any:
+        message = variables["msg"]
+        names = message if isinstance(message, Mapping) else getattr(message, "__dataclass_fields__", ())
+        return source(Variables(variables, {str(name): _descend(message, (name,)) for name in names}))
+
+    return evaluate
+
+
+def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled) -> Compiled:
+    """An expression that sees the inputs of its event as well."""
+
+    def evaluate(variables: dict[str, Any]) -> Any:
+        found = {name: value(variables) for name, value in inputs}
+        return source(Variables(variables, {name: value for name, value in found.items() if value is not UNDEFINED}))
+
+    return evaluate
 
 
 def _whole(name: str) -> Take:

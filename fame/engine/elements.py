@@ -244,13 +244,13 @@ def task(wiring: Wiring, element: model.Task, node: Node) -> None:
         listen(wiring, element, node, element.topic)
         if node.queue:
             wiring.queued.append(node)
-    elif element.kind == "send":
+    elif element.kind == "send" and (element.topic is not None or not element.operation):
         node.step = steps.send
         if element.topic is None:
             raise refuse("a send task needs a message", element, wiring)
         node.topic, payload = element.topic.qualified, element.topic.payload or element.payload
         node.run = compiler.expression(payload, element, wiring.file) if payload else None
-    elif element.kind == "service":
+    elif element.kind in ("service", "send"):  # of Camunda, which lets a send task call what a service task calls
         if not element.operation:
             raise refuse("a service task needs the name of what it calls", element, wiring)
         node.step, node.kind, node.variable = activities.evaluate, "script", element.result_variable

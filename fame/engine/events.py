@@ -74,9 +74,12 @@ def listen(wiring: Wiring, element: model.FlowNode, node: Node, topic: model.Top
     """Let a node wait for a topic, and take what the message brings."""
     node.topic, node.queue = topic.qualified, topic.queue
     objects = [wiring.objects[id] for id in element.data_outputs if id in wiring.objects]
-    pairs = [(item.target, item.source) for item in topic.takes]
-    node.take = data.receiver(topic, objects, wiring.compiler.assignments(pairs, element, wiring.file),
-                              wiring.compiler.unfilled)  # fmt: skip
+    takes = [
+        (name, data.seeing_fields(source) if item.source.language == "feel" else source)
+        for item in topic.takes
+        for name, source in wiring.compiler.assignments([(item.target, item.source)], element, wiring.file)
+    ]
+    node.take = data.receiver(topic, objects, takes, wiring.compiler.unfilled)
 
 
 def start(wiring: Wiring, event: model.Event) -> None:
@@ -87,7 +90,10 @@ def start(wiring: Wiring, event: model.Event) -> None:
     triggers = triggers_of(wiring, event)
     for each in triggers:
         each.step = steps.pass_on
-        wiring.exits[event.id].append(each)
+        if node.next is not None:  # what the event assigns
+            each.next = node.next
+        else:
+            wiring.exits[event.id].append(each)
         each.index = each.slot = node.slot
         wiring.compiler.watch(each)
     wiring.triggers[event.id] = triggers
@@ -169,10 +175,15 @@ def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition
             signal = isinstance(definition, model.SignalDefinition)
             node.step, node.topic = steps.throw if signal else steps.send, topic.qualified
             node.run = wiring.compiler.optional(topic.payload, event, wiring.file)
-        case model.ErrorDefinition(code=code):
+            if node.run is not None and event.io is not None and event.io.inputs:
+                pairs = ((item.target, item.source) for item in event.io.inputs)
+                node.run = data.with_inputs(wiring.compiler.assignments(pairs, event, wiring.file), node.run)
+        case model.ErrorDefinition(code=code, computed=computed):
             node.step, node.code = steps.raise_error, code
-        case model.EscalationDefinition(code=code):
+            node.run = wiring.compiler.optional(computed, event, wiring.file)
+        case model.EscalationDefinition(code=code, computed=computed):
             node.step, node.code = steps.escalate, code
+            node.run = wiring.compiler.optional(computed, event, wiring.file)
         case model.TerminateDefinition():
             node.step = steps.terminate
         case model.CompensateDefinition(activity=activity_id, wait=wait):

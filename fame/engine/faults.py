@@ -54,24 +54,24 @@ def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None
     engine.abandon(scope.instance, node, describe(error, code), code, error)
 
 
-def escalate(engine: Engine, scope: Scope, node: Node) -> None:
+def escalate(engine: Engine, scope: Scope, node: Node, code: str | None) -> None:
     """An escalation climbs likewise; the thrower goes on unless something interrupting caught it."""
     place: Scope | None = scope
     while place is not None:
-        handler = matching(place.body.escalations, node.code) if place.body is not None else None
+        handler = matching(place.body.escalations, code) if place.body is not None else None
         if handler is not None and not (handler.resume and place.suspender is not None):
-            note(handler, place, node.code or "", "")
+            note(handler, place, code or "", "")
             steps.begin_handler(engine, place, handler)
             return
         if place.node is not None and place.node.kind == "handler" and place.parent is not None:
             place = place.parent
         inner, place = place, place.parent
-        catcher = matching(inner.node.escalations, node.code) if inner.node is not None else None
+        catcher = matching(inner.node.escalations, code) if inner.node is not None else None
         if catcher is not None and place is not None:
-            note(catcher, place, node.code or "", "")
+            note(catcher, place, code or "", "")
             steps.take_boundary(engine, place, catcher, inner)
             return
-    engine.host.report(node.id, f"escalation {node.code or 'without code'} was not caught")
+    engine.host.report(node.id, f"escalation {code or 'without code'} was not caught")
 
 
 def matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
@@ -96,7 +96,7 @@ def note(catcher: Node, scope: Scope, code: str, text: str) -> None:
 def describe(error: BaseException, code: str) -> str:
     """An uncaught error, in words."""
     if isinstance(error, BpmnError):
-        said = f": {error.message}" if error.message != code else ""
+        said = f": {error.message}" if error.message not in ("", code) else ""
         return f"error {code or 'without code'} was not caught{said}"
     if isinstance(error, MemoryError):
         return f"MemoryError: {str(error) or 'there is no memory for what it wants to keep'}"

@@ -12,6 +12,9 @@ from fame.engine.variables import Variables
 if TYPE_CHECKING:
     from fame.engine.interpreter import Engine
 
+NAMES = ("activationCount", "waitingForStart")
+"""The variables that the conditions of complex gateways see besides those of their scope."""
+
 # ---- parting -------------------------------------------------------------------------------------
 
 

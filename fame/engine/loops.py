@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from fame.engine.interpreter import Engine
 
 _COUNTERS = (("nrOf", "numberOf"), ("Instances", "ActiveInstances", "CompletedInstances"))
+NAMES = ("loopCounter", *(prefix + name for prefix in _COUNTERS[0] for name in _COUNTERS[1]))
+"""The variables that activities which repeat set by themselves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

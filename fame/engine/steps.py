@@ -103,15 +103,25 @@ def send(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def raise_error(engine: Engine, scope: Scope, node: Node) -> None:
     """An error end event."""
-    faults.fail(engine, scope, node, BpmnError(node.code or ""))
+    try:
+        code = node.code if node.run is None else str(node.run(scope.variables))
+    except BaseException as error:
+        faults.fail(engine, scope, node, error)
+        return
+    faults.fail(engine, scope, node, BpmnError(code or ""))
 
 
 def escalate(engine: Engine, scope: Scope, node: Node) -> None:
     """An escalation: the token is first in line, and goes on unless its scope is cancelled or suspended."""
+    try:
+        code = node.code if node.run is None else str(node.run(scope.variables))
+    except BaseException as error:
+        activities.failed(engine, scope, node, error)
+        return
     if node.act is not None:
         engine.tell(scope, node.left)
     engine.ready.appendleft((node.next, scope))
-    faults.escalate(engine, scope, node)
+    faults.escalate(engine, scope, node, code)
 
 
 # ---- ending --------------------------------------------------------------------------------------

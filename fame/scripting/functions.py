@@ -1,5 +1,6 @@
 """The functions that expressions may call: a table, by the names of FEEL (DMN 1.5, table 72 and following).
 
+Durations, dates and the cycles of Camunda 8 are for timers: they stay the text that ISO 8601 has for them.
 Null in, null out, except where a function is about null or about lists.
 """
 
@@ -92,5 +93,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "substring": _or_null(_sub),
     "context put": _put,
     "split": _or_null(lambda text, separator: text.split(separator)),
+    "duration": to_text,
+    "date and time": to_text,
+    "cycle": lambda *parts: f"R{parts[0]}/{parts[1]}" if len(parts) == 2 else f"R/{to_text(*parts)}",
 }
 """Name -> function."""
