@@ -147,7 +147,7 @@ REFUSED = {
     "flowable_java.bpmn": ":5: motor: it runs the Java class org.example.MotorDelegate; FAME has no Java: "
     "make it a script task, or name an operation that is registered",
     "ibm_script.bpmn": f":7: bpdid:2: language 'text/x-javascript': {_LANGUAGES}",
-    "trisotech.bpmn": ":6: _c: called element '_g1' is no process of this file, nor _g1.bpmn in ",
+    "trisotech.bpmn": ":6: _c: it calls the <globalUserTask> _g1: make it a process with that task in it",
     "choreography.bpmn": ": name the process to run: the file has none",
     "beta.bpmn": ":2: the root is <definitions> of namespace http://schema.omg.org/spec/BPMN/2.0: expected "
     "<definitions> of http://www.omg.org/spec/BPMN/20100524/MODEL",
