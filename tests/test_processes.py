@@ -1,23 +1,35 @@
-"""Robots in processes of their own, over DDS on loopback: deployed, redeployed, killed."""
+"""Robots in processes of their own, over DDS on loopback: deployed, redeployed, killed; nothing else stops."""
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("cyclonedds", reason="Cyclone DDS is not installed: pip install 'fame-robots[dds]'")
+
+from fame.clock import SECOND
+from fame.deployment import STATUS_QOS, STRING, Report
+from fame.deployment.splitting import DIAGRAM, STATUS
+from fame.middleware import messages
+from fame.middleware.dds import DdsMiddleware, DdsScheduler
+from fame.middleware.interface import LATCHED
+
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).parent.parent
+DOMAIN = 100 + os.getpid() % 100
+"""A DDS domain of our own, so that nothing else is heard."""
 LIMIT = 40
-"""Seconds after which a process is taken to hang."""
+"""Seconds after which something is taken never to happen."""
+ENVIRONMENT = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": str(ROOT)}
 
 HEAD = '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t">'
 THROW = '<intermediateThrowEvent id="{0}"><signalEventDefinition signalRef="{1}"/></intermediateThrowEvent>'
@@ -50,56 +62,208 @@ def waiting(name: str) -> str:
     )
 
 
-@pytest.fixture
-def environment() -> dict[str, str]:
-    """A DDS domain of our own, so that nothing else is heard."""
-    return {**os.environ, "ROS_DOMAIN_ID": str(100 + os.getpid() % 100), "PYTHONPATH": str(ROOT)}
+BOTH_WAIT = (
+    f'{HEAD}<signal id="S" name="never"/><collaboration id="c"><participant id="A" name="A" processRef="pa"/>'
+    '<participant id="B" name="B" processRef="pb"/></collaboration>'
+    f'<process id="pa"><startEvent id="sa"/>{CATCH.format("wait_a", "S")}{flows("a", "sa", "wait_a")}</process>'
+    f'<process id="pb"><startEvent id="sb"/>{CATCH.format("wait_b", "S")}{flows("b", "sb", "wait_b")}</process>'
+    "</definitions>"
+)
+
+Process = subprocess.Popen
 
 
-@pytest.fixture
-def start(environment) -> Iterator:
-    started: list[subprocess.Popen] = []
+class Field:
+    """Processes, and somebody who listens to them."""
 
-    def begin(*words: str) -> subprocess.Popen:
-        process = subprocess.Popen([sys.executable, "-m", "fame", *words], env=environment, stderr=subprocess.PIPE)
-        started.append(process)
+    def __init__(self) -> None:
+        self.processes: list[Process] = []
+        self.scheduler = DdsScheduler()
+        self.middleware = DdsMiddleware(self.scheduler, domain=DOMAIN)
+        self.node = self.middleware.node("person")
+        self.diagrams = self.node.publisher(DIAGRAM, STRING)
+        self.said: dict[str, list[Report]] = {}
+        self.world: dict = {}
+        self.roles: dict[int, str] = {}
+        self.node.subscription(
+            "/world_state", STRING, lambda message: self.world.update(json.loads(message.data)), LATCHED
+        )
+        self.node.subscription(STATUS, STRING, self._hear_splitter, STATUS_QOS)
+
+    def start(self, *words: str) -> Process:
+        process = Process([sys.executable, "-m", "fame", *words], env=ENVIRONMENT, cwd=ROOT, stderr=subprocess.PIPE)
+        self.processes.append(process)
         return process
 
-    yield begin
-    for process in started:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-    for process in started:
-        try:
-            process.communicate(timeout=LIMIT)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
+    def engine(self, robot: str, *words: str) -> Process:
+        if robot not in self.said:
+            self.said[robot] = []
+            self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._hear, robot), STATUS_QOS)
+        return self.start("engine", robot, *words)
+
+    def kill(self, process: Process) -> None:
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+
+    def _hear(self, robot: str, message) -> None:
+        report = Report.from_json(message.data)
+        assert report is not None
+        self.said[robot].append(report)
+
+    def _hear_splitter(self, message) -> None:
+        said = json.loads(message.data)
+        self.roles[said["born"]] = said["state"]
+
+    def last(self, robot: str) -> Report | None:
+        return self.said[robot][-1] if self.said[robot] else None
+
+    def at(self, robot: str) -> list[str]:
+        """Where its tokens are."""
+        report = self.last(robot)
+        return [wait["element"] for wait in report.waits] if report is not None and report.instances else []
+
+    def alive(self, *robots: str) -> None:
+        """Wait until each of them has spoken again."""
+        counts = {robot: len(self.said[robot]) for robot in robots}
+        self.until(lambda: all(len(self.said[robot]) > count for robot, count in counts.items()), f"{robots} to speak")
+
+    def until(self, holds: Callable[[], object], what: str) -> None:
+        deadline = self.scheduler.now + LIMIT * SECOND
+        while not holds():
+            assert self.scheduler.now < deadline, f"waited for {what}; last: {[self.last(name) for name in self.said]}"
+            self.scheduler.run(self.scheduler.now + SECOND // 50)
+
+    def close(self) -> None:
+        self.middleware.close()
+        for process in self.processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self.processes:
+            try:
+                process.communicate(timeout=LIMIT)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
 
 
 @pytest.fixture
-def fame(environment):
-    def run(*words: str) -> tuple[int, dict]:
-        done = subprocess.run(
-            [sys.executable, "-m", "fame", *words, "--json"],
-            env=environment, capture_output=True, text=True, timeout=LIMIT, check=False,
-        )  # fmt: skip
-        return done.returncode, json.loads(done.stdout)
-
-    return run
+def field() -> Iterator[Field]:
+    made = Field()
+    yield made
+    made.close()
 
 
-def until(ask, holds, what: str) -> dict:
-    """Ask again and again until it holds."""
-    deadline = time.monotonic() + LIMIT
-    while time.monotonic() < deadline:
-        code, said = ask()
-        if code == 0 and holds(said):
-            return said
-    raise AssertionError(f"{what}: {said}")
+def fame(*words: str) -> tuple[int, dict]:
+    """A command to its end: exit code, and what it says as JSON."""
+    done = subprocess.run(
+        [sys.executable, "-m", "fame", *words, "--json"],
+        env=ENVIRONMENT, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False,
+    )  # fmt: skip
+    return done.returncode, json.loads(done.stdout)
 
 
-def test_a_mission_in_many_processes_completes(tmp_path, fame):
+# ---- engines -------------------------------------------------------------------------------------------------------
+
+
+def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, field):
+    for name in ("first", "second"):
+        (tmp_path / f"{name}.bpmn").write_text(waiting(name))
+    (tmp_path / "wrong.bpmn").write_text(waiting("x").replace("</process>", "<dance/></process>"))
+    field.engine("A")
+    code, said = fame("deploy", str(tmp_path / "first.bpmn"))
+    assert (code, said["robots"]["A"]["state"]) == (0, "started"), said
+    assert fame("deploy", str(tmp_path / "wrong.bpmn"))[0] == 2
+    assert fame("deploy", str(tmp_path / "second.bpmn"))[0] == 0
+    field.until(lambda: field.at("A") == ["second"], "the second process")
+    code, said = fame("status")
+    assert code == 0
+    (wait,) = said["robots"]["A"]["waits"]
+    assert (wait["element"], wait["topics"]) == ("second", {"/never": 0})
+    assert said["robots"]["A"]["now"] >= wait["since"]
+
+
+def test_a_robot_that_does_not_answer_is_named_and_nobody_starts(tmp_path, field):
+    path = tmp_path / "ping.bpmn"
+    path.write_text(PING_PONG)
+    field.engine("A")
+    b = field.engine("B")
+    field.until(lambda: field.last("A") and field.last("B"), "both")
+    os.kill(b.pid, signal.SIGSTOP)  # there, and silent
+    code, said = fame("deploy", str(path), "--wait", "2")
+    os.kill(b.pid, signal.SIGCONT)
+    # Its lease may be over (3 s): then it is not there at all.
+    reason = said["robots"]["B"]["reason"] if "robots" in said else said["error"]["text"]
+    assert code == 1, said
+    assert "did not answer within 2 s" in reason or "has no robot B" in reason
+    field.alive("A", "B")
+    field.until(lambda: field.last("A").state == field.last("B").state == "waiting", "nothing to be half deployed")
+
+
+def test_engines_and_splitters_are_killed_and_come_back_and_nothing_else_stops(field):
+    first = field.start("splitter")
+    a, b = field.engine("A"), field.engine("B")
+    field.until(lambda: "idle" in field.roles.values() and field.last("A") and field.last("B"), "all to be there")
+    field.diagrams.publish(messages.create(STRING, BOTH_WAIT))
+    field.until(lambda: (field.at("A"), field.at("B")) == (["wait_a"], ["wait_b"]), "the team to run")
+    kept = field.last("B").deployed
+    second, twin = field.start("splitter"), field.start("engine", "A")
+    _, complaint = twin.communicate(timeout=LIMIT)
+    assert (twin.returncode, "there is an engine 'A' already" in complaint.decode()) == (2, True)
+    field.until(lambda: sorted(field.roles.values()) == ["keeping", "standby"], "the second to stand by")
+
+    field.kill(a)
+    field.alive("B")
+    field.said["A"].clear()
+    field.engine("A")
+    field.until(lambda: field.at("A") == ["wait_a"], "A to take its process up again")
+    answers = [report for report in field.said["A"] if report.answer == "started"]
+    assert "takes it up again from the start" in answers[-1].reason
+
+    field.kill(first)
+    field.roles.clear()
+    field.until(lambda: list(field.roles.values()) == ["keeping"], "the second to have the role")
+    field.kill(b)
+    field.said["B"].clear()
+    field.alive("A")
+    field.engine("B")
+    field.until(lambda: field.at("B") == ["wait_b"], "the second splitter to supply B")
+    assert field.last("B").deployed != kept
+    assert second.poll() is None
+
+
+# ---- a mission -----------------------------------------------------------------------------------------------------
+
+
+def test_in_mid_mission_one_tractor_is_called_home_the_others_go_on_also_without_a_world(field):
+    world = field.start("world", "examples/agriculture.yaml", "--speed", "10")
+    robots = ["Drone", "Tractor_1", "Tractor_2", "Tractor_3"]
+    for robot in robots:
+        field.engine(robot, "--type", robot.split("_")[0].lower(), "--use-sim-time")
+    field.until(lambda: all(field.last(robot) for robot in robots) and field.world, "all to be there")
+    code, said = fame("deploy", "models/agriculture.bpmn")
+    assert code == 0, said
+    field.until(lambda: field.last("Tractor_2").started, "a weed to be found")
+    kept = {robot: field.last(robot).deployed for robot in robots}
+
+    code, said = fame("deploy", "models/agriculture_return.bpmn", "--to", "Tractor_2")
+    assert (code, list(said["robots"])) == (0, ["Tractor_2"]), said
+    field.until(lambda: field.last("Tractor_2").deployed != kept["Tractor_2"], "the new process")
+    field.until(lambda: field.last("Tractor_2").completed, "it to come home")
+    field.alive(*robots)
+    home = field.world["robots"]["Tractor_2"]
+    assert math.dist((home["x"], home["y"]), (-1, 7.5)) < 0.5
+    assert field.last("Drone").state == "running"
+    assert {robot for robot in robots if field.last(robot).deployed == kept[robot]} == {*robots} - {"Tractor_2"}
+
+    field.kill(world)
+    field.alive(*robots)
+    assert {robot for robot in robots if field.last(robot).deployed == kept[robot]} == {*robots} - {"Tractor_2"}
+
+
+# ---- all of them together ------------------------------------------------------------------------------------------
+
+
+def test_a_mission_in_many_processes_completes(tmp_path):
     path = tmp_path / "ping.bpmn"
     path.write_text(PING_PONG)
     code, said = fame("run", str(path), "--middleware", "dds", "--duration", "20")
@@ -107,34 +271,35 @@ def test_a_mission_in_many_processes_completes(tmp_path, fame):
     assert {name: robot["completed"] for name, robot in said["robots"].items()} == {"A": 1, "B": 1}
 
 
-def test_an_engine_is_deployed_to_redeployed_killed_and_comes_back(tmp_path, start, fame):
-    for name in ("first", "second"):
-        (tmp_path / f"{name}.bpmn").write_text(waiting(name))
-    engine = start("engine", "A")
+@pytest.mark.parametrize("how", ["an engine is killed", "Ctrl-C", "we are killed"])
+def test_processes_of_one_run_end_together(tmp_path, field, how):
+    path = tmp_path / "both.bpmn"
+    path.write_text(BOTH_WAIT)
+    for robot in "AB":
+        field.said[robot] = []
+        field.node.subscription(f"/{robot}/bpmn_status", STRING, partial(field._hear, robot), STATUS_QOS)
+    run = field.start("run", str(path), "--middleware", "dds")
+    field.until(lambda: (field.at("A"), field.at("B")) == (["wait_a"], ["wait_b"]), "the team to run")
+    children = {pid for pid in children_of(run.pid) if b"engine" in command_of(pid)}
+    assert len(children) == 2
+    if how == "an engine is killed":
+        os.kill(min(children), signal.SIGKILL)
+        _, text = run.communicate(timeout=LIMIT)
+        assert (run.returncode, b"was killed by SIGKILL" in text) == (1, True)
+    elif how == "Ctrl-C":
+        run.send_signal(signal.SIGINT)
+        assert run.wait(LIMIT) == 130
+    else:
+        field.kill(run)
+    field.until(lambda: not any(b"engine" in command_of(pid) for pid in children), "the engines to end")
 
-    def deploy(name: str) -> tuple[int, dict]:
-        return fame("deploy", str(tmp_path / f"{name}.bpmn"))
 
-    code, said = deploy("first")
-    assert (code, said["robots"]["A"]["state"]) == (0, "started"), said
-    code, said = deploy("second")
-    assert code == 0, said
+def children_of(parent: int) -> list[int]:
+    return [int(pid) for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
 
-    def at(element: str):
-        return lambda said: [wait["element"] for wait in said["robots"]["A"]["waits"]] == [element]
 
-    until(lambda: fame("status"), at("second"), "the second process did not run")
-    (tmp_path / "wrong.bpmn").write_text(waiting("x").replace("</process>", "<dance/></process>"))
-    code, said = deploy("wrong")
-    assert code == 2, said
-
-    twin = start("engine", "A")
-    _, complaint = twin.communicate(timeout=LIMIT)
-    assert (twin.returncode, "there is an engine 'A' already" in complaint.decode()) == (2, True)
-
-    os.kill(engine.pid, signal.SIGKILL)
-    engine.wait()
-    code, said = deploy("first")
-    assert code == 1, said
-    start("engine", "A")
-    until(lambda: deploy("first"), lambda said: said["robots"]["A"]["state"] == "started", "it did not come back")
+def command_of(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""

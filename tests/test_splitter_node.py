@@ -213,6 +213,23 @@ def test_when_the_older_is_gone_the_younger_keeps_the_team_as_it_is():
     assert farm.engines["B_2"].deployed
 
 
+def test_a_splitter_that_came_after_the_diagram_can_take_the_role_too():
+    farm = Farm("A", "B")
+    elder = farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(3)
+    younger = farm.splitter()
+    farm.pass_time(3)
+    elder.close()
+    farm.pass_time(6)
+    assert younger.state == "keeping"
+    assert [farm.engines[name].running.started for name in "AB"] == [1, 1]
+    farm.vanish("B")
+    farm.come("B")
+    farm.pass_time(15)
+    assert farm.engines["B"].deployed
+
+
 def test_what_the_older_could_not_deploy_any_more_the_younger_does():
     farm = Farm("A", "B")
     elder, younger = farm.splitter(), farm.splitter()

@@ -65,3 +65,48 @@ def progress_text(progress: Progress) -> str:
     """How far a run is: the simulated time, and what each robot is at."""
     robots = "   ".join(f"{name}: {text}" for name, text in progress.robots.items() if text)
     return f"{progress.simulated:7.1f} s   {robots}"
+
+
+class LiveTable:
+    """Text of several lines on a terminal, drawn anew where it stands; what is said goes above it.
+
+    Without a terminal nothing is drawn. Without a stream nothing is said either.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream, self._drawn = stream, ""
+        self._draws = stream is not None and stream.isatty()
+
+    def show(self, text: str) -> None:
+        """Draw it in place of what was drawn last."""
+        if self._draws and self._stream is not None:
+            size = shutil.get_terminal_size()
+            lines = [line[: size.columns - 1] for line in text.splitlines()[: size.lines - 1]]
+            self._wipe()
+            self._drawn = "".join(f"{line}\n" for line in lines)
+            self._stream.write(self._drawn)
+            self._stream.flush()
+
+    def say(self, line: str) -> None:
+        """A line that stays."""
+        if self._stream is not None:
+            drawn = self._drawn
+            self._wipe()
+            self._drawn = drawn
+            self._stream.write(f"{line}\n{drawn}")
+            self._stream.flush()
+
+    def _wipe(self) -> None:
+        if self._drawn and self._stream is not None:
+            self._stream.write(f"\x1b[{self._drawn.count(chr(10))}A\r\x1b[J")
+            self._drawn = ""
+
+
+@contextmanager
+def live_table(stream: TextIO, *, wanted: bool = True) -> Iterator[LiveTable]:
+    """A table that changes while the block lasts, and is gone then."""
+    live = LiveTable(stream if wanted else None)
+    try:
+        yield live
+    finally:
+        live.show("")

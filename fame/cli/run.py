@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
-from fame.cli.output import print_json, progress_line, table
+from fame.cli.output import live_table, print_json, progress_line, table
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.log import Write
+    from fame.remote import Sight
     from fame.scenario import Result, RobotResult, Scenario
 
 _EXAMPLES = (
@@ -135,8 +136,14 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         if getattr(arguments, option):
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
     quiet = arguments.quiet or arguments.json
-    with progress_line(sys.stderr, wanted=not quiet) as show:
-        result = Team(scenario, arguments.middleware, show or (lambda progress: None), arguments.speed or 1.0).run()
+    with live_table(sys.stderr, wanted=not quiet) as live:
+        result = Team(
+            scenario,
+            arguments.middleware,
+            watch=lambda sight: live.show(_seen(sight)),
+            hear=lambda name, line: live.say(line),
+            speed=arguments.speed or 1.0,
+        ).run()
     if arguments.json:
         print_json(result.to_json())
         return result.exit_code
@@ -147,6 +154,20 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     for message in result.messages:
         print(f"fame: {message}", file=sys.stderr)
     return result.exit_code
+
+
+def _seen(sight: Sight) -> str:
+    """The live table of a run in many processes."""
+    from fame.cli.status import HEADS, rows
+
+    lines: list[tuple[str, ...]] = []
+    for name, pid in sight.pids.items():
+        said = sight.reports.get(name)
+        found = list(rows(name, said)) if said is not None else [(name, "" if name == "world" else "comes")]
+        lines += [
+            (str(pid) if number == 0 else "", *row, *[""] * (len(HEADS) - len(row))) for number, row in enumerate(found)
+        ]
+    return f"{sight.time:.1f} s\n{table(('process', *HEADS), lines)}"
 
 
 @contextmanager

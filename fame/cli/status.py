@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, command
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
 
+if TYPE_CHECKING:
+    from fame.deployment import Report
+
+HEADS = ("robot", "state", "model", "instances", "token at", "since", "waits for", "publishers")
+
 
 def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
-        commands, "status", run, examples=("fame status",),
-        help="show every robot: its model, its instances, what it waits for",
+        commands, "status", run, examples=("fame status", "fame status --json"),
+        help="show every robot: its model, its instances, where its tokens are, since when, and what they wait for",
     )  # fmt: skip
     add_network(parser)
     add_json(parser)
@@ -39,21 +45,26 @@ def run(arguments: Namespace) -> int:
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
         node = middleware.node("fame_status")
-        for robot in engines(middleware):
+        robots = engines(middleware)
+        for robot in robots:
             node.subscription(f"/{robot}/bpmn_status", STRING, partial(heard, robot), STATUS_QOS)
         scheduler.run(scheduler.now + 3 * SECOND // 2)
     if not reports:
         raise DeploymentError("no engine was found")
     if arguments.json:
         print_json({"robots": {name: asdict(report) for name, report in sorted(reports.items())}})
-        return 0
-    rows = [
-        (name, report.state, report.hash[:12], report.instances, _waits(report))
-        for name, report in sorted(reports.items())
-    ]
-    print(table(("robot", "state", "model", "instances", "waits at"), rows))
+    else:
+        print(table(HEADS, [row for name in sorted(reports) for row in rows(name, reports[name])]))
     return 0
 
 
-def _waits(report: Any) -> str:
-    return "; ".join(f"{wait['element']} for {wait['for']}" for wait in report.waits) or report.error
+def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
+    """A line for a robot, and one more for each further token."""
+    head = (robot, report.state, report.hash[:12], str(report.instances))
+    for wait in report.waits:
+        since = f"{max(0.0, report.now - wait.get('since', 0.0)):.0f} s" if report.instances else ""
+        counts = ", ".join(str(count) for count in wait.get("topics", {}).values())
+        yield (*head, wait.get("element", ""), since, wait.get("for", ""), counts)
+        head = ("", "", "", "")
+    if head[0]:
+        yield (*head, "", "", report.error, "")

@@ -1,8 +1,9 @@
 """The splitter as a node: it takes whole collaborations on ``/collaboration_diagram`` and keeps the team supplied.
 
 What it is at stands on ``/fame_splitter`` (latched, 1 Hz). There may be several splitters: all hear every diagram, the
-oldest that is heard has the role, the others stand by. Where the role changes hands, the team goes on with what it has;
-only a diagram that nobody had deployed yet is deployed then.
+oldest that is heard has the role, the others stand by. What it has deployed stands on ``/fame_splitter/deployed``, for
+those who come later. Where the role changes hands, the team goes on with what it has; only a diagram that nobody had
+deployed yet is deployed then.
 
 Of diagrams that wait, the newest is taken. One whose pools have no robots yet waits until they have.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -28,7 +30,7 @@ from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware
 from fame.splitter import split
 
-DIAGRAM, STATUS = "/collaboration_diagram", "/fame_splitter"
+DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_splitter/deployed"
 HEARTBEAT = 1.0
 """How often a splitter says that it is there (s)."""
 GONE = 3.0
@@ -86,6 +88,8 @@ class SplitterNode:
         self.node = middleware.node("fame_splitter")
         self._status = self.node.publisher(STATUS, STRING, LATCHED)
         self.node.subscription(STATUS, STRING, self._met, STATUS_QOS)
+        self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
+        self.node.subscription(DEPLOYED, STRING, self._inherit, LATCHED)
         self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS)
         self._leads = False
         self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # elders speak first
@@ -141,6 +145,12 @@ class SplitterNode:
         if self._leads and self._deployment is None:
             self._deployed = ""  # the same again is a restart
             self._try()
+
+    def _inherit(self, message: Any) -> None:
+        """What the one that has the role has deployed."""
+        if not self._leads:
+            with suppress(FameError):
+                self._diagram = self._read(message.data)
 
     def _read(self, text: str) -> tuple[str, Definitions]:
         """Check it as far as it can be without the robots. Raises FameError."""
@@ -212,6 +222,7 @@ class SplitterNode:
     def _keep(self, diagram: tuple[str, Definitions], served: Collection[str]) -> None:
         self._let_be()
         self._deployed = diagram[0]
+        self._team.publish(messages.create(STRING, diagram[1].source.decode(errors="replace")))
         self._keeper = Keeper(
             diagram[1],
             partial(self._send, diagram[1]),

@@ -9,6 +9,7 @@ from typing import Protocol
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
+from fame.remote.children import orphaned
 
 BACKENDS = ("dds", "ros")
 _ENDING = 3
@@ -48,10 +49,18 @@ def connect(backend: str, scheduler: WallScheduler, network: str | None = None) 
 
 
 def run_until_told(scheduler: WallScheduler) -> None:
-    """Work until SIGINT or SIGTERM."""
+    """Work until SIGINT or SIGTERM, or until the process is gone that started this one as its child."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: scheduler.stop())
+    _watch_parent(scheduler)
     scheduler.run()
+
+
+def _watch_parent(scheduler: WallScheduler) -> None:
+    if orphaned():
+        scheduler.stop()
+    else:
+        scheduler.after(SECOND, lambda: _watch_parent(scheduler))
 
 
 def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:

@@ -5,27 +5,24 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind
 from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.interface import LATCHED
+from fame.remote.children import Children
 from fame.remote.process import connect, scheduler_for
 from fame.remote.world import WORLD_STATE
-from fame.scenario import Progress
 
 if TYPE_CHECKING:
     from fame.scenario import Scenario
 
-_ENDING = 5.0  # s that a process may take to end
+_LOOK = SECOND // 5  # ns between two looks at the processes
 _APPEARING = 15.0  # s until all engines have to be there
 
 
@@ -57,14 +54,30 @@ class TeamResult:
         }
 
 
-class Team:
-    """A scenario in many processes: the world, and one engine per robot. `watch` is told how far it is.
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """How things stand: s of the mission, what robots said last, and the number of each process."""
 
-    A world goes `speed` times as fast as reality, and all engines with it.
+    time: float
+    reports: Mapping[str, Report]
+    pids: Mapping[str, int]
+
+
+class Team:
+    """A scenario in many processes: the world, and one engine per robot. They begin together, and end together.
+
+    `watch` is told how things stand, `hear` every line that a process says. A world goes `speed` times as fast as
+    reality, and all engines with it.
     """
 
     def __init__(
-        self, scenario: Scenario, backend: str, watch: Callable[[Progress], object], speed: float = 1.0
+        self,
+        scenario: Scenario,
+        backend: str,
+        *,
+        watch: Callable[[Sight], object] = lambda sight: None,
+        hear: Callable[[str, str], object] = lambda name, line: None,
+        speed: float = 1.0,
     ) -> None:
         self.scenario, self.backend, self._watch, self._speed = scenario, backend, watch, speed
         self.scheduler = scheduler_for(backend)
@@ -72,24 +85,30 @@ class Team:
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
         self.result = TeamResult("timeout")
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._children = Children(lambda name, line: self.scheduler.soon(partial(hear, name, line)))
+        self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
 
     def run(self) -> TeamResult:
         """Start all, deploy, wait until nothing runs any more or the duration is over, end all."""
         begun = time.monotonic()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._interrupt)
         try:
             self._start()
             self._listen()
+            self._look()
             self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
             lasting = self.scenario.duration / self._speed + _APPEARING
-            self.scheduler.after(round(lasting * SECOND), self.scheduler.stop, Kind.TIMER)
-            signal.signal(signal.SIGINT, self._interrupt)
+            self.scheduler.after(round(lasting * SECOND), self._time_is_up, Kind.TIMER)
             self.scheduler.run()
         finally:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-            self._end()
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave some of them behind
+            self.result.messages += self._children.end()
             self.middleware.close()
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
         self.result.reports, self.result.world = self.reports, self.world
         self.result.seconds = time.monotonic() - begun
         return self.result
@@ -98,17 +117,32 @@ class Team:
         self.result.status = "interrupted"
         self.scheduler.stop()
 
+    def _fail(self, *messages: str) -> None:
+        self.result.status, self.result.messages = "failed", list(messages)
+        self.scheduler.stop()
+
     def _start(self) -> None:
-        fame = [sys.executable, "-m", "fame"]
         tail = ["--middleware", self.backend]
         types = {robot.name: robot.type for robot in self.scenario.world.robots} if self.scenario.world else {}
         if self.scenario.world is not None:
-            command = [*fame, "world", self.scenario.file, "--seed", str(self.scenario.seed)]
-            self._processes["world"] = _spawn([*command, "--speed", str(self._speed), *tail])
+            command = ["world", self.scenario.file, "--seed", str(self.scenario.seed)]
+            self._children.start("world", [*command, "--speed", str(self._speed), *tail])
         for robot in self.scenario.cast:
             kind = ["--type", types[robot]] if robot in types else []
             time = ["--use-sim-time"] if self.scenario.world is not None else []
-            self._processes[robot] = _spawn([*fame, "engine", robot, *kind, *time, *tail])
+            self._children.start(robot, ["engine", robot, *kind, *time, *tail])
+        names = [*(["world"] if self.scenario.world is not None else []), *self.scenario.cast]
+        self._pids = {name: self._children.pid(name) for name in names}
+
+    def _look(self) -> None:
+        """Show how things stand; if one process is no more, all end."""
+        ended = self._children.ended()
+        if ended:
+            self._fail(*ended)
+            return
+        now = self.world["time"] if self.world is not None else self.scheduler.now / SECOND
+        self._watch(Sight(now, self.reports, self._pids))
+        self.scheduler.after(_LOOK, self._look, Kind.TIMER)
 
     def _listen(self) -> None:
         node = self.middleware.node("fame_team")
@@ -125,8 +159,6 @@ class Team:
         if report is None:
             return
         self.reports[robot] = report
-        at = {name: _standing(self.reports[name]) for name in self.scenario.cast if name in self.reports}
-        self._watch(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
@@ -150,11 +182,7 @@ class Team:
 
     def _deployed(self, deployment: Deployment) -> None:
         if deployment.failed:
-            self.result.status = "failed"
-            self.result.messages = [
-                f"{each.robot}: {each.state}: {each.reason}" for each in deployment.standings.values()
-            ]
-            self.scheduler.stop()
+            self._fail(*(f"{each.robot}: {each.state}: {each.reason}" for each in deployment.standings.values()))
 
     def _over(self) -> None:
         """Something has run, and nothing runs any more."""
@@ -175,33 +203,13 @@ class Team:
         missing = [robot for robot in self.scenario.cast if robot not in self.reports]
         if missing or not self._world_is_there():
             names = ", ".join([*missing, *([] if self._world_is_there() else ["the world"])])
-            self.result.status = "failed"
-            self.result.messages = [f"{names} did not appear within {_APPEARING:g} s"]
-            self.scheduler.stop()
+            self._fail(f"{names} did not appear within {_APPEARING:g} s")
 
-    def _end(self) -> None:
-        for process in self._processes.values():
-            with suppress(ProcessLookupError):
-                process.send_signal(signal.SIGINT)
-        until = time.monotonic() + _ENDING
-        for name, process in self._processes.items():
-            try:
-                process.wait(max(0.1, until - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-                self.result.messages.append(f"{name} did not end by itself within {_ENDING:g} s")
-
-
-def _standing(report: Report) -> str:
-    """How a robot stands, in a few words."""
-    waits = ", ".join(wait["element"] for wait in report.waits)
-    return f"{report.state} at {waits}" if waits and report.instances else report.state
-
-
-def _spawn(command: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A process of FAME that a Ctrl-C in the terminal does not reach: it is ended by us, in order."""
-    root = Path(__file__).resolve().parents[2]
-    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    return subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True)
+    def _time_is_up(self) -> None:
+        waits = [
+            f"{name} waits at {wait['element']} for {wait['for']}"
+            for name, report in sorted(self.reports.items())
+            for wait in (report.waits if report.instances else ())
+        ]
+        self.result.messages = [f"not over after {self.scenario.duration:g} s", *waits]
+        self.scheduler.stop()
