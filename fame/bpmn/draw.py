@@ -29,7 +29,9 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] = 
     green with their number. Raises ModelError if the file has no diagram.
     """
     if not definitions.shapes:
-        raise ModelError("the file has no diagram: open it in a modeler and save it", file=definitions.file)
+        raise ModelError(
+            "the file has no diagram (BPMNDI), so there is nothing to draw: draw it in a modeler", file=definitions.file
+        )
     visits = visited if isinstance(visited, Mapping) else Counter(visited)
     picture = Picture({one.id: one for one in _elements(definitions)}, visits)
     parts: list[str] = []
