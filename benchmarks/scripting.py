@@ -1,6 +1,7 @@
-"""How many scripts and expressions run in a second: one JSON line per case.
+"""How many scripts and expressions run in a second: one JSON line per case, by the wall clock and by processor time.
 
-The time of the loop around the call is included; the best of several rounds counts, since noise only ever adds. Run as
+The time of the loop around the call is included; the best of several rounds counts, since noise only ever adds. On a
+machine that others use, processor time is what tells. `goal` is what a second has to hold. Run as
 ``python benchmarks/scripting.py``.
 """
 
@@ -21,6 +22,9 @@ from fame.scripting import Runner, compile_expression, compile_script, interface
 
 ROUNDS = 7
 SECONDS = 0.15
+JAVASCRIPT_STEPS, EXPRESSIONS = 100_000, 300_000
+FOUR = ("python", "juel", "feel", "javascript")
+"""The languages of a condition."""
 
 SCRIPTS = {
     "x = x + 1": "x = x + 1",
@@ -53,21 +57,21 @@ def scope() -> dict[str, Any]:
     return variables
 
 
-def per_second(run: Callable[[dict[str, Any]], Any], variables: dict[str, Any]) -> float:
-    """Calls per second."""
+def per_second(run: Callable[[dict[str, Any]], Any], variables: dict[str, Any]) -> tuple[float, float]:
+    """Calls per second of the wall clock, and of processor time."""
     count = 100
-    best = 0.0
+    wall = processor = 0.0
     for _ in range(ROUNDS):
         while True:
-            began = time.perf_counter()
+            began, cpu = time.perf_counter(), time.process_time()
             for _ in repeat(None, count):
                 run(variables)
-            took = time.perf_counter() - began
+            took, used = time.perf_counter() - began, time.process_time() - cpu
             if took > SECONDS:
                 break
             count *= 2
-        best = max(best, count / took)
-    return best
+        wall, processor = max(wall, count / took), max(processor, count / used)
+    return wall, processor
 
 
 def awaits_per_second(count: int = 50_000) -> float:
@@ -86,21 +90,28 @@ def overhead_of_counting() -> float:
     variables, passes = scope(), 1000
     counted = compile_script(Expression(f"for i in range({passes}): x = i"))
     bare = partial(eval, compile(f"for i in range({passes}): x = i", "bare", "exec"))
-    return (1 / per_second(counted, variables) - 1 / per_second(bare, variables)) / passes * 1e9
+    return (1 / per_second(counted, variables)[1] - 1 / per_second(bare, variables)[1]) / passes * 1e9
+
+
+def case(name: str, run: Callable[..., Any], variables: dict[str, Any], goal: int | None = None) -> dict[str, Any]:
+    """One line."""
+    wall, processor = per_second(run, variables)
+    said = {"case": name, "per_second": wall, "per_cpu_second": processor}
+    return said if goal is None else {**said, "goal": goal, "met": processor >= goal}
 
 
 def lines() -> Iterator[dict[str, Any]]:
     """The results, one at a time."""
     for name, text in SCRIPTS.items():
-        yield {"case": f"script, {name}", "per_second": per_second(compile_script(Expression(text)), scope())}
+        yield case(f"script, {name}", compile_script(Expression(text)), scope())
     for name, text in JAVASCRIPT.items():
-        run = compile_script(Expression(text, "javascript"))
-        yield {"case": f"javascript, {name}", "per_second": per_second(run, scope())}
+        goal = JAVASCRIPT_STEPS if "loop" not in name else None
+        yield case(f"javascript, {name}", compile_script(Expression(text, "javascript")), scope(), goal)
     inner = Variables(scope(), {"i": 1})
-    yield {"case": "script, inner scope", "per_second": per_second(compile_script(Expression("x = x + 1")), inner)}
+    yield case("script, inner scope", compile_script(Expression("x = x + 1")), inner)
     for name, (language, text) in CONDITIONS.items():
-        run = compile_expression(Expression(text, language))
-        yield {"case": f"expression, {name}", "per_second": per_second(run, scope())}
+        goal = JAVASCRIPT_STEPS if language == "javascript" else EXPRESSIONS if name in FOUR else None
+        yield case(f"expression, {name}", compile_expression(Expression(text, language)), scope(), goal)
     yield {"case": "awaits", "per_second": max(awaits_per_second() for _ in range(3))}
     yield {"case": "budget", "ns_per_pass": overhead_of_counting()}
 
