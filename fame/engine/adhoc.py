@@ -47,7 +47,8 @@ def supervise(wiring: Wiring) -> None:
     """Put the nodes around the activities of such a body, before its flows are linked."""
     interrupting: dict[str, list[model.Event]] = {}
     for event in wiring.content.nodes:
-        if isinstance(event, model.Event) and event.place == "boundary" and interrupts(wiring.main.get(event.id)):
+        node = wiring.main.get(event.id)
+        if isinstance(event, model.Event) and event.place == "boundary" and node is not None and node.interrupting:
             interrupting.setdefault(event.attached_to, []).append(event)
     for activity in activities_of(wiring):
         before = wiring.compiler.node(activity, admit, wiring.file, part="/admit")
@@ -56,11 +57,6 @@ def supervise(wiring: Wiring) -> None:
             after = wiring.compiler.node(activity, completed, wiring.file, part=f"/completed@{end.id}")
             wiring.link(wiring.exits[end.id], after)
             wiring.exits[end.id] = [after]
-
-
-def interrupts(boundary: Node | None) -> bool:
-    """Whether a boundary event ends its activity; errors and cancellations do, whatever is written."""
-    return boundary is not None and (boundary.interrupting or boundary.kind in ("error", "cancel"))
 
 
 def activities_of(wiring: Wiring) -> list[model.Activity]:

@@ -30,7 +30,7 @@ def trigger(wiring: Wiring, event: model.Event, definition: model.EventDefinitio
     """A node that waits for what an event definition says."""
     compiler = wiring.compiler
     node = compiler.node(event, steps.wait, wiring.file, part=part)
-    node.interrupting = event.interrupting
+    node.interrupting = event.interrupting or isinstance(definition, model.ErrorDefinition | model.CancelDefinition)
     match definition:
         case model.SignalDefinition(topic=topic):
             node.kind = "signal"
