@@ -15,9 +15,9 @@ def _adm_collect(around: Around, variables: Mapping[str, Any]) -> Unit:
 
 
 def _adm_learn(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.anomaly.units import LearnUnit
+    from fame.anomaly.units import learn_unit
 
-    return LearnUnit(around, variables)
+    return learn_unit(around, variables)
 
 
 def _adm_operate(around: Around, variables: Mapping[str, Any]) -> Unit:
@@ -26,5 +26,30 @@ def _adm_operate(around: Around, variables: Mapping[str, Any]) -> Unit:
     return OperateUnit(around, variables)
 
 
-UNITS: Mapping[str, Make] = {"adm_collect": _adm_collect, "adm_learn": _adm_learn, "adm_operate": _adm_operate}
+def _processing(around: Around, variables: Mapping[str, Any]) -> Unit:
+    from fame.pipeline.units import processing_unit
+
+    return processing_unit(around, variables)
+
+
+def _record(around: Around, variables: Mapping[str, Any]) -> Unit:
+    from fame.pipeline.units import record_unit
+
+    return record_unit(around, variables)
+
+
+def _train(around: Around, variables: Mapping[str, Any]) -> Unit:
+    from fame.pipeline.units import train_unit
+
+    return train_unit(around, variables)
+
+
+UNITS: Mapping[str, Make] = {
+    "adm_collect": _adm_collect,
+    "adm_learn": _adm_learn,
+    "adm_operate": _adm_operate,
+    "process": _processing,
+    "record": _record,
+    "train": _train,
+}
 """What needs packages is imported when a unit is made."""

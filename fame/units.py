@@ -10,18 +10,22 @@ units. A unit that has ended by itself calls `Around.changed`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from fame.clock import Scheduler
+from fame.clock import SECOND, Entry, Scheduler, WallScheduler
 from fame.engine.host import Compiled
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
 from fame.scripting.requests import Until
 
 Value = TypeVar("Value", str, float, int)
+_POLL = SECOND // 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +58,55 @@ class Unit(Protocol):
 
 Make = Callable[[Around, Mapping[str, Any]], Unit]
 """Makes a unit from the variables of its task. Raises FameError."""
+
+
+class Command:
+    """A command of `fame` in a process of its own, so that the engine goes on meanwhile. It takes no simulated time.
+
+    `told` turns the object that it prints with ``--json`` into variables.
+    """
+
+    def __init__(
+        self, around: Around, arguments: Sequence[str], told: Callable[[Mapping[str, Any]], Mapping[str, Any]]
+    ) -> None:
+        self._around, self._results = around, told
+        command = [sys.executable, "-m", "fame", *arguments, "--json"]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self._told: dict[str, Any] | None = None
+        self._poll: Entry | None = None
+        if isinstance(around.scheduler, WallScheduler):
+            self._poll = around.scheduler.after(_POLL, self._look)
+        else:
+            self._end()
+
+    def results(self) -> Mapping[str, Any] | None:
+        """The variables. Raises ConfigError if the command failed."""
+        if self._told is None:
+            return None
+        if "error" in self._told:
+            raise ConfigError(str(self._told["error"]["text"]), file=str(self._told["error"].get("file", "")))
+        return self._results(self._told)
+
+    def close(self) -> None:
+        """End it, if it goes on."""
+        if self._poll is not None:
+            self._poll.cancel()
+        if self._told is None:
+            self._process.kill()
+            self._process.communicate()
+
+    def _look(self) -> None:
+        if self._process.poll() is None:
+            self._poll = self._around.scheduler.after(_POLL, self._look)
+            return
+        self._end()
+        self._around.changed()
+
+    def _end(self) -> None:
+        out, said = self._process.communicate()
+        for line in said.splitlines():
+            self._around.report(line)
+        self._told = json.loads(out)
 
 
 def living(make: Make, around: Around) -> Compiled:

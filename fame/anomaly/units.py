@@ -6,21 +6,16 @@ fields are as of `fame adm`; files are relative to the folder of the mission's m
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
-from fame.clock import SECOND, Entry, WallScheduler
 from fame.errors import ConfigError, MissionError
-from fame.units import Around, setting
+from fame.units import Around, Command, Unit, setting
 
 if TYPE_CHECKING:
     from fame.anomaly.live import Rule
 
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
-_POLL = SECOND // 5
 
 
 class CollectUnit:
@@ -81,53 +76,15 @@ class OperateUnit:
         self._node.close()
 
 
-class LearnUnit:
-    """Fits the classifiers of `config` and stores the best in `model`: ``fame adm learn`` in a process of its own.
+def learn_unit(around: Around, variables: Mapping[str, Any]) -> Unit:
+    """Fits the classifiers of `config` and stores the best in `model`: `classifier` is the name of the best one."""
+    config = around.folder / setting(variables, "config", type=str)
+    model = around.folder / setting(variables, "model", "best.skops", type=str)
 
-    So the engine goes on meanwhile. In simulated time learning takes no time.
-    """
+    def results(told: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {"classifier": next(item["name"] for item in told["classifiers"] if item["best"])}
 
-    def __init__(self, around: Around, variables: Mapping[str, Any]) -> None:
-        self._around = around
-        config = around.folder / setting(variables, "config", type=str)
-        model = around.folder / setting(variables, "model", "best.skops", type=str)
-        command = [sys.executable, "-m", "fame", "adm", "learn", str(config), "-o", str(model), "--json"]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self._told: dict[str, Any] | None = None
-        self._poll: Entry | None = None
-        if isinstance(around.scheduler, WallScheduler):
-            self._poll = around.scheduler.after(_POLL, self._look)
-        else:
-            self._end()
-
-    def results(self) -> Mapping[str, Any] | None:
-        """`classifier` is the name of the best one. Raises ConfigError if learning failed."""
-        if self._told is None:
-            return None
-        if "error" in self._told:
-            raise ConfigError(str(self._told["error"]["text"]), file=str(self._told["error"].get("file", "")))
-        return {"classifier": next(item["name"] for item in self._told["classifiers"] if item["best"])}
-
-    def close(self) -> None:
-        """Stop learning, if it goes on."""
-        if self._poll is not None:
-            self._poll.cancel()
-        if self._told is None:
-            self._process.kill()
-            self._process.communicate()
-
-    def _look(self) -> None:
-        if self._process.poll() is None:
-            self._poll = self._around.scheduler.after(_POLL, self._look)
-            return
-        self._end()
-        self._around.changed()
-
-    def _end(self) -> None:
-        out, said = self._process.communicate()
-        for line in said.splitlines():
-            self._around.report(line)
-        self._told = json.loads(out)
+    return Command(around, ["adm", "learn", str(config), "-o", str(model)], results)
 
 
 def _rule(variables: Mapping[str, Any]) -> Rule:

@@ -76,7 +76,7 @@ def fit(runs: Sequence[Samples], config: Training, data: str = "") -> TrainedMod
     held = max(1, round(config.held_back * len(runs)))
     chosen = np.random.default_rng(config.seed).permutation(len(runs))
     training, held_back = [runs[index] for index in chosen[held:]], [runs[index] for index in chosen[:held]]
-    every = np.concatenate([run.values for run in training])
+    every = np.concatenate([run.channels() for run in training])
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
     windows = (_windows(training, config, rate) - mean) / scale
@@ -165,7 +165,10 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
 
 def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
     """Windows that train: (n, window, channels)."""
-    parts = [Windower().feed(run, config.window, config.stride, rate, lambda text: None).values for run in runs]
+    parts = [
+        Windower().feed(run.replace(run.channels()), config.window, config.stride, rate, lambda text: None).values
+        for run in runs
+    ]
     parts = [part for part in parts if len(part)]
     if not parts:
         raise ConfigError(f"no run has {config.window} samples at {rate:.3g} Hz in a row", element="Training.window")

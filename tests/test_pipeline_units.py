@@ -1,0 +1,164 @@
+"""Pipelines in missions: units are call activities that run until their scope ends, an alarm is a signal."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bpmn_text import extensions, process
+
+import fame
+from fame.bpmn import read_text
+from fame.bpmn.model import Definitions
+from fame.library import BUILT_IN
+from fame.middleware import messages
+from fame.pipeline.model import TrainedModel
+from fame.pipeline.network import Network
+from fame.pipeline.tables import read_runs
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+ROBOT = "robot"
+JOINTS = [f"joint_{number}" for number in range(6)]
+FILES = [BUILT_IN[1] / f"{name}.bpmn" for name in ("ProcessingUnit", "Record", "Train", "joint_monitor")]
+
+
+def model(path: Path) -> Path:
+    """Autoencoders that know nothing but zero: the loss is the mean square of the effort."""
+    weights = (np.zeros((6, 50, 4)), np.zeros((6, 4, 50)))
+    biases = (np.zeros((6, 1, 4)), np.zeros((6, 1, 50)))
+    network = Network(weights, biases, "tanh")
+    columns = tuple(f"Efforts.{joint}" for joint in JOINTS)
+    TrainedModel(columns, 50, 500.0, np.zeros(6), np.ones(6), network, (0.5,) * 6, 5.0, 20.0).save(path)
+    return path
+
+
+def mission(content: str, signal: str = "anomaly") -> Definitions:
+    """A process that calls units, and ends when the signal is caught."""
+    return read_text(process(content + handler(signal), f'<signal id="S" name="{signal}"/>'))
+
+
+def call(id: str, called: str, *, own: bool = True, **data: str) -> str:
+    """A call activity whose input data object holds these variables."""
+    held = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in data.items())
+    mapped = '<camunda:in variables="all"/>' if own else ""
+    return (
+        f'<callActivity id="{id}" calledElement="{called}">{extensions(mapped)}'
+        f'<property id="{id}_p"/><dataInputAssociation id="{id}_a"><sourceRef>{id}_d</sourceRef>'
+        f"<targetRef>{id}_p</targetRef></dataInputAssociation></callActivity>"
+        f'<dataObjectReference id="{id}_d" dataObjectRef="{id}_o">'
+        f"{extensions(f'<camunda:properties>{held}</camunda:properties>')}</dataObjectReference>"
+        f'<dataObject id="{id}_o"/>'
+    )
+
+
+def flow(*ids: str) -> str:
+    return "".join(f'<sequenceFlow id="{a}_{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairwise(ids))
+
+
+def handler(signal: str) -> str:
+    """An interrupting event sub-process that catches it."""
+    typed = extensions(
+        f'<camunda:properties><camunda:property name="type" value="{JOINT_STATE}"/></camunda:properties>'
+    )
+    return (
+        f'<subProcess id="H" triggeredByEvent="true"><startEvent id="Caught">{typed}'
+        f'<signalEventDefinition id="x" signalRef="S"/></startEvent><endEvent id="Stopped"/>'
+        f"{flow('Caught', 'Stopped')}</subProcess>"
+    )
+
+
+def arm(sim: fame.Simulation, seconds: float, push: float = 0.0, *, rate: int = 500) -> None:
+    """Efforts of an arm at rest, somebody pushing joint 3."""
+    node = sim.middleware.node("driver")
+    publisher = node.publisher(f"/{ROBOT}/joint_states", JOINT_STATE)
+    begin = sim.now
+    for number in range(1, round(seconds * rate) + 1):
+        sim.run(until=begin + number / rate)
+        efforts = [0.1, 0.1, 0.1, 0.1 + push, 0.1, 0.1]
+        content = {"header": {"stamp": sim.now}, "name": JOINTS, "effort": efforts}
+        publisher.publish(messages.create(JOINT_STATE, content))
+    node.close()
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_the_models_check_without_a_warning(file: Path) -> None:
+    from fame.check import check
+
+    assert [finding.text for finding in check(fame.read(file)) if finding.level != "note"] == []
+
+
+def test_the_joint_monitor_raises_anomaly_and_the_mission_that_catches_it_ends_the_pipeline(tmp_path: Path) -> None:
+    watched = call("Monitor", "joint_monitor", model=str(model(tmp_path / "m.skops")))
+    sim = fame.Simulation(mission(
+        f'<startEvent id="s"/>{watched}<endEvent id="e"/>{flow("s", "Monitor", "e")}'
+    ))  # fmt: skip
+    sim.run(until=0.1)
+    units = {info.name: info for info in sim.middleware.graph()}
+    assert {name.rpartition("/")[2] for name in units} >= {"joint_efforts_filtered", "joint_losses", "anomaly"}
+    arm(sim, 0.6)
+    (instance,) = sim.instances
+    assert instance.status == "running"
+    arm(sim, 0.6, push=3.0)
+    assert instance.status == "completed"
+    assert instance.visits["Stopped"] == 1
+    anomaly = instance.variables["anomaly"]
+    assert anomaly.name == ["joint_3"]
+    assert anomaly.effort[0] > 0.5
+    assert anomaly.position[0] == pytest.approx(2 * anomaly.effort[0])
+    assert "joint_losses" not in {info.name.rpartition("/")[2] for info in sim.middleware.graph()}
+
+
+def test_a_unit_with_a_wrong_configuration_is_an_error_of_the_mission(tmp_path: Path) -> None:
+    for configuration, reason in (("none.yaml", "there is no configuration none.yaml in "), ("", "needs the variable")):
+        sim = fame.Simulation(mission(
+            f'<startEvent id="s"/>{call("U", "ProcessingUnit", configuration=configuration)}{flow("s", "U")}'
+        ))  # fmt: skip
+        sim.run(until=1)
+        (instance,) = sim.instances
+        assert instance.status == "failed"
+        assert reason in str(instance.error)
+
+
+def test_parameters_and_namespace_come_from_the_data_object(tmp_path: Path) -> None:
+    unit = call(
+        "U", "ProcessingUnit", configuration="joint_monitor/low_pass.yaml", parameters="{cutoff: 0.001}",
+        namespace="elsewhere",
+    )  # fmt: skip
+    sim = fame.Simulation(mission(f'<startEvent id="s"/>{unit}{flow("s", "U")}'))
+    sim.run(until=0.1)
+    assert "/elsewhere/joint_states" in {info.name for info in sim.middleware.graph()}
+    wrong = call(
+        "U", "ProcessingUnit", configuration="joint_monitor/low_pass.yaml", parameters="{cutof: 1}", namespace=""
+    )
+    sim = fame.Simulation(mission(f'<startEvent id="s"/>{wrong}{flow("s", "U")}'))
+    sim.run(until=0.1)
+    assert "no processor has this parameter" in str(sim.instances[0].error)
+
+
+def test_a_record_unit_has_everything_on_disk_when_its_scope_ends_and_train_learns_from_it(tmp_path: Path) -> None:
+    port = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
+    training = {"Files": ["runs.csv"], "Window": 10, "Hidden": [3], "Epochs": 2, "Model": "out/made.skops"}
+    (tmp_path / "joints.yaml").write_text(yaml.safe_dump({"Inputs": {"Efforts": port}, "Training": training}))
+    variables = {"configuration": str(tmp_path / "joints.yaml")}
+    recorder = call("R", "Record", **variables, output=str(tmp_path / "runs.csv"))
+    for _ in range(3):
+        sim = fame.Simulation(mission(
+            f'<startEvent id="s"/>{recorder}{flow("s", "R")}', "enough"
+        ))  # fmt: skip
+        sim.run(until=0.1)
+        arm(sim, 0.2)
+        sim.signal("enough")
+        sim.run(until=sim.now + 1)
+        assert sim.instances[0].status == "completed"
+    assert [len(run) for run in read_runs([tmp_path / "runs.csv"])] == [99, 99, 99]
+    trainer = call("T", "Train", own=False, **variables)
+    sim = fame.Simulation(mission(f'<startEvent id="s"/>{trainer}{flow("s", "T")}'))
+    sim.run()
+    (instance,) = sim.instances
+    assert instance.status == "completed", instance.error
+    made = TrainedModel.load(instance.variables["model"])
+    assert made.columns == tuple(f"Efforts.{joint}" for joint in JOINTS)
+    assert list(instance.variables["thresholds"]) == list(made.thresholds)
