@@ -153,11 +153,11 @@ function update(environment, text) {
 function changes(environment) {
     const { values, agreed, changed, large } = environment;
     if (agreed.size) {
-        for (const [name, text] of agreed) {
-            if (changed.includes(name) || (text.length > LARGE && !large.has(name))) continue;
+        agreed.forEach((text, name) => { // a third of the time of `for ... of`
+            if (changed.includes(name) || (text.length > LARGE && !large.has(name))) return;
             if (encode(values[name]) !== text) changed.push(name);
-        }
-        large.clear();
+        });
+        if (large.size) large.clear();
     }
     if (!changed.length) return "";
     let set = "", gone = "", kept = "";
@@ -178,9 +178,15 @@ function changes(environment) {
 
 const NONE = new Set();
 
-// An activation. `over` is the step in which next() was called, `value` what it was told, `error` a description.
-const begun = (script, environment) =>
-    ({ number: ++numbers, script, environment, over: 0, value: undefined, error: undefined, callbacks: NONE });
+// `over` is the step in which next() was called, `value` what it was told, `error` a description.
+class Activation {
+    constructor(script, environment) {
+        this.number = ++numbers;
+        this.script = script;
+        this.environment = environment;
+    }
+}
+Object.assign(Activation.prototype, { over: 0, value: undefined, error: undefined, callbacks: NONE }); // cheaper there
 
 // `this` of a script.
 class Scope {
@@ -389,7 +395,7 @@ const isAnswer = (value, mode) => !(value instanceof Promise) && (value !== unde
 
 // Run a script. A condition or value has to answer at once.
 function begin(script, environment, time, text) {
-    const activation = current = begun(script, environment);
+    const activation = current = new Activation(script, environment);
     scope = new Scope(activation);
     count += 1;
     now = time;
