@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from fractions import Fraction
+from functools import lru_cache
 from itertools import count
 
 _MONTHS = {"years": 12, "months": 1}
@@ -108,6 +109,7 @@ class Cycle:
         return now, 1, repetitions
 
 
+@lru_cache(256)
 def parse_duration(text: str) -> Duration:
     """The duration that `text` says, such as ``PT1.5S``, ``P1W`` or ``P1Y2M3DT4H``.
 
