@@ -83,8 +83,8 @@ def _wiring(context: Context, parts: Parts) -> tuple[Wiring, list[Node]]:
     flows = parts.get("sequenceFlow", [])
     for flow in flows:
         id = context.claim(flow)
-        wiring.setdefault(flow.get("sourceRef", ""), ([], []))[1].append(id)
-        wiring.setdefault(flow.get("targetRef", ""), ([], []))[0].append(id)
+        wiring.setdefault(flow.get("sourceRef", "").strip(), ([], []))[1].append(id)
+        wiring.setdefault(flow.get("targetRef", "").strip(), ([], []))[0].append(id)
     return wiring, flows
 
 
@@ -100,7 +100,7 @@ def _pass_over(context: Context, element: Node) -> None:
 
 def _check_flow(context: Context, flow: Node, nodes: Mapping[str, FlowNode]) -> None:
     for end, preposition in (("sourceRef", "from"), ("targetRef", "to")):
-        reference = flow.get(end, "")
+        reference = flow.get(end, "").strip()
         if reference in nodes:
             continue
         if not reference:
@@ -151,8 +151,8 @@ def _flow(context: Context, element: Node) -> SequenceFlow:
         line=line_of(element),
         documentation=documentation(element) if len(element) else "",
         properties=extensions.rest() if extensions is not None else EMPTY,
-        source=element.get("sourceRef", ""),
-        target=element.get("targetRef", ""),
+        source=element.get("sourceRef", "").strip(),
+        target=element.get("targetRef", "").strip(),
         condition=_condition(context, element) if len(element) else None,
     )
 

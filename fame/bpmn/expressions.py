@@ -19,6 +19,7 @@ _LANGUAGES: dict[str, Language | None] = {
     **dict.fromkeys(("python", "python3", "text/python", "text/x-python", "application/python"), "python"),
     **dict.fromkeys(("javascript", "js", "javascript()", "ecmascript"), "javascript"),
     **dict.fromkeys(("text/javascript", "application/javascript"), "javascript"),
+    "http://www.javascript.com/javascript": "javascript",
     **dict.fromkeys(("feel", "http://www.omg.org/spec/feel/20140401"), "feel"),
     "juel": "juel",
 }

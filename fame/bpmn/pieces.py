@@ -11,6 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 
 from fame.bpmn.context import Context, find
+from fame.bpmn.conversations import connect
 from fame.bpmn.dialects.current import add_property
 from fame.bpmn.dialects.fame_g2 import unfold
 from fame.bpmn.ids import is_reference
@@ -154,7 +155,9 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
 def whole_tree(definitions: Definitions) -> Node:
     """The file with all that is in it, and the ids that the reader makes where there is none."""
     root = parse(definitions.source, definitions.file, keep_all=True)
-    unfold(Context(definitions.file), root)
+    context = Context(definitions.file)
+    unfold(context, root)
+    connect(context, root)
     as_read = parse(definitions.source, definitions.file)
     read_tree(as_read, definitions.source, definitions.file)
     for element, other in zip(root.iter("*"), as_read.iter("*"), strict=True):

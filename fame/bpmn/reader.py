@@ -6,6 +6,7 @@
     reader     the file: collaboration, processes, what stands at the root
     bodies     the content of a scope, checked to hang together
     activities, events, data, diagram      what stands in it
+    conversations                          message flows, as messages that their ends refer to
     expressions                            which language a text is in
     dialects                               what extension elements mean
 
@@ -23,6 +24,7 @@ from typing import Literal
 
 from fame.bpmn.bodies import read_body
 from fame.bpmn.context import Context, boolean, find, whole
+from fame.bpmn.conversations import connect
 from fame.bpmn.data import data_ids, data_variables
 from fame.bpmn.diagram import read_diagrams
 from fame.bpmn.dialects import extensions_of, fame_g2, looks_original
@@ -66,6 +68,7 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     """As `read`, of a file that is parsed, without comments. Elements that have no id in the tree get one."""
     context = Context(file)
     fame_g2.unfold(context, root)
+    connect(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
     context.language = root.get("expressionLanguage", "")
     context.original = looks_original(root)

@@ -26,6 +26,7 @@ from fame.bpmn.model import (
     TerminateDefinition,
     TimerDefinition,
 )
+from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding
 from fame.check.subject import Subject, Unit
 from fame.check.texts import texts_of
@@ -64,7 +65,9 @@ def _pools(subject: Subject) -> Iterator[Finding]:
                 text = f"does the same as pool {twin}: one multi-instance pool stands for all such robots (G1)"
                 yield Finding("note", text, definitions.file, pool.line, pool.id)
     for flow in definitions.message_flows:
-        text = "message flows have no effect: robots talk by signals, which are matched by name (G3)"
+        ends = {node.id for process in definitions.processes for node in process.body.walk() if list(topics_of(node))}
+        what = "are outside of the guidelines" if {flow.source, flow.target} <= ends else "have no effect"
+        text = f"message flows {what}: robots talk by signals, which are matched by name (G3)"
         yield Finding("note", text, definitions.file, flow.line, flow.id)
 
 

@@ -22,6 +22,7 @@ IGNORED = {
 }  # fmt: skip
 """Kept in the file, no effect here: the reader notes each."""
 _NO_JAVA = "FAME has no Java: make it a script task, or name an operation that is registered"
+_OF_A_TOOL = "it is a {} task of its tool; make it a script task, or name an operation that is registered"
 REFUSED: Mapping[str, str] = {
     "class": f"it runs the Java class {{}}; {_NO_JAVA}",
     "delegateExpression": f"it runs the delegate expression {{}}; {_NO_JAVA}",
@@ -56,6 +57,8 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
     """One attribute of a BPMN element."""
     if name in REFUSED:
         found.refused = REFUSED[name].format(value)
+    elif name == "type" and value.strip() not in ("", "external", "external-worker"):
+        found.refused = _OF_A_TOOL.format(value)
     elif name in _ATTRIBUTES:
         setattr(found, _ATTRIBUTES[name], value.strip())
     elif name == "expression":
