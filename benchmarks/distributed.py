@@ -1,0 +1,383 @@
+"""What engines in processes of their own cost and how fast they are, over DDS on loopback: a table, or JSON.
+
+round trip    throw -> the other robot's catch -> throw -> catch, between two engine processes; beside it a ping-pong of
+              bare Cyclone (and of rclpy, where it is installed) with the same message, in turns, so that all meet the
+              same noise. Of the engines every round is counted whole: with the gateway and the script of the loop.
+deployment    from the first word to the last robot's "started", by two phases
+twenty        engines started at once: until all have been found, and until all run their process
+idle          an engine whose process waits: share of a core, memory
+redeployed    the same engine after 10 and after 1000 new processes: memory, threads, files, DDS entities
+
+Run as ``python benchmarks/distributed.py [--json] [CASE ...]``. Nothing else should run meanwhile.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import dds
+
+from fame.bpmn.reader import read, read_text
+from fame.clock import SECOND
+from fame.deployment import STATUS_QOS, STRING, Deployment, Report
+from fame.library import Library
+from fame.middleware.dds import DdsMiddleware, DdsScheduler
+from fame.middleware.messages import create
+
+ROOT = Path(__file__).resolve().parents[1]
+DOMAIN = 1 + os.getpid() % 90
+ROUNDS, TRIPS = 6, 1000
+PATIENCE = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A line of the table."""
+
+    case: str
+    value: float
+    unit: str = ""
+    goal: str = ""
+
+
+HEAD = '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
+
+
+def _event(tag: str, id: str, signal: str, payload: str = "") -> str:
+    said = f'<camunda:property name="payload" value="{payload}"/>' if payload else ""
+    return (
+        f'<{tag} id="{id}"><extensionElements><camunda:properties><camunda:property name="type" value="{STRING}"/>'
+        f'{said}</camunda:properties></extensionElements><signalEventDefinition signalRef="{signal}"/></{tag}>'
+    )
+
+
+def _flows(prefix: str, *ids: str) -> str:
+    return "".join(
+        f'<sequenceFlow id="{prefix}{n}" sourceRef="{a}" targetRef="{b}"/>' for n, (a, b) in enumerate(pairwise(ids))
+    )
+
+
+SIGNALS = "".join(f'<signal id="{name}" name="{name}"/>' for name in ("go", "ping", "pong", "result"))
+PING_PONG = f"""{HEAD} targetNamespace="t">{SIGNALS}<collaboration id="c">
+<participant id="A" name="A" processRef="pa"/><participant id="B" name="B" processRef="pb"/></collaboration>
+<process id="pa">{_event("startEvent", "sa", "go")}
+<scriptTask id="begin"><script>import time
+text, times = "{dds.PAYLOAD}", [time.perf_counter_ns()]</script></scriptTask>
+<exclusiveGateway id="again"/>{_event("intermediateThrowEvent", "ask", "ping", "${text}")}
+{_event("intermediateCatchEvent", "answered", "pong")}
+<scriptTask id="note"><script>times.append(time.perf_counter_ns())</script></scriptTask>
+<exclusiveGateway id="enough" default="more"/>
+<scriptTask id="tell"><script>result = str([b - a for a, b in zip(times, times[1:])])</script></scriptTask>
+{_event("endEvent", "ea", "result", "${result}")}
+{_flows("a", "sa", "begin", "again", "ask", "answered", "note", "enough")}{_flows("z", "tell", "ea")}
+<sequenceFlow id="more" sourceRef="enough" targetRef="again"/>
+<sequenceFlow id="over" sourceRef="enough" targetRef="tell">
+<conditionExpression>len(times) &gt; {TRIPS}</conditionExpression></sequenceFlow></process>
+<process id="pb"><startEvent id="sb"/><exclusiveGateway id="back"/>{_event("intermediateCatchEvent", "asked", "ping")}
+{_event("intermediateThrowEvent", "answer", "pong", "${ping}")}
+{_flows("b", "sb", "back", "asked", "answer", "back")}</process></definitions>"""
+
+
+def _waiting(name: str, pool: str) -> str:
+    """A process that waits for ever at an event `name`."""
+    return f"""{HEAD} targetNamespace="t"><signal id="S" name="never"/><collaboration id="c">
+<participant id="P" name="{pool}" processRef="p"><participantMultiplicity minimum="1"/></participant></collaboration>
+<process id="p"><startEvent id="s"/><intermediateCatchEvent id="{name}"><signalEventDefinition signalRef="S"/>
+</intermediateCatchEvent>{_flows("f", "s", name)}</process></definitions>"""
+
+
+class Field:
+    """Engines in processes of their own, and a participant that deploys to them and hears them."""
+
+    def __init__(self, domain: int, *robots: str) -> None:
+        self.scheduler = DdsScheduler()
+        self.middleware = DdsMiddleware(self.scheduler, domain=domain)
+        self.node = self.middleware.node("benchmark")
+        self.last: dict[str, Report] = {}
+        for robot in robots:
+            self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._hear, robot), STATUS_QOS)
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
+        self.began = time.monotonic()
+        self.engines = {
+            robot: subprocess.Popen([sys.executable, "-m", "fame", "engine", robot], env=environment)
+            for robot in robots
+        }
+        self.until(lambda: len(self.last) == len(robots))
+        self.found = time.monotonic() - self.began
+
+    def _hear(self, robot: str, message: Any) -> None:
+        report = Report.from_json(message.data)
+        if report is not None:
+            self.last[robot] = report
+
+    def until(self, holds: Callable[[], object]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not holds():
+            if time.monotonic() > deadline:
+                raise SystemExit(f"waited {PATIENCE:g} s; last: {self.last}")
+            self.scheduler.run(self.scheduler.now + SECOND // 1000)
+
+    def deploy(self, model: Any, *only: str) -> float:
+        """How long it took until the last robot had started (s)."""
+        number = time.time_ns()
+        sent = Deployment(
+            model,
+            id=f"benchmark-{number}",
+            sequence=number // 1000,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=lambda deployment: self.scheduler.stop(),
+            only=only,
+            library=Library(),
+        )
+        sent.begin()
+        self.scheduler.run()
+        if sent.failed:
+            raise SystemExit(
+                f"not deployed: {[(each.robot, each.state, each.reason) for each in sent.standings.values()]}"
+            )
+        self.scheduler.run(self.scheduler.now + SECOND // 100)
+        sent.close()
+        return max(each.took for each in sent.standings.values())
+
+    def close(self) -> None:
+        for engine in self.engines.values():
+            engine.send_signal(signal.SIGINT)
+        for engine in self.engines.values():
+            engine.wait()
+        self.middleware.close()
+
+
+@contextmanager
+def field(*robots: str) -> Iterator[Field]:
+    """Engines of a domain of their own."""
+    global DOMAIN
+    DOMAIN += 1
+    made = Field(DOMAIN, *robots)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+# ---- the cases -----------------------------------------------------------------------------------------------------
+
+
+def round_trip() -> Iterator[Row]:
+    """Engines, bare Cyclone and rclpy in turns."""
+    echo = subprocess.Popen([sys.executable, dds.__file__, "bare", str(dds.DOMAIN)])
+    try:
+        with field("A", "B") as team:
+            team.deploy(read_text(PING_PONG, file="ping_pong.bpmn"))
+            trips: dict[str, Callable[[int], list[int]]] = {
+                "bare Cyclone": dds.bare(),
+                "engines": partial(_trips, team),
+            }
+            if find_spec("rclpy") is not None:
+                trips["rclpy"] = rclpy_trips()
+            time.sleep(1)
+            times: dict[str, list[int]] = {kind: [] for kind in trips}
+            for number in range(ROUNDS + 1):
+                for kind, trip in trips.items():
+                    taken = trip(TRIPS)
+                    times[kind] += taken if number else []  # the first round warms up
+    finally:
+        echo.kill()
+        echo.wait()
+    medians = {kind: median(taken) / 1000 for kind, taken in times.items()}
+    for kind, taken in times.items():
+        tail = sorted(taken)[len(taken) * 99 // 100] / 1000
+        yield Row(f"round trip, {kind}: median", round(medians[kind]), "us")
+        yield Row(f"round trip, {kind}: 99 of 100", round(tail), "us")
+    ratio = medians["engines"] / medians["bare Cyclone"]
+    yield Row("round trip, engines / bare Cyclone", round(ratio, 2), "", goal="<= 2")
+    if "rclpy" in medians:
+        ratio = medians["engines"] / medians["rclpy"]
+        yield Row("round trip, engines / rclpy", round(ratio, 2), "", goal="< 1")
+
+
+def _trips(team: Field, number: int) -> list[int]:
+    """Let robot A make its round trips."""
+    told: list[str] = []
+    end = team.node.subscription("/result", STRING, lambda message: told.append(message.data))
+    go = team.node.publisher("/go", STRING)
+    team.middleware.wait_matched(["/result", "/go"], PATIENCE)
+    go.publish(create(STRING, "go"))
+    deadline = time.monotonic() + PATIENCE
+    while not told and time.monotonic() < deadline:
+        time.sleep(0.1)  # asleep, so as not to disturb
+        team.scheduler.run(team.scheduler.now + SECOND // 1000)
+    end.close()
+    go.close()
+    taken: list[int] = json.loads(told[0])
+    return taken[:number]
+
+
+def rclpy_trips() -> dds.Trips:
+    """A ping-pong between two processes of plain rclpy nodes."""
+    import atexit
+
+    import rclpy
+    from std_msgs.msg import String
+
+    child = subprocess.Popen([sys.executable, __file__, "rclpy-echo"])
+    atexit.register(child.kill)
+    rclpy.init()
+    node = rclpy.create_node("asker")
+    heard: list[Any] = []
+    publisher = node.create_publisher(String, "/rclpy_ping", 100)
+    node.create_subscription(String, "/rclpy_pong", heard.append, 100)
+    while not (publisher.get_subscription_count() and node.count_publishers("/rclpy_pong")):
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+    def trips(number: int) -> list[int]:
+        taken = []
+        for _ in range(number):
+            began = time.perf_counter_ns()
+            publisher.publish(String(data=dds.PAYLOAD))
+            heard.clear()
+            while not heard:
+                rclpy.spin_once(node)
+            taken.append(time.perf_counter_ns() - began)
+        return taken
+
+    return trips
+
+
+def rclpy_echo() -> None:
+    """The other process of it."""
+    import rclpy
+    from std_msgs.msg import String
+
+    rclpy.init()
+    node = rclpy.create_node("echo")
+    publisher = node.create_publisher(String, "/rclpy_pong", 100)
+    node.create_subscription(String, "/rclpy_ping", publisher.publish, 100)
+    rclpy.spin(node)
+
+
+def deployment() -> Iterator[Row]:
+    """Two robots of a small collaboration, then one with the largest model that comes with FAME."""
+    with field("A", "B", "Tractor_1") as team:
+        small, large = read_text(PING_PONG, file="ping_pong.bpmn"), read(ROOT / "models" / "agriculture.bpmn")
+        lone = read(ROOT / "models" / "agriculture_return.bpmn")
+        took = [team.deploy(small) for _ in range(21)][1:]
+        yield Row("deployment, two robots: median", round(median(took) * 1e3, 1), "ms", goal="< 100")
+        yield Row("deployment, two robots: slowest of 20", round(max(took) * 1e3, 1), "ms")
+        for name, model in (("Cut the weed", large), ("Drive home", lone)):
+            took = [team.deploy(model, "Tractor_1") for _ in range(21)][1:]
+            yield Row(f"deployment, a tractor's {name!r}: median", round(median(took) * 1e3, 1), "ms", goal="< 100")
+
+
+def twenty() -> Iterator[Row]:
+    """All started at once."""
+    robots = [f"R_{number}" for number in range(1, 21)]
+    with field(*robots) as team:
+        yield Row("twenty engines, until all are found", round(team.found, 1), "s", goal="< 10")
+        used = sum(_cpu(engine.pid) for engine in team.engines.values())
+        yield Row("twenty engines, processor time until then", round(used, 1), "s")
+        took = team.deploy(read_text(_waiting("here", "R"), file="twenty.bpmn"))
+        team.until(lambda: all(report.instances for report in team.last.values()))
+        total = time.monotonic() - team.began
+        yield Row("twenty engines, deployment to all", round(took * 1e3), "ms")
+        yield Row("twenty engines, until all run their process", round(total, 1), "s", goal="< 10")
+
+
+def idle() -> Iterator[Row]:
+    """An engine that waits for what does not come."""
+    with field("R_1") as team:
+        team.deploy(read_text(_waiting("here", "R"), file="idle.bpmn"))
+        pid = team.engines["R_1"].pid
+        time.sleep(2)
+        before, began = _cpu(pid), time.monotonic()
+        time.sleep(20)
+        share = (_cpu(pid) - before) / (time.monotonic() - began)
+        yield Row("idle engine, share of a core", round(100 * share, 2), "%", goal="< 1")
+        yield Row("idle engine, memory", round(_memory(pid) / 1e6, 1), "MB", goal="< 80")
+
+
+def redeployed() -> Iterator[Row]:
+    """What 1000 processes leave behind that 10 did not."""
+    with field("R_1") as team:
+        out = team.node.publisher("/R_1/bpmn_process", STRING)
+        team.middleware.wait_matched(["/R_1/bpmn_process"], PATIENCE)
+        pid, measured = team.engines["R_1"].pid, []
+        for number in range(1, 1001):
+            model = _waiting(f"here_{number % 3}", "R")
+            before = team.last["R_1"].started, team.last["R_1"].deployed
+            out.publish(create(STRING, model))
+            team.until(lambda was=before: (team.last["R_1"].started, team.last["R_1"].deployed) != was)
+            if number in (10, 1000):
+                time.sleep(3)
+                team.scheduler.run(team.scheduler.now + SECOND // 10)
+                measured.append(_holdings(team, pid))
+        for what, unit in (("memory", "MB"), ("threads", ""), ("files", ""), ("DDS entities", "")):
+            after_10, after_1000 = (held[what] for held in measured)
+            yield Row(f"redeployed, {what} after 10", after_10, unit)
+            yield Row(f"redeployed, {what} after 1000", after_1000, unit, goal="the same")
+
+
+def _holdings(team: Field, pid: int) -> dict[str, float]:
+    owner = [nodes for nodes in team.middleware.discovery.nodes.values() if any("fame_engine" in n.name for n in nodes)]
+    return {
+        "memory": round(_memory(pid) / 1e6, 1),
+        "threads": len(os.listdir(f"/proc/{pid}/task")),
+        "files": len(os.listdir(f"/proc/{pid}/fd")),
+        "DDS entities": sum(len(node.gids) for nodes in owner for node in nodes),
+    }
+
+
+def _cpu(pid: int) -> float:
+    """CPU time that a process has used (s)."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _memory(pid: int) -> int:
+    """Resident memory (bytes)."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+CASES: dict[str, Callable[[], Iterator[Row]]] = {
+    "round_trip": round_trip,
+    "deployment": deployment,
+    "twenty": twenty,
+    "idle": idle,
+    "redeployed": redeployed,
+}
+
+
+def main() -> None:
+    words = [word for word in sys.argv[1:] if word != "--json"]
+    if words == ["rclpy-echo"]:
+        rclpy_echo()
+        return
+    unknown = [word for word in words if word not in CASES]
+    if unknown:
+        raise SystemExit(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}")
+    rows = []
+    for name in words or CASES:
+        for row in CASES[name]():
+            rows.append(row)
+            if "--json" not in sys.argv:
+                print(f"{row.case:<46} {f'{row.value:g} {row.unit}':>10}   {row.goal}".rstrip(), flush=True)
+    if "--json" in sys.argv:
+        print(json.dumps([asdict(row) for row in rows], indent=2))
+
+
+if __name__ == "__main__":
+    main()
