@@ -198,6 +198,12 @@ def test_the_web_modelers_policies_are_merged_and_stray_attributes_mean_nothing(
     assert dict(topic_of(extensions(said)).qos) == {"reliability": "reliable", "lease_duration": "5"}
 
 
+def test_policies_without_a_value_say_nothing() -> None:
+    said = '<qos:policy reliability="" durability="1"/><qos:policy history=" "/>'
+    assert dict(topic_of(extensions(said)).qos) == {"durability": "volatile"}
+    assert dict(topic_of(properties(qos_depth="", qos_history="1")).qos) == {"history": "keep_all"}
+
+
 def test_the_web_modelers_data() -> None:
     said = '<data:parameters><data:parameter name="x_target:" value="${x_target}"/></data:parameters>'
     body = body_of(

@@ -141,6 +141,8 @@ OLDEST = (
          ["the topic is 'weed_found', the name of the signal, not the label 'Weed!'"]),
         ('<endEvent id="e" name="weed"><signalEventDefinition signalRef="N"/></endEvent>',
          ["the signal has no name: the topic is the label 'weed'"]),
+        ('<endEvent id="e" name="weed"><signalEventDefinition signalRef="Gone"/></endEvent>',
+         ["the file has no signal 'Gone': the topic is the label 'weed'"]),
         (f'<endEvent id="e">{extensions(OLDEST)}{SIGNAL}</endEvent>',
          ["topic, type and payload are those of the input parameter 'drive'"]),
         (f'<endEvent id="e">{extensions("""<ros:payload><ros:parameter name="x:" value="1"/></ros:payload>""")}{SIGNAL}'

@@ -119,6 +119,9 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
         raise node.error(text)
     if not name and reference and referred is None:
         raise node.error(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
+    if name and name == node.label and reference and (referred is None or not referred.get("name", "").strip()):
+        why = f"the file has no {kind} {reference!r}" if referred is None else f"the {kind} has no name"
+        node.context.quirk(node.element, f"{why}: the topic is the label {name!r}")
     if not name and kind == "signal":
         raise node.error("the signal has no name: give it one, or the event a label")
     return Topic(
@@ -145,8 +148,6 @@ def _topic_name(node: HalfRead, referred: Node | None, say: TopicProperties) -> 
         level: Literal["warning", "note"] = "warning" if node.context.original else "note"
         text = f"the topic is {name!r}, the name of the signal, not the label {label!r}"
         node.context.note(node.element, text, level, quirk=True)
-    if label and not name and referred is not None:
-        node.context.quirk(node.element, f"the signal has no name: the topic is the label {label!r}")
     return name or label
 
 

@@ -105,8 +105,10 @@ def topic_properties(context: Context, element: Node, found: Extensions, kind: s
         raise context.error(element, f"scope={scope.value!r}: expected robot (a topic of the robot's own), or nothing")
     qos = dict(found.qos)
     for name in [name for name in found.properties if name.startswith("qos.")]:
-        policy_name, value = policy(context, element, name.removeprefix("qos."), found.properties.pop(name).value)
-        qos[policy_name] = value
+        said = found.take(name)
+        if said is not None:
+            policy_name, value = policy(context, element, name.removeprefix("qos."), said.value)
+            qos[policy_name] = value
     payload = payload or found.payload
     text = given.value if given is not None else found.type
     return TopicProperties(

@@ -33,7 +33,7 @@ def element(context: Context, node: Node, found: Extensions) -> None:
         found.operation, found.type, found.service = node.get("name", "").strip(), node.get("type", ""), True
     elif name == "policy":
         for key, value in node.attrib.items():
-            if str(key).replace("_", "").lower() in _POLICIES:
+            if str(key).replace("_", "").lower() in _POLICIES and str(value).strip():
                 policy_name, meaning = policy(context, node, str(key), str(value))
                 found.qos[policy_name] = meaning
                 if meaning != str(value):
