@@ -68,11 +68,12 @@ def _objects(process: Process, task: Task) -> list[DataObject]:
 
 def _taken(task: Task, topic: Topic, objects: list[DataObject], response: Any) -> Mapping[str, Any]:
     """The variables that a response sets."""
+    kept = {task.result_variable: response} if task.result_variable else {}
     if task.io is not None and task.io.outputs:
         fields = {name: getattr(response, name) for name in response.__dataclass_fields__}
-        return {"msg": response, **fields}
-    if task.result_variable:
-        return {task.result_variable: response}
+        return {"msg": response, **fields, **kept}
+    if kept:
+        return kept
     name = variable_name(topic.name)
     found = match([name for item in objects for name in item.names], name, response)
     return {name: _field(response, path) for name, path in found.items()} or {name: response}

@@ -78,6 +78,16 @@ def test_an_output_mapping_finds_the_response(text: str) -> None:
     assert "rc" not in variables
 
 
+def test_beside_a_mapping_the_result_variable_takes_it_too() -> None:
+    said = properties(service="tello_action", type=ACTION, payload="{cmd: up}").replace(
+        "</extensionElements>",
+        '<camunda:inputOutput><camunda:outputParameter name="code">${rc}</camunda:outputParameter></camunda:inputOutput>'
+        "</extensionElements>",
+    )
+    variables = asked(f'<serviceTask id="t" camunda:resultVariable="answer">{said}</serviceTask>').variables
+    assert (variables["code"], variables["answer"].rc) == (7, 7)
+
+
 def test_the_web_modelers_form_asks_too() -> None:
     heard: list[str] = []
     said = f'<ros:service name="tello_action" type="{ACTION}"/><ros:payload data="{{cmd: land}}"/>'

@@ -74,6 +74,11 @@ def test_it_says_what_scripts_do_with_topics() -> None:
     assert readings(script(text), "topic") == [("t", "its script publishes ~/led, std_msgs/msg/Bool")]
 
 
+def test_it_says_which_services_scripts_ask() -> None:
+    text = "this.environment.variables.ros_node.createClient('std_srvs/srv/SetBool', 'light'); next();"
+    assert readings(script(text), "topic") == [("t", "its script asks the service light, std_srvs/srv/SetBool")]
+
+
 def test_it_says_which_variables_a_data_object_holds() -> None:
     held = OBJECT.format(properties(x_min="0.0", x_goal=""))
     assert readings(held, "data") == [("d", "holds x_min = 0.0, x_goal")]

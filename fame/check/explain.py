@@ -14,12 +14,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.dialects import forms_of
 from fame.bpmn.expressions import is_mixed
-from fame.bpmn.model import DataObject, Definitions, Element, Expression, Task
+from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode, Task
 from fame.bpmn.topics import EMPTY_TYPE
 from fame.bpmn.xml import children, parse
 from fame.check.guidelines import suspending
@@ -28,8 +29,11 @@ from fame.check.subject import Subject, Unit, subject
 from fame.check.texts import texts_of
 from fame.check.topics import End, message_fields, said_type, table, taken_by_prefix
 from fame.engine.data import variable_name
+from fame.errors import ModelError
 from fame.library import Library
 from fame.middleware import messages
+from fame.scripting import script_topics
+from fame.scripting.topics import ScriptTopic
 
 Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
 KINDS: tuple[Kind, ...] = ("form", "topic", "data", "call", "script", "quirk", "semantics")
@@ -118,6 +122,16 @@ def _services(unit: Unit) -> Iterator[Reading]:
             kind = "action" if messages.is_action(node.topic.type or "") else "service"
             text = f"asks the {kind} {node.topic.name}, {node.topic.type or 'of no type'}, {sent}"
             yield _at(unit, "topic", text, node)
+        for asked in _asked(node):
+            text = f"its script asks the service {asked.name}, {asked.type or 'of no type'}"
+            yield _at(unit, "topic", text, node, asked.line)
+
+
+def _asked(node: FlowNode) -> Iterator[ScriptTopic]:
+    """The services that a script names literally."""
+    if isinstance(node, Task) and node.script is not None:
+        with suppress(ModelError):  # the compiler tells
+            yield from (one for one in script_topics(node.script) if one.direction == "call")
 
 
 # ---- data, calls, texts ----------------------------------------------------------------------------------------------
