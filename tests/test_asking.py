@@ -81,8 +81,8 @@ def test_an_output_mapping_finds_the_response(text: str) -> None:
 def test_beside_a_mapping_the_result_variable_takes_it_too() -> None:
     said = properties(service="tello_action", type=ACTION, payload="{cmd: up}").replace(
         "</extensionElements>",
-        '<camunda:inputOutput><camunda:outputParameter name="code">${rc}</camunda:outputParameter></camunda:inputOutput>'
-        "</extensionElements>",
+        '<camunda:inputOutput><camunda:outputParameter name="code">${rc}</camunda:outputParameter>'
+        "</camunda:inputOutput></extensionElements>",
     )
     variables = asked(f'<serviceTask id="t" camunda:resultVariable="answer">{said}</serviceTask>').variables
     assert (variables["code"], variables["answer"].rc) == (7, 7)
