@@ -73,8 +73,11 @@ def _set(client: Any, arguments: Namespace) -> int:
 
 
 def _shown(value: Any) -> str:
-    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, list) else str(value).lower() \
-        if isinstance(value, bool) else str(value)  # fmt: skip
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 _PARTS = {"list": _list, "get": _get, "set": _set}

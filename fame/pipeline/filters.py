@@ -8,6 +8,8 @@ import numpy as np
 
 from fame.pipeline.processor import Floats, Parameter, Processor, Result, Samples
 
+_BLOCK = 64  # samples that are filtered at a time
+
 
 class LowPass(Processor):
     """One pole: y += a (x - y), a = 1 - exp(-2 pi fc / fs). It starts at the first sample.
@@ -34,14 +36,23 @@ class LowPass(Processor):
         y, before = self._last.get(name, (values[0], float(stamps[0])))
         if y.shape != values.shape[1:]:
             y, before = values[0], float(stamps[0])
-        steps = np.full(len(stamps), 1 / self.rate) if self.rate else np.diff(stamps, prepend=before)
-        gains = -np.expm1(-2 * np.pi * self.cutoff * steps)
+        steps = np.full(len(stamps), 1 / self.rate) if self.rate else stamps - np.concatenate(([before], stamps[:-1]))
         out = np.empty_like(values)
-        for index, gain in enumerate(gains.tolist()):
-            y = y + gain * (values[index] - y)
-            out[index] = y
+        for first in range(0, len(stamps), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            out[block] = _one_pole(y, values[block], -2 * np.pi * self.cutoff * steps[block])
+            y = out[block][-1]
         self._last[name] = (y, float(stamps[-1]))
         return samples.replace(values=out)
+
+
+def _one_pole(y: Floats, values: Floats, exponents: Floats) -> Floats:
+    """y_k = d_k y_(k-1) + (1 - d_k) x_k with d = exp(exponents), for all k as one product of matrices."""
+    total = np.cumsum(exponents)
+    decays = np.tril(np.exp(np.minimum(total[:, None] - total, 0)))  # from sample j to sample k
+    flat = values.reshape(len(values), -1)
+    out = (decays * -np.expm1(exponents)) @ flat + np.exp(total)[:, None] * y.reshape(1, -1)
+    return np.asarray(out.reshape(values.shape))
 
 
 class Resample(Processor):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -69,8 +70,10 @@ class _Source:
     last: float = -np.inf
     arrived: float | None = None
     quickest: float = np.inf
-    begin: float = 0.0
+    begin: float = -np.inf
     count: int = 0
+    counted: int = 0
+    told: list[Any] = field(default_factory=list)
 
 
 class Intake:
@@ -92,7 +95,7 @@ class Intake:
             of_it = [port for port in ports if port.topic == topic]
             source = _Source(of_it, [reader(port.type, port.path) for port in of_it], has_stamp(of_it[0].type))
             source.values, source.names = [[] for _ in of_it], [() for _ in of_it]
-            source.shapes = [None for _ in of_it]
+            source.shapes, source.told = [None for _ in of_it], [None for _ in of_it]
             heard = partial(self.heard, source)
             source.topic = node.subscription(topic, of_it[0].type, heard, of_it[0].qos).topic
             self.sources.append(source)
@@ -110,9 +113,10 @@ class Intake:
         return taken
 
     def watch(self, middleware: Middleware) -> None:
-        """Report topics that are silent, and why if it can be told."""
+        """Report topics that are silent, and why if it can be told, and rates. To be called every second."""
         now = self._scheduler.now / SECOND
         for source in self.sources:
+            self._rate(source)
             since = self._made if source.arrived is None else source.arrived
             if now - since > SILENCE and "silent " + source.topic not in self._say.counts:
                 reason = "" if source.arrived is not None else _why(middleware, source)
@@ -138,7 +142,13 @@ class Intake:
             self._say(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
         source.last = stamp
-        self._punctual(source, stamp, now)
+        source.count += 1
+        delay = now - stamp
+        if delay < source.quickest:
+            source.quickest = delay
+        elif delay - source.quickest > LATE:
+            text = f"{topic}: late: a message took {delay - source.quickest:.3g} s longer than others"
+            self._say(f"late {topic}", text)
         if self._arrived is not None:
             self._arrived(source.ports, stamp, values, source.names)
             return
@@ -153,50 +163,46 @@ class Intake:
     def _read(self, source: _Source, message: Any) -> list[Any]:
         """The value of each input. Raises Unusable."""
         values = []
-        for number, (port, read) in enumerate(zip(source.ports, source.reads, strict=True)):
+        for number, read in enumerate(source.reads):
             value, names = read(message)
-            if not (value - value == 0 if value.__class__ is float else np.isfinite(value).all()):
-                raise Unusable(f"{port.name} is not finite")
-            shape = () if value.__class__ is float else value.shape
+            if value.__class__ is float:
+                shape, finite = (), value - value == 0
+            else:
+                shape = value.shape
+                finite = isfinite(value.ravel().dot(value.ravel())) or np.isfinite(value).all()  # the first is quicker
+            if not finite:
+                raise Unusable(f"{source.ports[number].name} is not finite")
             if shape != source.shapes[number]:
-                if source.shapes[number] is not None:
-                    if source.stamps or self._arrived is not None:
-                        raise Unusable(f"{port.name} has {shape} values, before it had {source.shapes[number]}")
-                    self._say(f"shape {port.name}", f"{port.name}: {shape} values from now on")
-                source.shapes[number] = shape
-            if names or not shape:
-                self._name(source, number, port, names)
+                self._shape(source, number, shape)
+            if names is not source.told[number]:
+                port = source.ports[number].name
+                source.told[number] = names
+                source.names[number] = tuple(f"{port}.{name}" for name in names) or ((port,) if shape == () else ())
             values.append(value)
         return values
 
-    def _name(self, source: _Source, number: int, port: Port, names: tuple[str, ...]) -> None:
-        """Keep the names of the channels, which begin with that of the input."""
-        known = source.names[number]
-        if len(known) != (len(names) or 1) or (names and known[0] != f"{port.name}.{names[0]}"):
-            source.names[number] = tuple(f"{port.name}.{name}" for name in names) or (port.name,)
+    def _shape(self, source: _Source, number: int, shape: tuple[int, ...]) -> None:
+        """The first value of an input, or one of another shape than before. Raises Unusable."""
+        before, name = source.shapes[number], source.ports[number].name
+        if before is not None:
+            if source.stamps or self._arrived is not None:
+                raise Unusable(f"{name} has {shape} values, before it had {before}")
+            self._say(f"shape {name}", f"{name}: {shape} values from now on")
+        source.shapes[number] = shape
 
-    def _punctual(self, source: _Source, stamp: float, now: float) -> None:
-        """Report a message that is late, and a rate that is not what is expected."""
-        topic, delay = source.topic, now - stamp
-        if delay < source.quickest:
-            source.quickest = delay
-        elif delay - source.quickest > LATE:
-            text = f"{topic}: late: a message took {delay - source.quickest:.3g} s longer than others"
-            self._say(f"late {topic}", text)
-        expected = source.ports[0].rate
-        if not expected:
+    def _rate(self, source: _Source) -> None:
+        """Report a rate that is not what is expected."""
+        topic, expected = source.topic, source.ports[0].rate
+        count, span = source.count - source.counted, source.last - source.begin
+        if not expected or count < _ENOUGH or not span >= 1 / DEVIATION / expected:
             return
-        if not source.count:
-            source.begin = stamp
-        source.count += 1
-        if source.count > _ENOUGH and stamp - source.begin >= 1:
-            found = (source.count - 1) / (stamp - source.begin)
-            source.count = 0
-            if abs(found - expected) > DEVIATION * expected:
-                text = f"{topic}: {found:.3g} Hz arrive; Rate: {expected:g} is expected"
-                self._say(f"rate {topic}", text)
-            else:
-                self._say.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
+        source.counted, source.begin = source.count, source.last
+        if not isfinite(span):
+            return  # the first second
+        if abs(count / span - expected) > DEVIATION * expected:
+            self._say(f"rate {topic}", f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected")
+        else:
+            self._say.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
 
 
 def check_types(middleware: Middleware, inputs: Sequence[tuple[str, str]], outputs: Sequence[tuple[str, str]]) -> None:

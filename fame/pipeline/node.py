@@ -96,6 +96,8 @@ class ProcessingNode:
         self.say(f"{who} {text}", f"{who}: {text}")
 
     def _call(self) -> None:
+        if not self.calls:  # other nodes of the process may have been made in between
+            self._due = self.scheduler.now
         late = max(0, (self.scheduler.now - self._due) // self._period)
         if late:
             self.missed += late

@@ -7,11 +7,12 @@ named places, whose names go into the message's list of names.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages, typesystem
 from fame.middleware.definitions import Definition
@@ -28,6 +29,7 @@ class _Slot:
     names    of its places, if outputs name them
     beside   the field next to it that takes names, if there is one
     several  whether it is an array
+    floats   whether it is one of float64 without bounds
     """
 
     path: tuple[str, ...]
@@ -36,6 +38,7 @@ class _Slot:
     names: tuple[str, ...]
     beside: str | None
     several: bool
+    floats: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,21 @@ class Writer:
                 tree.setdefault(slot.beside, list(told))
         return messages.create(self.type, content)
 
+    def like(self, first: Any, values: Sequence[Any], stamp: float) -> Any:
+        """A message as `first`, which `message` made, but with these values and stamp: without asking what fits."""
+        given = {slot.path[0]: values[slot.values[0]] for slot in self.slots}
+        header = first.header
+        whole, rest = divmod(round(stamp * SECOND), SECOND)
+        given["header"] = header.__class__(header.stamp.__class__(whole, rest), header.frame_id)
+        return first.__class__(**{name: given.get(name, getattr(first, name)) for name in first.__slots__})
+
+    def is_plain(self, values: Sequence[Any]) -> bool:
+        """Whether `like` will do: fields of the message itself that take arrays of float64 as they are."""
+        return self.stamped and all(
+            len(slot.path) == 1 and slot.several and not slot.places and slot.floats and value.dtype == np.float64
+            for slot, value in ((slot, values[slot.values[0]]) for slot in self.slots)
+        )
+
 
 def writer(type: str, paths: Sequence[Path]) -> Writer:
     """What makes messages of a type from values at these paths.
@@ -78,7 +96,11 @@ def writer(type: str, paths: Sequence[Path]) -> Writer:
         steps, last, several, beside = _checked(content, path, ())
         grouped.setdefault(steps, []).append((number, last))
         ends[steps] = (several, beside)
-    slots = tuple(_slot(content, steps, filled, *ends[steps]) for steps, filled in grouped.items())
+    floats = {field.name for field in content.fields if str(field) == "float64[]"}
+    slots = tuple(
+        replace(_slot(content, steps, filled, *ends[steps]), floats=steps[0] in floats)
+        for steps, filled in grouped.items()
+    )
     return Writer(content.name, has_stamp(content.name), slots)
 
 
