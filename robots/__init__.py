@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from robots.arm.cutter import Cutter
 from robots.car import Car
 from robots.drone import Drone
 from robots.robot import Robot
@@ -12,6 +13,7 @@ from robots.tractor import Tractor
 ROBOTS: Mapping[str, type[Robot]] = {
     "car": Car,
     "drone": Drone,
+    "mh5": Cutter,
     "tractor": Tractor,
 }
 """Robot types by the name that a world file gives them."""

@@ -114,7 +114,7 @@ def test_all_communication_is_signals_with_a_type_and_throws_have_a_payload(mode
     for event, topic in topics(model):
         assert topic.type, event.id
         assert topic.name == event.name, event.id
-        assert event.place in ("start", "catch") or topic.payload, event.id
+        assert event.place in ("start", "catch", "boundary") or topic.payload, event.id
     assert b"<bpmn:signal " in model.source or not list(topics(model))
 
 

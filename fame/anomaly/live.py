@@ -5,6 +5,9 @@ it; the boundary is the nearest point, known as soon as the arm is on its way ag
 to the new run, and no alarm is raised on them before. *count*: every so many points. All state of scoring is reset at
 each boundary.
 
+With the rule *home* nothing is judged before the arm has been seen at rest near home, or passing it: of a run that is
+under way already it is not known how far it is.
+
 During a run its score is the anomalous points divided by the points of a nominal run, at its end by its own points.
 """
 
@@ -17,7 +20,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from fame.anomaly.model import Model, Verdict
-from fame.anomaly.runs import NEAR
+from fame.anomaly.runs import NEAR, STILL
 
 Rule = Literal["signal", "home", "count"]
 
@@ -98,7 +101,11 @@ class RunReport(NamedTuple):
 
 
 class RunMonitor:
-    """Scores points as they come, run by run. `ended` collects the reports of runs; `run` is the number of this one."""
+    """Scores points as they come, run by run.
+
+    `ended` collects the reports of runs, `run` is the number of this one; `waiting` until the first begins, `late`
+    if the arm was found under way meanwhile.
+    """
 
     def __init__(self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0) -> None:
         self.model = model
@@ -109,6 +116,9 @@ class RunMonitor:
         self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
         self.run = 0
         self._running = rule != "signal"
+        self.waiting = rule == "home"
+        self.late = False
+        self._before: tuple[float, Sequence[float]] | None = None
         self._clear()
 
     def begin(self) -> None:
@@ -136,15 +146,22 @@ class RunMonitor:
         return report
 
     def step(self, stamp: float, values: Sequence[float]) -> Point | None:
-        """One more point: its time (s) and the joints in the model's order. None between runs (rule ``signal``)."""
+        """One more point: its time (s) and the joints in the model's order. None between runs and before the first."""
         if not self._running:
             return None
         own = self._cutter.feed(values)
         self._recent.append((stamp, values))
+        if self.waiting and own is None:
+            before, self._before = self._before, (stamp, values)
+            self.late |= math.hypot(*values) >= NEAR
+            if before is None or self.late or not _rests(before[1], values):
+                return None
+            self._score(*before)
+        self.waiting = self.late = False
         if own is None:
             return self._score(stamp, values)
         again = list(self._recent)[-own:]
-        del self._points[len(self._points) - (own - 1) :]
+        del self._points[max(0, len(self._points) - (own - 1)) :]
         self.end()
         return [self._score(*item) for item in again][-1]
 
@@ -162,3 +179,8 @@ class RunMonitor:
         self._points: list[Point] = []
         self._anomalous, self._alarmed = 0, False
         self._scorer.reset()
+
+
+def _rests(before: Sequence[float], values: Sequence[float]) -> bool:
+    """Whether the arm is at rest near home."""
+    return math.hypot(*values) < NEAR and max(abs(a - b) for a, b in zip(values, before, strict=True)) < STILL

@@ -87,6 +87,8 @@ class Operate:
         self._tell()
         if point is not None:
             self._publish(point)
+        elif self.monitor.late:
+            self._once(f"{self.topic}: the arm is under way; what it does is judged from its next rest at home on")
 
     def _publish(self, point: Point) -> None:
         self._score.publish(messages.create("std_msgs/msg/Float64", point.score))

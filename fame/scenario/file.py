@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
+    from sim2d.reading import Entry
 
 DURATION = 600.0
 """Simulated seconds after which a run ends if nobody says otherwise."""
 
-_KEYS = ("model", "world", "seed", "duration", "library", "robots")
+_KEYS = ("model", "world", "seed", "duration", "library", "computers")
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What a scenario file says."""
+    """What a scenario file says. `computers` play pools too, but have no body in the world."""
 
     model: Path
     world: WorldConfig | None = None
+    computers: tuple[str, ...] = ()
     seed: int = 0
     duration: float = DURATION
     library: tuple[Path, ...] = ()
@@ -45,10 +47,20 @@ def read_scenario(path: Path) -> Said:
     return Said(
         model=path.parent / keys["model"].text(),
         world=world,
+        computers=_computers(keys["computers"], world) if "computers" in keys else (),
         seed=keys["seed"].whole(minimum=0) if "seed" in keys else 0,
         duration=keys["duration"].number(above=0) if "duration" in keys else DURATION,
         library=tuple(path.parent / folder.text() for folder in folders),
     )
+
+
+def _computers(entry: Entry, world: WorldConfig | None) -> tuple[str, ...]:
+    taken = {robot.name for robot in world.robots} if world is not None else set()
+    for item in entry.items():
+        if item.text() in taken:
+            raise item.error(f"found {item.value!r}, which is there already; a name of its own would be right")
+        taken.add(item.text())
+    return tuple(item.text() for item in entry.items())
 
 
 def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:

@@ -63,7 +63,7 @@ class Run:
 
     def _build_nodes(self, strict: bool) -> list[RobotNode]:
         """An engine for each robot, loaded."""
-        scenario = self.scenario
+        scenario, bodies = self.scenario, self.world.robots if self.world is not None else {}
         shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library)
         nodes = [
             RobotNode(
@@ -74,8 +74,8 @@ class Run:
                 middleware=self.middleware,
                 observer=self.observer,
                 on_report=self.reports.append,
-                safe_state=self.world.robots[robot].SAFE_STATE if self.world is not None else (),
-                safe_suspended=self.world.robots[robot].SAFE_SUSPENDED if self.world is not None else (),
+                safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
+                safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
                 strict=strict,
             )
             for robot, pool in scenario.cast.items()
@@ -86,7 +86,8 @@ class Run:
 
     def _check_faults(self) -> None:
         for fault in self.scenario.faults:
-            kinds = ("engine", *(self.world.robots[fault.robot].FAULTS if self.world is not None else ()))
+            body = self.world.robots.get(fault.robot) if self.world is not None else None
+            kinds = ("engine", *(body.FAULTS if body is not None else ()))
             if fault.kind not in kinds:
                 text = f"found the fault {fault.kind!r} for {fault.robot}; known are: {', '.join(kinds)}"
                 raise ConfigError(text, file=self.scenario.file)

@@ -71,7 +71,8 @@ class Scenario:
         counts = _counts(pools, robots, str(path))
         chosen = said.seed if seed is None else seed
         world = _populated(said.world, counts, chosen) if said.world is not None else None
-        names = [robot.name for robot in world.robots] if world is not None else _names(pools, counts)
+        bodies = [robot.name for robot in world.robots] if world is not None else []
+        names = [*bodies, *said.computers] if world is not None or said.computers else _names(pools, counts)
         cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
         for fault in faults:
             if fault.robot not in cast:

@@ -1,0 +1,168 @@
+"""The MH5 as a robot of the world: it cuts a part when told to, and tells its joints all the time.
+
+Obeys, in its namespace, `cut` (one part, from home and back), `hold` (stay where it is) and `program`: ``nominal``, or
+a modification of `robots.arm.sabotage` and how many mm, as in ``b 0.5``, for the parts from then on; what is none of
+these changes nothing. Publishes `joint_states` at its rate, and `part_cut`, the number of the part, when one is done.
+Every run is another one: sampled at other instants, some samples late, with the jitter of its encoders
+(`robots.arm.noise`). An arm that was held goes home first when it is told to cut again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from fame.errors import ConfigError
+from robots.arm.mh5 import MH5
+from robots.arm.noise import simulated
+from robots.arm.program import RETURN, cutting_run, movement
+from robots.arm.sabotage import KINDS, alter, knots
+from robots.arm.task import TRIANGLE
+from robots.body import body_of, rectangle
+from robots.robot import MEASUREMENT, Command, Look, Pose, period
+from robots.template import constructor, header_maker
+from robots.vehicle import check_fault
+from sim2d.reading import parameter
+
+if TYPE_CHECKING:
+    from fame.anomaly.recording import Floats
+    from fame.middleware.interface import Message
+    from robots.robot import Surroundings
+    from sim2d.config import RobotConfig
+
+JOINT_STATE, NUMBER, EMPTY, TEXT = (
+    "sensor_msgs/msg/JointState", "std_msgs/msg/UInt32", "std_msgs/msg/Empty", "std_msgs/msg/String",
+)  # fmt: skip
+MODIFICATIONS = (*KINDS, "rotated")
+
+
+@dataclass(frozen=True, slots=True)
+class CutterParameters:
+    """What a world file may say of an MH5."""
+
+    rate: float = parameter(40.0, "Hz", above=0)
+    base: float = parameter(0.3, "m", above=0)
+    mass: float = parameter(58.0, "kg", above=0)
+
+
+class Cutter:
+    """A robot of type ``mh5`` (`robots.robot.Robot`)."""
+
+    Parameters: ClassVar[type[Any]] = CutterParameters
+    SAFE_STATE: ClassVar[tuple[Command, ...]] = (Command("hold", EMPTY, {}),)
+    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]] = SAFE_STATE
+    FAULTS: ClassVar[tuple[str, ...]] = ("encoders",)
+
+    def __init__(self, config: RobotConfig, world: Surroundings) -> None:
+        p: CutterParameters = config.parameters
+        self.name, self.type = config.name, config.type
+        self.outline = rectangle(p.base, p.base)
+        self.body, _ = body_of(world.space, Pose(*config.at, config.heading), self.outline, p.mass)
+        self.body.body_type = type(self.body).STATIC  # it is bolted to the floor
+        self._pose = Pose(*config.at, config.heading)
+        self._random = world.random(config.name, "encoders")
+        self._every = period(p.rate, world.step)
+        self._rate = 1 / (self._every * world.step)
+        self._program = "nominal"
+        self._angles: Floats = np.zeros(len(MH5.joints))
+        self._ahead: deque[Floats] = deque()
+        self._cutting = self._silent = False
+        self.parts = self.spoiled = 0
+        self._node = node = world.middleware.node("robot", config.name)
+        self._joints = node.publisher("joint_states", JOINT_STATE, MEASUREMENT)
+        self._cut = node.publisher("part_cut", NUMBER)
+        self._state, self._number = constructor(JOINT_STATE), constructor(NUMBER)
+        self._header, self._names = header_maker(config.name), list(MH5.joints)
+        node.subscription("cut", EMPTY, lambda _: self._begin())
+        node.subscription("hold", EMPTY, lambda _: self._hold())
+        node.subscription("program", TEXT, self._change)
+
+    @property
+    def pose(self) -> Pose:
+        return self._pose
+
+    @property
+    def look(self) -> Look:
+        return Look(self._pose)
+
+    @property
+    def tool(self) -> tuple[float, float]:
+        """Where the tool truly is, in the world (m)."""
+        x, y, _ = MH5.place(self._angles.tolist())
+        cos, sin = math.cos(self._pose.heading), math.sin(self._pose.heading)
+        return self._pose.x + cos * x - sin * y, self._pose.y + sin * x + cos * y
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        """Parts begun after the program was changed, whole or not, are spoiled."""
+        return {"parts": self.parts, "spoiled": self.spoiled, "cutting": self._cutting, "program": self._program}
+
+    def start(self) -> None:
+        """Nothing is said once."""
+
+    def move(self, now: int, duration: float) -> None:
+        """Its joints go from sample to sample, in `sense`."""
+
+    def sense(self, now: int, count: int) -> None:
+        if count % self._every:
+            return
+        if self._ahead:
+            self._angles = self._ahead.popleft()
+        if not self._silent:
+            self._joints.publish(self._state(self._header(now), self._names, self._angles.tolist(), [], []))
+        if self._cutting and not self._ahead:
+            self._cutting = False
+            self.parts += 1
+            self._cut.publish(self._number(self.parts))
+
+    def fault(self, kind: str) -> None:
+        """`encoders` say nothing more."""
+        check_fault(self.name, self.type, kind, self.FAULTS)
+        self._silent = True
+
+    def close(self) -> None:
+        self._node.close()
+
+    def _begin(self) -> None:
+        if self._cutting:
+            return
+        if np.abs(self._angles).max() > 1e-3:  # rad: it was held on its way
+            self._ahead.extend(movement(self._angles, np.zeros_like(self._angles), RETURN, self._rate))
+        run = simulated(programmed(self._program, self._rate), self._random, MH5)
+        self._ahead.extend(run)
+        self._cutting = True
+        self.spoiled += self._program != "nominal"
+
+    def _hold(self) -> None:
+        self._ahead.clear()
+        self._cutting = False
+
+    def _change(self, message: Message) -> None:
+        text = " ".join(message.data.split())
+        try:
+            programmed(text, self._rate)
+        except ConfigError:
+            return
+        self._program = text
+
+
+@cache
+def programmed(program: str, rate: float) -> Floats:
+    """The run that a program makes (points, joints), rad. Raises ConfigError for a program that there is not."""
+    run = cutting_run(MH5, TRIANGLE, rate)
+    if program == "nominal":
+        return run
+    kind, _, millimetres = program.partition(" ")
+    try:
+        amount = float(millimetres)
+    except ValueError:
+        amount = math.nan
+    if kind not in MODIFICATIONS or not 0 < amount < 20:
+        raise ConfigError(f"found the program {program!r}; nominal, or a kind and how many mm, would be right")
+    return alter(run, knots(kind, amount)).values
