@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -23,6 +22,7 @@ from fame.templates import COMMON, fields_of, payload_of, templates
 FOLDER = Path(__file__).parent.parent / "models" / "templates"
 MADE = templates(behaviours())
 ALL = {template["id"]: template for found in MADE.values() for template in found}
+VALIDATOR = "@bpmn-io/element-templates-validator"
 VALIDATE = """
 const { validateAll } = require('@bpmn-io/element-templates-validator');
 const found = JSON.parse(require('node:fs').readFileSync(0, 'utf-8'));
@@ -74,17 +74,37 @@ def test_every_template_has_what_the_schema_asks_for() -> None:
                 assert entry["value"] in [choice["value"] for choice in entry["choices"]]
 
 
-def test_the_validator_of_the_modeler_accepts_them() -> None:
-    """With `npm install @bpmn-io/element-templates-validator` somewhere, and NODE_PATH its node_modules."""
-    node = shutil.which("node")
-    found = [
-        Path(path) / "@bpmn-io" / "element-templates-validator" for path in os.environ.get("NODE_PATH", "").split(":")
-    ]
-    if node is None or not any(path.is_dir() for path in found):
-        pytest.skip("needs node, and @bpmn-io/element-templates-validator on NODE_PATH")
-    given = json.dumps(list(ALL.values()))
-    done = subprocess.run([node, "-e", VALIDATE], input=given, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout) == {"valid": True, "count": len(ALL), "errors": []}
+@pytest.fixture
+def validating(pytestconfig: pytest.Config) -> list[str]:
+    """The command that validates what it is given, with the validator fetched once from npm's registry."""
+    node, npm = shutil.which("node"), shutil.which("npm")
+    if node is None or npm is None:
+        pytest.skip("needs node and npm")
+    assert pytestconfig.cache is not None
+    home = pytestconfig.cache.mkdir("element-templates-validator")
+    modules = home / "node_modules"
+    if not (modules / VALIDATOR).is_dir():
+        fetch = [npm, "install", "--no-audit", "--no-fund", "--silent", "--prefix", str(home), VALIDATOR]
+        try:
+            subprocess.run(fetch, capture_output=True, check=True, timeout=60)
+        except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
+            pytest.skip(f"needs {VALIDATOR}, and npm's registry does not give it")
+    return ["env", f"NODE_PATH={modules}", node, "-e", VALIDATE]
+
+
+def test_the_validator_of_the_modeler_accepts_them(validating: list[str]) -> None:
+    told = validated(validating, list(ALL.values()))
+    assert told == {"valid": True, "count": len(ALL), "errors": []}
+
+
+def test_the_validator_does_not_accept_everything(validating: list[str]) -> None:
+    (first, *_) = ALL.values()
+    assert not validated(validating, [first | {"appliesTo": "everything"}])["valid"]
+
+
+def validated(validating: list[str], found: list[dict[str, Any]]) -> Any:
+    done = subprocess.run(validating, input=json.dumps(found), capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize("type", COMMON)
