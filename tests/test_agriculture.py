@@ -127,6 +127,11 @@ def test_each_weed_is_cut_by_the_tractor_that_was_nearest_when_asked(played: Run
         assert far[chosen] == min(far.values())
 
 
+def test_a_caption_says_that_a_tractor_waits_for_the_choice(played: Run) -> None:
+    said = {(robot, text) for _, robot, text in played.result.labels}
+    assert {("Tractor_1", "Wait for the Choice"), ("Tractor_1", "Go To"), ("Tractor_1", "Cut Grass")} <= said
+
+
 def test_where_two_boundaries_of_the_field_meet_it_is_explored_all_the_same() -> None:
     run = play(tractors((3, 3)), field={"x_max": "0.0", "y_max": "0.0"}, weeds=weeds((0.5, 0.5)))
     assert_all_went_well(run)
@@ -137,6 +142,7 @@ def test_a_weed_inside_an_obstacle_is_reported_and_the_mission_goes_on() -> None
     run = play(tractors((0, 2)), field=FIELD, obstacles=[pond], weeds=weeds((3, 2), (5.5, 3.5)))
     assert run.result.status == "completed"
     assert [weed["by"] for weed in run.weeds.values()] == [None, "Tractor_1"]
+    assert run.result.messages == [f"nobody cut the weed {next(iter(run.weeds))}"]
     assert [robot for robot, _ in run.reports] == ["Tractor_1", "Drone"]
     assert "no way to the weed at (3.0" in run.reports[0][1] or "no way to the weed at (2.9" in run.reports[0][1]
     assert run.result.world["robots"]["Drone"]["landed"]
@@ -156,6 +162,7 @@ def test_a_tractor_that_cannot_move_any_more_leaves_its_weed_uncut_and_the_other
     assert run.result.status == "failed"
     assert [weed["by"] for weed in run.weeds.values()] == [None, "Tractor_2"]
     assert [error.code for robot in run.result.robots for error in robot.errors] == ["blocked"]
+    assert run.result.messages[-1] == f"nobody cut the weed {next(iter(run.weeds))}"
     assert run.result.world["robots"]["Drone"]["landed"]
 
 

@@ -224,9 +224,8 @@ def _tell(result: Result, *, quiet: bool) -> None:
         rows = [(robot.name, robot.instances, robot.elements, _standing(robot)) for robot in result.robots]
         print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
         print(f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}", flush=True)
-    if result.status != "completed":
-        for message in result.messages:
-            print(f"fame: {message}", file=sys.stderr)
+    for message in result.messages:
+        print(f"fame: {message}", file=sys.stderr)
 
 
 def _speed(result: Result) -> str:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fame.bpmn.model import Activity, Definitions
+from fame.bpmn.model import Activity, Definitions, FlowNode, Gateway
 from fame.clock import SECOND
 from fame.node import Event
 
 
 class Captions:
-    """What each robot's process is at, told from events: its outermost activity, and the one entered last."""
+    """What each robot's process is at, told from events: its outermost activity, and the one entered last.
+
+    An event-based gateway that has a name counts as one: there is where a process waits for others.
+    """
 
     def __init__(self, files: Sequence[Definitions]) -> None:
         self.names = {
@@ -18,7 +21,7 @@ class Captions:
             for file in reversed(files)
             for process in file.processes
             for node in process.body.walk()
-            if isinstance(node, Activity)
+            if isinstance(node, Activity) or _is_named_wait(node)
         }
         self.active: dict[str, dict[tuple[int, int, str], None]] = {}
         self.now: dict[str, str] = {}
@@ -49,3 +52,7 @@ class Captions:
         if self.now.get(event.robot) != text:
             self.now[event.robot] = text
             self.labels.append((event.time / SECOND, event.robot, text))
+
+
+def _is_named_wait(node: FlowNode) -> bool:
+    return isinstance(node, Gateway) and node.kind == "event" and bool(node.name)

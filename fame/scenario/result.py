@@ -75,13 +75,15 @@ class Result:
 
     @property
     def messages(self) -> list[str]:
-        """What went wrong, a line each, for people."""
+        """What went wrong, a line each, for people; also the weeds that are left, if the mission is completed."""
         lines = [str(error) for robot in self.robots for error in robot.errors]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
             lines.append(f"{self.ending} after {self.simulated:g} simulated seconds")
         if self.status != "completed":
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
+        weeds = self.world["weeds"] if self.world is not None else {}
+        lines += [f"nobody cut the weed {name}" for name, weed in weeds.items() if weed["by"] is None]
         return lines
 
     def to_json(self) -> dict[str, Any]:
