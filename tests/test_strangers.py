@@ -86,6 +86,20 @@ STORIES = [
     Story("adonis.bpmn", "_messen", "Wärme messen", (done("Wärme messen", wärme=90),)),
     Story("ibm.bpmn", "", "Start, Look into → crate, End", (done("Look into → crate"),)),
     Story("eclipse.bpmn", "Porter", "Order, Ring, Rang", (done("+order", data="7"),)),
+    Story("yaoqiang.bpmn", "Rover", "Start, Gate, Low, Charge, End", (done("+battery_low"), done("Charge"))),
+    Story("yaoqiang.bpmn", "Rover", "Start, Gate, Late, End", until=None),
+    Story("bizagi_utf16.bpmn", "Armazém", "Pedido, Separar peças, Id_e", (done("+pedido"), done("Separar peças"))),
+    Story("oracle.bpmn", "", "s, g, Grip", variables={"x": 5}),
+    Story("oracle.bpmn", "", "s, g, Wait", (done("Wait"),), variables={"x": 1}),
+    Story("conversation.bpmn", "A", "sa, Ask"),
+    Story("conversation.bpmn", "B", "sb, eb", (done("+sb"),)),
+    Story("sparx.bpmn", "", "EAID_{1A-2B}, Greifen, Greifen, Ende"),
+    Story("jbpm_javascript.bpmn", "", "_1, Count, Look, _7", (done("Look", r=3),), variables={"count": 1}),
+    Story("signavio_timer.bpmn", "", "sid-a, Warten, sid-x, sid-e", (done("Warten"),)),
+    Story("signavio_timer.bpmn", "", "sid-a, 5 min, sid-x, sid-e", until=None),
+    Story("visio.bpmn", "", "a, t"),
+    Story("blueworks.bpmn", "", "Case, U, V", (done("U"), done("V"))),
+    Story("no_ids.bpmn", "", "a, b, c"),
 ]  # fmt: skip
 
 
@@ -146,6 +160,8 @@ REFUSED = {
     "flowable_groovy.bpmn": f":6: add: language 'groovy': {_LANGUAGES}",
     "flowable_java.bpmn": ":5: motor: it runs the Java class org.example.MotorDelegate; FAME has no Java: "
     "make it a script task, or name an operation that is registered",
+    "flowable_http.bpmn": ":1: h: it is a task of type http of its tool; make it a script task, or name an "
+    "operation that is registered",
     "ibm_script.bpmn": f":7: bpdid:2: language 'text/x-javascript': {_LANGUAGES}",
     "trisotech.bpmn": ":6: _c: it calls the <globalUserTask> _g1: make it a process with that task in it",
     "choreography.bpmn": ": name the process to run: the file has none",

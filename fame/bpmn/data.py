@@ -9,12 +9,14 @@ from typing import Literal
 from fame.bpmn.context import Context, boolean, find
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import data_values
-from fame.bpmn.expressions import body, is_name
+from fame.bpmn.expressions import body, is_name, mapped
 from fame.bpmn.model import Assignment, DataObject, Expression
 from fame.bpmn.xml import BPMN, Node, Parts, child, children, line_of, local, text_of
 
 _PLACEHOLDER = "__targetRef_placeholder"
 """A property that modelers write because an association must have a target."""
+_JBPM = "http://www.jboss.org/drools"
+"""Where jBPM is at work, what is assigned to an input of a task is a text, not an expression."""
 _KINDS: Mapping[str, Literal["object", "input", "output", "store", "property"]] = {
     "dataObjectReference": "object",
     "dataObject": "object",
@@ -127,8 +129,8 @@ def read_moves(context: Context, data: Mapping[str, str], variables: Mapping[str
     return Moves(
         tuple(_ends(context, data, into, "sourceRef")),
         tuple(_ends(context, data, out, "targetRef")),
-        tuple(_assignments(context, into)),
-        tuple(_assignments(context, out)),
+        tuple(_assignments(context, variables, into)),
+        tuple(_assignments(context, variables, out)),
         tuple(_copies(context, variables, into)),
         tuple(_copies(context, variables, out)),
     )
@@ -164,12 +166,19 @@ def _ends(context: Context, data: Mapping[str, str], associations: Iterable[Node
                 yield means
 
 
-def _assignments(context: Context, associations: Iterable[Node]) -> Iterable[Assignment]:
+def _assignments(context: Context, variables: Mapping[str, str], associations: Iterable[Node]) -> Iterable[Assignment]:
     for association in associations:
+        constant = _JBPM in association.nsmap.values()
+        own = child(association, "targetRef")
         for assignment in children(association, "assignment"):
             source, target = child(assignment, "from"), child(assignment, "to")
-            expression = body(context, source) if source is not None else None
-            if expression is None or target is None or not text_of(target).strip():
+            name = text_of(target).strip() if target is not None else ""
+            if source is None or not name or not text_of(source).strip():
                 raise context.error(assignment, "an assignment needs from and to")
-            name = text_of(target).strip()
+            if own is not None and name == text_of(own).strip():
+                name = variables.get(name, name)
+                expression = mapped(text_of(source), line_of(source)) if constant else body(context, source)
+            else:
+                expression = body(context, source)
+            assert expression is not None
             yield Assignment(name[2:-1].strip() if name[:2] in ("${", "#{") else name, expression)

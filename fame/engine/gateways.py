@@ -131,6 +131,8 @@ def may_pass(engine: Engine, scope: Scope, join: Node) -> bool:
         filled |= bool(count) << number % join.need
     tokens = [child.node.id for child in scope.children if child.node is not None and holds_token(child)]
     tokens += [engine.leaving[key].node.id for key in scope.leaving]
+    if scope.body is not None and scope.body.adhoc is not None:  # tokens that wait for their turn
+        tokens += [engine.program.by_key[key].id for key in scope.items["todo"]]
     tokens += [other.id for other, held in (scope.joins or {}).items() if other is not join and any(held[: other.need])]
     return all(not (reach := join.masks.get(id, 0)) & ~filled or reach & filled for id in tokens)
 

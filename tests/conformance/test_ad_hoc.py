@@ -62,6 +62,14 @@ def test_what_an_activity_leads_to_comes_before_the_next_one_its_forks_in_turn(p
     assert run.status == "completed"
 
 
+def test_an_inclusive_join_waits_for_those_that_wait_for_their_turn(play: Play) -> None:
+    inner = (
+        script("a") + gateway("inclusive", "g") + script("x") + script("y") + gateway("inclusive", "j") + script("k")
+    )
+    inner += path("a g x j k") + path("g y j")
+    assert play(ad_hoc(inner, ordering="Sequential")).run().log == "s (p a g x y j k p) e =completed"
+
+
 def test_a_boundary_event_that_interrupts_lets_the_next_one_begin(play: Play) -> None:
     late = boundary("t", "a", timer("PT5S")) + script("k") + path("t k")
     run = play(ad_hoc(ABC, late, ordering="Sequential")).run(6)

@@ -82,6 +82,14 @@ def test_assignments_say_all_by_themselves(play: Play) -> None:
     assert run.variables["r"] == 8
 
 
+def test_what_is_assigned_to_a_data_input_by_its_id_is_its_variable(play: Play) -> None:
+    said = "<assignment><from>d + 1</from><to>din</to></assignment>"
+    association = f'<dataInputAssociation id="i"><targetRef>din</targetRef>{said}</dataInputAssociation>'
+    assert play(task(OWN, association, text="r = n"), {"d": 1, "r": 0}).run().variables["r"] == 2
+    jbpm = association.replace(' id="i"', ' id="i" xmlns:drools="http://www.jboss.org/drools"').replace("d + 1", "Look")
+    assert play(task(OWN, jbpm, text="r = n"), {"d": 1, "r": 0}).run().variables["r"] == "Look"
+
+
 def test_a_data_object_with_one_variable_is_that_variable(play: Play) -> None:
     held = (
         '<dataObject id="ob"/><dataObjectReference id="dr" name="the load" dataObjectRef="ob">{}</dataObjectReference>'

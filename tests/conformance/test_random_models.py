@@ -7,7 +7,22 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
-from engine_models import Run, boundary, flow, gateway, handler, model, path, script, signal, start, sub, throw, user
+from engine_models import (
+    Run,
+    boundary,
+    element,
+    flow,
+    gateway,
+    handler,
+    model,
+    path,
+    script,
+    signal,
+    start,
+    sub,
+    throw,
+    user,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,7 +39,7 @@ def blocks(depth: int) -> st.SearchStrategy[Block]:
     several = st.lists(inner, min_size=1, max_size=3)
     return st.one_of(
         leaf,
-        st.tuples(st.sampled_from(("sequence", "fork")), several),
+        st.tuples(st.sampled_from(("sequence", "fork", "ad hoc", "in turns")), several),
         st.tuples(st.just("choice"), several, st.integers(0, 2)),
         st.tuples(st.just("some"), several, st.integers(1, 7)),
         st.tuples(st.just("loop"), inner, st.integers(1, 3)),
@@ -73,6 +88,8 @@ class Writer:
             return self.loop(block, passes)
         if kind in ("sub", "handled"):
             return self.scope(block, passes)
+        if kind in ("ad hoc", "in turns"):
+            return self.ad_hoc(block, passes)
         return self.split(block, passes)
 
     def split(self, block: Block, passes: int) -> tuple[str, str]:
@@ -116,6 +133,18 @@ class Writer:
         outside.append(sub(id, *self.content))
         self.content = outside
         self.visits[begin] += passes
+        self.visits[id] += passes
+        return id, id
+
+    def ad_hoc(self, block: Block, passes: int) -> tuple[str, str]:
+        id, outside = self.name("sub"), self.content
+        self.content = []
+        for way in block[1]:
+            begin = self.put("task", passes)
+            self.content.append(flow(begin, self.write(way, passes)[0]))
+        order = {"ad hoc": "Parallel", "in turns": "Sequential"}[block[0]]
+        outside.append(element("adHocSubProcess", id, *self.content, ordering=order))
+        self.content = outside
         self.visits[id] += passes
         return id, id
 

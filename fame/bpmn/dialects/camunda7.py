@@ -22,7 +22,7 @@ IGNORED = {
 }  # fmt: skip
 """Kept in the file, no effect here: the reader notes each."""
 _NO_JAVA = "FAME has no Java: make it a script task, or name an operation that is registered"
-_OF_A_TOOL = "it is a {} task of its tool; make it a script task, or name an operation that is registered"
+_OF_A_TOOL = "it is a task of type {} of its tool; make it a script task, or name an operation that is registered"
 REFUSED: Mapping[str, str] = {
     "class": f"it runs the Java class {{}}; {_NO_JAVA}",
     "delegateExpression": f"it runs the delegate expression {{}}; {_NO_JAVA}",
