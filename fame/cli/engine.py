@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command
-from fame.cli.network import OPEN, add_network
+from fame.cli.network import OPEN, add_network, lockstep
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -39,6 +39,9 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="the mission's time is that on /clock, which a world says",
     )
+    parser.add_argument(
+        "--lockstep", action="store_true", help="--use-sim-time, and the world waits for this engine after each step"
+    )
     add_network(parser)
     add_library(parser)
 
@@ -63,9 +66,12 @@ def run(arguments: Namespace) -> int:
         if _is_there(arguments.name, scheduler, middleware):
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
         time = None
-        if arguments.use_sim_time or middleware.use_sim_time:
-            time = SharedTime(scheduler)
-            time.listen(middleware.node("fame_time", arguments.name))
+        if arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time:
+            time, node = SharedTime(scheduler), middleware.node("fame_time", arguments.name)
+            if arguments.lockstep:
+                time.keep_step(node, lockstep(middleware, lambda name: name == "fame_engine"))
+            else:
+                time.listen(node)
         return EngineNode(
             arguments.name,
             scheduler=scheduler,

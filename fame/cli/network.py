@@ -5,7 +5,7 @@ from __future__ import annotations
 import ipaddress
 import socket
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from fame.cli.arguments import Parser
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import Middleware
+    from fame.middleware.simulated_time import Steps
 
 OPEN = "other machines can reach this process, and a topic that carries code must not be open by accident"
 
@@ -62,3 +63,14 @@ def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]
         yield scheduler, middleware
     finally:
         middleware.close()
+
+
+def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Steps:
+    """What keeps the messages of nodes of such names for their step. Raises ConfigError where there is none."""
+    from fame.errors import ConfigError
+    from fame.middleware.dds import DdsMiddleware
+    from fame.middleware.dds.lockstep import Lockstep
+
+    if not isinstance(middleware, DdsMiddleware):
+        raise ConfigError("--lockstep needs --middleware dds")
+    return Lockstep(middleware, holds)

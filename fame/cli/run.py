@@ -52,6 +52,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--speed", type=positive, metavar="F", help="in many processes: so many times as fast as reality (1)"
     )
+    parser.add_argument(
+        "--lockstep", action="store_true",
+        help="in many processes: the world waits for all engines after each step, so that each run is the same",
+    )  # fmt: skip
     parser.add_argument("--real-time", action="store_true", help="as slow as reality, not as fast as possible")
     parser.add_argument(
         "--semantics", choices=("standard", "original"),
@@ -103,6 +107,8 @@ def run(arguments: Namespace) -> int:
         return _run_team(arguments, scenario)
     if arguments.speed is not None:
         raise ConfigError("--speed needs --middleware dds or ros: one process is as fast as it can, or --real-time")
+    if arguments.lockstep:
+        raise ConfigError("--lockstep needs --middleware dds: one process is in step with itself")
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as show:
@@ -142,7 +148,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             arguments.middleware,
             watch=lambda sight: live.show(_seen(sight)),
             hear=lambda name, line: live.say(line),
-            speed=arguments.speed or 1.0,
+            speed=arguments.speed,
+            lockstep=arguments.lockstep,
         ).run()
     if arguments.json:
         print_json(result.to_json())

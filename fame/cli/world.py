@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
-from fame.cli.network import add_network
+from fame.cli.network import add_network, lockstep
 from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.middleware.interface import Middleware
 
 
 def add(commands: Commands) -> None:
@@ -19,8 +24,12 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("world", type=Path, metavar="WORLD.yaml", help="a world file, or a scenario that has one")
     parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
-    parser.add_argument("--speed", type=positive, default=1.0, metavar="F", help="so many times as fast as reality (1)")
+    parser.add_argument("--speed", type=positive, metavar="F", help="so many times as fast as reality (1)")
     parser.add_argument("--pause", action="store_true", help="begin with time stopped; fame resume lets it go")
+    parser.add_argument(
+        "--lockstep", action="append", default=[], metavar="ROBOT",
+        help="after each step wait for this engine (--lockstep too); repeatable; as fast as it goes without --speed",
+    )  # fmt: skip
     add_network(parser)
 
 
@@ -33,11 +42,14 @@ def run(arguments: Namespace) -> int:
     if config is None:
         raise ConfigError("has no world", file=str(arguments.world))
     chosen = seed if arguments.seed is None else arguments.seed
-    serve(
-        arguments.middleware,
-        arguments.network,
-        lambda scheduler, middleware: WorldPart(
-            config, chosen, scheduler, middleware, speed=arguments.speed, paused=arguments.pause
-        ),
-    )
+    speed = arguments.speed or (None if arguments.lockstep else 1.0)
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> WorldPart:
+        steps = lockstep(middleware, lambda name: name != "world") if arguments.lockstep else None
+        team = arguments.lockstep
+        return WorldPart(
+            config, chosen, scheduler, middleware, speed=speed, paused=arguments.pause, team=team, steps=steps
+        )
+
+    serve(arguments.middleware, arguments.network, build)
     return 0

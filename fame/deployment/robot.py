@@ -61,7 +61,7 @@ class EngineNode:
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
-        self._time = time or scheduler
+        self._time = scheduler if time is None else time  # a scheduler with nothing to do is false
         self._options: dict[str, Any] = {
             "library": library,
             "services": services,

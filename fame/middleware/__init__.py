@@ -3,6 +3,8 @@
 ::
 
     interface         what every backend gives: nodes, publishers, subscriptions, services; QoS profiles
+    actions           goals that take their time, on services and topics
+    simulated_time    following the clock that a world says
     local             the backend within one process: deterministic, on the engine's clock
     local_services    its services
     dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2

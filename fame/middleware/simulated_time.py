@@ -8,7 +8,8 @@ deployment, status) stays with that scheduler.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.middleware import messages
@@ -19,6 +20,17 @@ CLOCK_QOS = QoS(depth=10)
 """What the clock is published with."""
 _HEARD = QoS(reliability="best_effort", depth=1)
 """As ROS listens to it: the latest time counts, and none that was missed."""
+
+DONE, DONE_TYPE = "/clock_done", "std_msgs/msg/Header"
+"""On which each robot (`frame_id`) says that it is done with a step (`stamp`), where all keep step."""
+
+
+class Steps(Protocol):
+    """What keeps messages for their step: `fame.middleware.dds.lockstep.Lockstep`."""
+
+    def release(self, enter: Callable[[Callable[[], object]], object]) -> None: ...
+
+    def flush(self) -> None: ...
 
 
 class SharedTime(Scheduler):
@@ -47,6 +59,23 @@ class SharedTime(Scheduler):
     def listen(self, node: Node) -> None:
         """Follow the clock that a node hears."""
         node.subscription(CLOCK, CLOCK_TYPE, lambda message: self.follow(nanoseconds(message.clock)), _HEARD)
+
+    def keep_step(self, node: Node, steps: Steps) -> None:
+        """Follow it step by step, and say after each that it is done. The first only waits for what was said before."""
+        done = node.publisher(DONE, DONE_TYPE)
+        begun = False
+
+        def step(message: Message) -> None:
+            nonlocal begun
+            time = nanoseconds(message.clock)
+            if begun:
+                steps.release(lambda action: self.at(time + self._ahead, action, Kind.MESSAGE))
+                self.follow(time)
+            begun = True
+            steps.flush()
+            done.publish(messages.create(DONE_TYPE, {"stamp": message.clock, "frame_id": node.namespace}))
+
+        node.subscription(CLOCK, CLOCK_TYPE, step)
 
     def _catch_up(self) -> None:
         self._roused = False

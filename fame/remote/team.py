@@ -17,7 +17,7 @@ from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.interface import LATCHED
 from fame.remote.children import Children
 from fame.remote.process import connect, scheduler_for
-from fame.remote.world import WORLD_STATE
+from fame.remote.world import EMPTY, RESUME, WORLD_STATE
 
 if TYPE_CHECKING:
     from fame.scenario import Scenario
@@ -67,7 +67,7 @@ class Team:
     """A scenario in many processes: the world, and one engine per robot. They begin together, and end together.
 
     `watch` is told how things stand, `hear` every line that a process says. A world goes `speed` times as fast as
-    reality, and all engines with it.
+    reality (1, in `lockstep` as fast as it can), and all engines with it.
     """
 
     def __init__(
@@ -77,9 +77,11 @@ class Team:
         *,
         watch: Callable[[Sight], object] = lambda sight: None,
         hear: Callable[[str, str], object] = lambda name, line: None,
-        speed: float = 1.0,
+        speed: float | None = None,
+        lockstep: bool = False,
     ) -> None:
-        self.scenario, self.backend, self._watch, self._speed = scenario, backend, watch, speed
+        self.scenario, self.backend, self._watch = scenario, backend, watch
+        self._speed, self._lockstep = speed, lockstep
         self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
@@ -99,7 +101,7 @@ class Team:
             self._listen()
             self._look()
             self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
-            lasting = self.scenario.duration / self._speed + _APPEARING
+            lasting = self.scenario.duration / (self._speed or 1.0) + _APPEARING
             self.scheduler.after(round(lasting * SECOND), self._time_is_up, Kind.TIMER)
             self.scheduler.run()
         finally:
@@ -126,10 +128,13 @@ class Team:
         types = {robot.name: robot.type for robot in self.scenario.world.robots} if self.scenario.world else {}
         if self.scenario.world is not None:
             command = ["world", self.scenario.file, "--seed", str(self.scenario.seed)]
-            self._children.start("world", [*command, "--speed", str(self._speed), *tail])
+            command += ["--speed", str(self._speed)] if self._speed is not None else []
+            if self._lockstep:
+                command += ["--pause", *(word for robot in self.scenario.cast for word in ("--lockstep", robot))]
+            self._children.start("world", [*command, *tail])
         for robot in self.scenario.cast:
             kind = ["--type", types[robot]] if robot in types else []
-            time = ["--use-sim-time"] if self.scenario.world is not None else []
+            time = ["--lockstep" if self._lockstep else "--use-sim-time"] if self.scenario.world is not None else []
             self._children.start(robot, ["engine", robot, *kind, *time, *tail])
         names = [*(["world"] if self.scenario.world is not None else []), *self.scenario.cast]
         self._pids = {name: self._children.pid(name) for name in names}
@@ -149,6 +154,7 @@ class Team:
         for robot in self.scenario.cast:
             node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._heard, robot), STATUS_QOS)
         node.subscription(WORLD_STATE, STRING, self._seen, LATCHED)
+        self._world_time = node.client(RESUME, EMPTY)
 
     def _seen(self, message: Any) -> None:
         with suppress(ValueError):
@@ -183,6 +189,8 @@ class Team:
     def _deployed(self, deployment: Deployment) -> None:
         if deployment.failed:
             self._fail(*(f"{each.robot}: {each.state}: {each.reason}" for each in deployment.standings.values()))
+        elif self._lockstep and self.scenario.world is not None:
+            self._world_time.call(None, lambda response: None)
 
     def _over(self) -> None:
         """Something has run, and nothing runs any more."""

@@ -11,6 +11,7 @@ the package raises UnavailableError where Cyclone is not installed.
     discovery         who is there: endpoints, and the nodes that they belong to
     reading           waiting for data
     scheduler         the wall clock that does so itself
+    lockstep          messages that wait for their step, and come in the same order every time
     domain            which domain and network interface
     confinement       loopback that is loopback
     entities          writers and readers, and their topics

@@ -66,6 +66,7 @@ class DdsMiddleware:
         self.domain, self.network = domain_id(domain), network
         self.warnings: list[str] = []
         self.nodes: list[DdsNode] = []
+        self.holds: Callable[[str], bool] = lambda name: False
         self._on_warning, self._warning, self._closed = on_warning, threading.Lock(), False
         self._open = open_domain(self.domain, network)
         self.confined = confined(self.domain)
@@ -164,6 +165,11 @@ class DdsMiddleware:
         if users:
             names = ", ".join(dict.fromkeys(end.node.full_name for end in users))
             raise MessageError(f"topic {topic} is in use with {users[0].type}, by {names}: it has one type", type=type)
+
+    def owner(self, gid: bytes) -> str:
+        """The full name of the node of an endpoint."""
+        self.refresh()
+        return self.discovery.owners().get(gid, UNKNOWN)
 
     def offers(self, service: str) -> list[tuple[str, str]]:
         """Type and node of each service of that name in the domain."""

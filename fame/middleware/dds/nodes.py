@@ -24,7 +24,7 @@ _BATCH = 16
 
 
 class DdsNode:
-    """A node of the participant. See `fame.middleware.interface.Node`."""
+    """A node of the participant. See `fame.middleware.interface.Node`; if `held`, `fame.middleware.dds.lockstep`."""
 
     def __init__(self, middleware: DdsMiddleware, name: str, namespace: str) -> None:
         self.middleware, self.name, self.namespace = middleware, name, namespace
@@ -32,6 +32,7 @@ class DdsNode:
         self.publishers: list[DdsPublisher] = []
         self.subscriptions: list[DdsSubscription] = []
         self.services: list[DdsService | DdsClient] = []
+        self.held = middleware.holds(name)
 
     def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> DdsPublisher:
         publisher = DdsPublisher(self, resolve(topic, self.namespace), type, qos)
@@ -83,7 +84,7 @@ class DdsPublisher:
         self.node, self.topic, self.qos = node, topic, qos
         self._class = messages.message_type(type)
         self.type: str = self._class.__msgtype__
-        self._closed = False
+        self._closed = self._unheard = False
         node.middleware.check(topic, self.type)
         self._writer = node.middleware.entities.writer(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
         self.gid, self.handle = self._writer.guid.bytes, wire.handle(self._writer.get_instance_handle())
@@ -92,12 +93,20 @@ class DdsPublisher:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
         if self._closed or message.__class__ is not self._class:
             raise self._refusal(message)
+        self._unheard = True
         try:
             self._writer.write(self._writer.data_type(wire.encode(message)))
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
             self.node.middleware.warn(f"{self.topic}: dropped a message: a subscriber does not keep up")
+
+    def flush(self, patience: int) -> None:
+        """Block until all subscribers have what was sent, at most so long (ns)."""
+        if self._unheard:
+            self._unheard = False
+            if not self._writer.wait_for_acks(patience):
+                self.node.middleware.warn(f"{self.topic}: a subscriber does not keep up")
 
     def matched(self) -> bool:
         """Whether there is a subscription of another node."""
@@ -130,6 +139,7 @@ class DdsSubscription:
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
         self._batch = _BATCH if qos.history == "keep_all" else min(qos.depth, _BATCH)
         self._taken: deque[bytes] = deque()
+        self._senders: dict[int, str] = {}
         self._more = self._entered = self._closed = False
         self._soon = node.middleware.scheduler.soon
         node.middleware.check(topic, self.type)
@@ -141,6 +151,16 @@ class DdsSubscription:
         """A node does not hear itself. What its publisher sent before it closed may still wait: it stays ignored."""
         if publisher.topic == self.topic:
             self._own.add(publisher.handle)
+
+    def drain(self) -> list[tuple[str, bytes]]:
+        """All that waits in Cyclone, each with the full name of the node that sent it."""
+        found = []
+        while samples := self._reader.take(_BATCH):
+            for sample in samples:
+                info = sample.sample_info
+                if info.valid_data and info.publication_handle not in self._own:
+                    found.append((self._sender(info.publication_handle), sample.data))
+        return found
 
     def matched(self) -> bool:
         """Whether there is a publisher of another node."""
@@ -158,8 +178,14 @@ class DdsSubscription:
         self._more = True  # before the entry, which may be at work already
         self._enter()
 
+    def _sender(self, handle: int) -> str:
+        if handle not in self._senders:
+            end = self._reader.get_matched_publication_data(handle)
+            self._senders[handle] = self.node.middleware.owner(end.key.bytes) if end is not None else ""
+        return self._senders[handle]
+
     def _enter(self) -> None:
-        if not self._entered:
+        if not self._entered and not self.node.held:
             self._entered = True
             self._soon(self._deliver)
 
@@ -173,7 +199,7 @@ class DdsSubscription:
         if self._taken or self._more:
             self._enter()
         if data is not None:
-            self._hand_over(data)
+            self.hand_over(data)
 
     def _take(self) -> None:
         """Fetch a batch from Cyclone, and of that what came from other nodes."""
@@ -186,7 +212,10 @@ class DdsSubscription:
             if info.valid_data and info.publication_handle not in self._own:
                 self._taken.append(sample.data)
 
-    def _hand_over(self, data: bytes) -> None:
+    def hand_over(self, data: bytes) -> None:
+        """Call back for a message, unless it is none."""
+        if self._closed:
+            return
         try:
             message = wire.decode(data, self.type)
         except MessageError as error:

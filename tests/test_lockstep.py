@@ -1,0 +1,205 @@
+"""Lockstep: the world waits for every engine after each step, messages wait for their step, and runs are the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bpmn_text import document
+from middleware_contract import WallWorld, dds_world, needs
+
+from fame.cli import main
+from fame.clock import SECOND, Scheduler
+from fame.middleware.local import LocalMiddleware
+from fame.middleware.messages import create
+from fame.middleware.simulated_time import DONE, DONE_TYPE, SharedTime, nanoseconds
+from fame.remote.rounds import Rounds
+from fame.remote.world import WorldPart
+from sim2d.config import world_config
+
+ROOT = Path(__file__).parents[1]
+INT = "std_msgs/msg/Int64"
+CAR = {"size": [6, 4], "robots": {"REX": {"type": "car", "at": [1, 1]}}}
+
+
+class AtOnce:
+    """Messages that wait for nothing, as within one process."""
+
+    def release(self, enter: Any) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+
+# ---- whose turn it is ------------------------------------------------------------------------------------------------
+
+
+class Team:
+    """A world in lockstep with engines that say what they are told to."""
+
+    def __init__(self, *names: str) -> None:
+        self.wall: Any = Scheduler()
+        self.middleware = LocalMiddleware(self.wall)
+        self.engines = {name: self.middleware.node("fame_time", name) for name in names}
+        self.done = {name: node.publisher(DONE, DONE_TYPE) for name, node in self.engines.items()}
+        self.part = WorldPart(world_config(CAR), 0, self.wall, self.middleware, team=names, steps=AtOnce(), speed=None)
+
+    @property
+    def steps(self) -> int:
+        return self.part._world.steps
+
+    def say(self, name: str, wait: float = 0.01) -> None:
+        time = self.part.time.now
+        stamp = {"sec": time // SECOND, "nanosec": time % SECOND}
+        self.done[name].publish(create(DONE_TYPE, {"stamp": stamp, "frame_id": name}))
+        self.wait(wait)
+
+    def wait(self, seconds: float) -> None:
+        self.wall.run(self.wall.now + round(seconds * SECOND))
+
+
+def test_a_world_steps_when_every_engine_is_done_with_the_last_step() -> None:
+    team = Team("REX", "DINGO")
+    team.wait(10)
+    assert team.steps == 0
+    for round in range(1, 6):  # in the first nothing happens yet, in the second the world begins
+        team.say("REX")
+        before = team.steps
+        team.wait(10)
+        assert team.steps == before
+        team.say("DINGO")
+        assert team.steps == max(0, round - 1)
+    team.part.close()
+
+
+def test_an_engine_that_died_is_waited_for_no_more() -> None:
+    team = Team("REX", "DINGO")
+    for _ in range(3):
+        team.say("REX")
+        team.say("DINGO")
+    before = team.steps
+    team.engines["DINGO"].close()
+    team.say("REX", wait=3)
+    assert team.steps > before
+    team.part.close()
+
+
+def test_a_team_of_nobody_is_done_at_once() -> None:
+    scheduler, over = Scheduler(), list[int]()
+    middleware = LocalMiddleware(scheduler)
+    rounds = Rounds([], scheduler, middleware, middleware.node("world"), lambda: over.append(1))
+    rounds.begin(0)
+    scheduler.run(0)
+    assert over == [1]
+    rounds.close()
+
+
+def test_a_follower_says_that_it_is_done_when_all_that_was_due_is() -> None:
+    wall, said = Scheduler(), list[tuple[str, int]]()
+    middleware = LocalMiddleware(wall)
+    time, world = SharedTime(wall), middleware.node("world")
+    clock = world.publisher("/clock", "rosgraph_msgs/msg/Clock")
+    world.subscription(DONE, DONE_TYPE, lambda done: said.append((done.frame_id, nanoseconds(done.stamp))))
+    time.keep_step(middleware.node("fame_time", "REX"), AtOnce())
+    time.at(SECOND, lambda: said.append(("timer", time.now)))
+    for second in (0, 0, 1):
+        clock.publish(create("rosgraph_msgs/msg/Clock", {"clock": second}))
+        wall.run()
+    assert said == [("REX", 0), ("REX", 0), ("timer", SECOND), ("REX", SECOND)]
+
+
+# ---- messages wait for their step ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def here() -> Iterator[WallWorld]:
+    world = dds_world(apart=True)
+    yield world
+    world.close()
+
+
+@pytest.mark.dds
+@needs("cyclonedds")
+def test_held_messages_come_when_they_are_released_by_topic_and_sender(here: WallWorld) -> None:
+    from fame.middleware.dds.lockstep import Lockstep
+
+    seen: list[tuple[str, int]] = []
+    node = here.node("fame_engine", "REX")
+    steps = Lockstep(here.middlewares[0], lambda name: name == "fame_engine")
+    for topic in ("/b", "/a"):
+        node.subscription(topic, INT, lambda message, topic=topic: seen.append((topic, message.data)))
+    free = here.middlewares[0].node("fame_time", "REX")
+    free.subscription("/b", INT, lambda message: seen.append(("free", message.data)))
+    senders = {name: here.node(name) for name in ("zoe", "adam")}
+    ends = {(name, topic): senders[name].publisher(topic, INT) for name in senders for topic in ("/b", "/a")}
+    here.connect("/a", "/b")
+    here.until(lambda: {"/zoe", "/adam"} <= set(here.middlewares[0].node_names()))
+    for number in range(3):
+        for (name, _), end in ends.items():
+            end.publish(create(INT, number + (10 if name == "zoe" else 0)))
+    here.until(lambda: len(seen) == 6)
+    here.settle()
+    assert {topic for topic, _ in seen} == {"free"}
+    seen.clear()
+    here.middlewares[0].node("fame_engine", "DINGO")  # one that comes later is held, too
+    steps.flush()
+    steps.release(lambda hand_over: hand_over())
+    numbers = [0, 1, 2, 10, 11, 12]
+    assert seen == [*(("/a", number) for number in numbers), *(("/b", number) for number in numbers)]
+    seen.clear()
+    steps.release(lambda hand_over: hand_over())
+    assert seen == []
+
+
+# ---- from the command line -------------------------------------------------------------------------------------------
+
+DRIVE = """
+place = 0
+for number in range(20):
+    robot.publish("cmd_vel", "geometry_msgs/msg/Twist", linear={"x": 0.3}, angular={"z": 0.1 * number - place})
+    await sleep(0.07)
+    place = (await receive("odom", "nav_msgs/msg/Odometry")).pose.pose.position.x
+robot.publish("cmd_vel", "geometry_msgs/msg/Twist")
+signal("done")
+"""
+
+
+@pytest.mark.processes
+@pytest.mark.dds
+@needs("cyclonedds")
+def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path) -> None:
+    pools, flow = "", '<sequenceFlow id="{0}1" sourceRef="{0}s" targetRef="{0}t"/>'
+    for name in ("REX", "DINGO"):
+        task = f'<startEvent id="{name}s"/><scriptTask id="{name}t"><script>{DRIVE.strip()}</script></scriptTask>'
+        pools += f'<process id="{name}p" isExecutable="true">{task}{flow.format(name)}</process>'
+    shown = "".join(f'<participant id="{name}" name="{name}" processRef="{name}p"/>' for name in ("REX", "DINGO"))
+    (tmp_path / "drive.bpmn").write_text(document(f'<collaboration id="C">{shown}</collaboration>{pools}'))
+    robots = {name: {"type": "car", "at": [1, 1 + row], "heading": 0} for row, name in enumerate(("REX", "DINGO"))}
+    scenario = {"model": "drive.bpmn", "world": {"size": [6, 4], "robots": robots}}
+    (tmp_path / "drive.yaml").write_text(json.dumps(scenario))
+    environment = os.environ | {"ROS_DOMAIN_ID": str(100 + os.getpid() % 100), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "fame", "run", str(tmp_path / "drive.yaml"), "--duration", "20", "--seed", "3"]
+    runs = []
+    for _ in range(2):
+        done = subprocess.run(
+            [*command, "--middleware", "dds", "--lockstep", "--json"],
+            env=environment, capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        said = json.loads(done.stdout)
+        assert (done.returncode, said["status"]) == (0, "completed"), done
+        runs.append(said["world"]["robots"])
+    assert runs[0] == runs[1]
+    assert runs[0]["REX"]["x"] > 1.2
+
+
+@pytest.mark.parametrize("words", ["run models/ground_vehicles.bpmn --lockstep"])
+def test_one_process_needs_no_lockstep(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words.split()) == 2
+    assert "--middleware dds" in capsys.readouterr().err
