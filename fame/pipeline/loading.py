@@ -34,18 +34,25 @@ def find_class(name: str, folder: Path) -> type:
     """
     if name in PROCESSORS:
         return PROCESSORS[name]
+    if not name.replace(":", ".").rpartition(".")[0]:
+        raise ConfigError(f"no processor {name!r}; there are {', '.join(PROCESSORS)}, or module:Class, file.py:Class")
+    found = find_object(name, folder)
+    if not isinstance(found, type) or not callable(getattr(found, "execute", None)):
+        raise ConfigError(f"{name} is no processor: a class with a method execute(inputs) would be right")
+    return found
+
+
+def find_object(name: str, folder: Path) -> Any:
+    """What ``module:name`` or ``file.py:name`` stands for. Raises ConfigError."""
     module, colon, kind = name.rpartition(":")
     if not colon:
         module, _, kind = name.rpartition(".")
     if not module:
-        raise ConfigError(f"no processor {name!r}; there are {', '.join(PROCESSORS)}, or module:Class, file.py:Class")
+        raise ConfigError(f"found {name!r}; module:name or file.py:name would be right")
     try:
-        found = getattr(_module(module, folder), kind)
+        return getattr(_module(module, folder), kind)
     except AttributeError:
-        raise ConfigError(f"{module} has no class {kind!r}") from None
-    if not isinstance(found, type) or not callable(getattr(found, "execute", None)):
-        raise ConfigError(f"{name} is no processor: a class with a method execute(inputs) would be right")
-    return found
+        raise ConfigError(f"{module} has no {kind!r}") from None
 
 
 def assign(processors: Sequence[Any], configuration: Configuration) -> dict[str, str] | None:
@@ -82,7 +89,10 @@ def _made(stage: Stage, configuration: Configuration, key: str) -> Any:
     except ConfigError as error:
         raise ConfigError(error.text, file=file, element=f"{key}.Class") from None
     try:
-        return kind(**_arguments(kind, stage.parameters, configuration.folder))
+        arguments = _arguments(kind, stage.parameters, configuration.folder)
+        if "folder" in inspect.signature(kind).parameters:  # who looks for files itself
+            arguments.setdefault("folder", configuration.folder)
+        return kind(**arguments)
     except ConfigError as error:
         element = f"{key}.Parameters" + (f".{error.element}" if error.element and not error.file else "")
         at = f"{error.file}: " if error.file else ""

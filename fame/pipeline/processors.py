@@ -5,13 +5,14 @@ from __future__ import annotations
 from fame.pipeline.decisions import Expression, Threshold
 from fame.pipeline.filters import LowPass, Resample, Scale
 from fame.pipeline.learned import Autoencoder, Estimator
+from fame.pipeline.machine import Machine
 from fame.pipeline.windows import RMS, MovingStatistics, Spectrum, Window
 
 PROCESSORS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         LowPass, Resample, Scale, Window, RMS, MovingStatistics, Spectrum,
-        Estimator, Autoencoder, Threshold, Expression,
+        Estimator, Autoencoder, Threshold, Expression, Machine,
     )
 }  # fmt: skip
 
@@ -22,6 +23,7 @@ __all__ = [
     "Estimator",
     "Expression",
     "LowPass",
+    "Machine",
     "MovingStatistics",
     "Resample",
     "Scale",

@@ -48,8 +48,7 @@ class Windower:
         kept = max(0, len(stamps) - (size - 1))
         self._tail, self._first = Samples(values[kept:], stamps[kept:]), self._first + kept
         ends = _of_rate(ends, stamps, size, rate, report)
-        windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=0) if len(ends) else values[:0, None]
-        chosen = np.moveaxis(windows[ends - (size - 1)], -1, 1) if len(ends) else windows
+        chosen = values[ends[:, None] + np.arange(1 - size, 1)]
         return Samples(chosen, stamps[ends], samples.names)
 
 

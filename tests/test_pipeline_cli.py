@@ -1,0 +1,207 @@
+"""``fame process``, ``record``, ``train``, ``param``, ``topic`` as a user types them; over DDS between processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from fame.cli import main
+from fame.clock import SECOND
+from fame.middleware import messages
+from fame.pipeline.model import TrainedModel
+from fame.pipeline.plots import plot_loss
+from fame.pipeline.processor import Samples
+
+ROOT = Path(__file__).parent.parent
+MONITOR = ROOT / "models" / "monitoring" / "joint_monitor"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
+DOMAIN = 100 + os.getpid() % 100
+PATIENCE = 30 * SECOND
+
+
+@pytest.fixture
+def low_pass(tmp_path: Path) -> Path:
+    """A configuration."""
+    filtered = {"Filtered": {**EFFORTS, "Topic": "filtered"}}
+    stage = {"Class": "LowPass", "Parameters": {"cutoff": 20}}
+    path = tmp_path / "low_pass.yaml"
+    path.write_text(yaml.safe_dump({"Inputs": {"Efforts": EFFORTS}, "Outputs": filtered, "Processor": stage}))
+    return path
+
+
+def test_training_prints_a_table_stores_the_model_and_knows_it_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    random = np.random.default_rng(0)
+    rows = [
+        f"{0.01 * index:.3f},{run},{np.sin(index / 9):.6f},{random.normal():.6f}"
+        for run in range(3) for index in range(60)
+    ]  # fmt: skip
+    (tmp_path / "a.csv").write_text("\n".join(["stamp,run,Efforts.elbow,Efforts.wrist", *rows]) + "\n")
+    training = {"Files": ["*.csv"], "Window": 10, "Hidden": [3], "Epochs": 2, "Model": "out/m.skops"}
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump({"Inputs": {"Efforts": EFFORTS}, "Training": training}))
+    command = ["train", str(tmp_path / "c.yaml")]
+    assert main([*command, "--onnx", str(tmp_path / "m.onnx")]) == 0
+    out = capsys.readouterr().out
+    assert "Efforts.wrist" in out
+    assert "10-3-10 per channel, windows of 10 samples at 100 Hz" in out
+    assert (
+        TrainedModel.load(tmp_path / "m.onnx").thresholds == TrainedModel.load(tmp_path / "out" / "m.skops").thresholds
+    )
+    assert main([*command, "--check", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["columns"] == ["Efforts.elbow", "Efforts.wrist"]
+    with (tmp_path / "a.csv").open("a") as stream:
+        stream.write("9.0,2,0,0\n")
+    assert main([*command, "--check"]) == 2
+    assert "is stale" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["process", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
+        (["process", "{low_pass}", "--processor", "Lowpass"], "no processor 'Lowpass'; there are LowPass"),
+        (["process", "{low_pass}", "--set", "cutoff"], "found 'cutoff', NAME=VALUE as in cutoff=5 would be right"),
+        (["process", "{low_pass}", "--frequency", "0"], "found '0', a number above 0 would be right"),
+        (["record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is no bag that can be read"),
+        (["train", "{low_pass}"], "has no section Training"),
+        (["topic", "plot", "/a", "-o", "x.png"], "/topic:field would be right"),
+        (["topic", "plot", "/a:b", "-o", "x.svg"], "found the ending '.svg'; .png would be right"),
+    ],
+)
+def test_a_wrong_request_is_one_line_and_exit_code_2(
+    low_pass: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    assert main([argument.format(low_pass=low_pass) for argument in arguments]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_the_graph_of_a_pipeline_shows_nodes_and_topics_in_order(tmp_path: Path) -> None:
+    files = [str(MONITOR / f"{name}.yaml") for name in ("low_pass", "autoencoders", "loss_low_pass", "threshold")]
+    assert main(["process", *files, "--graph", str(tmp_path / "g.svg")]) == 0
+    drawn = ElementTree.parse(tmp_path / "g.svg").getroot()
+    boxes = [each for each in drawn if each.tag.endswith("rect")]
+    texts = [each.text for each in drawn if each.tag.endswith("text") and each.get("class") is None]
+    places = {text: float(box.get("x", 0)) for text, box in zip(texts, boxes, strict=True)}
+    order = ["/joint_states", "low_pass", "/joint_efforts_filtered", "autoencoders", "/joint_losses", "loss_low_pass",
+             "/joint_losses_filtered", "threshold", "/anomaly"]  # fmt: skip
+    assert sorted(places, key=lambda name: places[name]) == order
+    assert sum(each.tag.endswith("path") for each in drawn) == 8
+
+
+def test_losses_are_drawn_with_thresholds_and_alarms(tmp_path: Path) -> None:
+    loss = Samples(np.abs(np.random.default_rng(0).normal(size=(50, 2))), np.arange(50.0), ("elbow", "wrist"))
+    plot_loss(loss, tmp_path / "bare.png")
+    plot_loss(loss, tmp_path / "loss.png", thresholds=[1.0, 2.0], alarms=[12.0, 30.0], title="a run")
+    bare, told = (path.read_bytes() for path in (tmp_path / "bare.png", tmp_path / "loss.png"))
+    assert told.startswith(b"\x89PNG")
+    assert told != bare
+
+
+# ---- over DDS --------------------------------------------------------------------------------------------------------
+
+
+class Arm:
+    """Publishes efforts of two joints at 100 Hz while something runs."""
+
+    def __init__(self) -> None:
+        from fame.middleware.dds import DdsMiddleware, DdsScheduler
+
+        self.scheduler = DdsScheduler()
+        self.middleware = DdsMiddleware(self.scheduler, domain=DOMAIN)
+        node = self.middleware.node("arm")
+        self.joints = node.publisher("/joint_states", JOINT_STATE)
+        self.filtered: list[Any] = []
+        node.subscription("/filtered", JOINT_STATE, self.filtered.append)
+        self.count = 0
+
+    def step(self) -> None:
+        self.count += 1
+        header = {"stamp": {"sec": 100 + self.count // 100, "nanosec": self.count % 100 * 10_000_000}}
+        content = {"header": header, "name": ["elbow", "wrist"], "effort": [1.0, 2.0]}
+        self.joints.publish(messages.create(JOINT_STATE, content))
+        self.scheduler.run(self.scheduler.now + SECOND // 100)
+
+    def while_running(self, *commands: tuple[str, ...]) -> list[tuple[int, str, str]]:
+        """Publish until all these commands have ended; the exit code of each, and what it printed."""
+        processes = [fame(*command) for command in commands]
+        end = self.scheduler.now + PATIENCE
+        while any(process.poll() is None for process in processes):
+            assert self.scheduler.now < end, "they did not end"
+            self.step()
+        said = [process.communicate() for process in processes]
+        return [(process.returncode, *told) for process, told in zip(processes, said, strict=True)]
+
+
+def fame(*arguments: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "fame", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+@pytest.fixture
+def arm() -> Iterator[Arm]:
+    pytest.importorskip("cyclonedds", reason="Cyclone DDS is not installed: pip install 'fame-robots[dds]'")
+    made = Arm()
+    yield made
+    made.middleware.close()
+
+
+@pytest.mark.processes
+@pytest.mark.dds
+def test_a_node_in_another_process_filters_and_its_parameters_change_from_a_third(arm: Arm, low_pass: Path) -> None:
+    node = fame("process", str(low_pass), "--set", "cutoff=7")
+    try:
+        end = arm.scheduler.now + PATIENCE
+        while len(arm.filtered) < 20:
+            assert arm.scheduler.now < end, "nothing came back"
+            arm.step()
+        assert arm.filtered[-1].name == ["elbow", "wrist"]
+        (changed,) = arm.while_running(("param", "set", "/low_pass", "cutoff", "5"))
+        assert changed == (0, "5\n", "")
+        listed, refused = arm.while_running(
+            ("param", "list", "/low_pass", "--json"), ("param", "set", "/low_pass", "cutoff", "-1")
+        )
+        assert (listed[0], json.loads(listed[1])["parameters"]) == (0, {"cutoff": 5.0, "rate": 0.0})
+        assert (refused[0], "found -1.0; a number of 1e-06 or more Hz" in refused[2]) == (2, True)
+    finally:
+        node.send_signal(signal.SIGINT)
+        _, said = node.communicate(timeout=20)
+    assert node.returncode == 0
+    assert "low_pass: cutoff is 5.0 now" in said
+
+
+@pytest.mark.processes
+@pytest.mark.dds
+def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_pass: Path) -> None:
+    csv, png = low_pass.parent / "a.csv", low_pass.parent / "a.png"
+    listed, echoed, often, recorded, drawn = arm.while_running(
+        ("topic", "list", "--json"),
+        ("topic", "echo", "/joint_states", "--count", "2", "--field", "effort.wrist"),
+        ("topic", "hz", "/joint_states", "--count", "20"),
+        ("record", str(low_pass), "-o", str(csv), "--duration", "0.5"),
+        ("topic", "plot", "/joint_states:effort", "--duration", "0.5", "-o", str(png)),
+    )
+    topics = {each["name"]: each for each in json.loads(listed[1])["topics"]}
+    assert topics["/joint_states"]["types"] == [JOINT_STATE]
+    assert echoed == (0, "2.0\n2.0\n", "")
+    assert (often[0], "Hz over 20 messages" in often[1]) == (0, True)
+    assert (recorded[0], recorded[2]) == (0, f"low_pass: recording to {csv}\n")
+    assert csv.read_text().splitlines()[0] == "stamp,run,Efforts.elbow,Efforts.wrist"
+    assert csv.read_text().splitlines()[1].endswith(",0,1,2")
+    assert (drawn[0], drawn[2], png.read_bytes()[:4]) == (0, "", b"\x89PNG")
