@@ -83,11 +83,14 @@ class Environment:
         """The texts of collections that have changed."""
         texts = self._texts
         found: dict[str, str] = {}
-        for name, mark in tuple(self._watched.items()):
+        for name, mark in [*self._watched.items()]:
             value = view[name]
-            now = _mark(value)
-            if now is not None and now == mark:
-                continue
+            try:
+                now = marshal.dumps(value, 2)
+                if now == mark:
+                    continue
+            except ValueError:
+                now = None
             self._watched[name], text = now, _text(value)
             if value.__class__ not in _CHANGING:
                 del self._watched[name]
@@ -119,7 +122,7 @@ class Environment:
         if value.__class__ in _CHANGING:
             self._texts[name] = encode(value)
             self._watched[name] = _mark(value)
-        elif self._texts:
+        elif name in self._watched or name in self._texts:
             self._texts.pop(name, None)
             self._watched.pop(name, None)
 

@@ -85,12 +85,18 @@ class Unread { // a collection that the host has set and nobody has looked at ye
     constructor(text) { this.text = text; }
 }
 
+// The host knows the text of a collection.
+function agree(environment, name, text) {
+    environment.agreed.set(name, text);
+    if (text?.length > LARGE) environment.hasLarge = true;
+}
+
 // The variable, parsed when it is first looked at.
 function read(environment, name) {
     let value = environment.values[name];
     if (value instanceof Unread) {
         value = environment.values[name] = decode(value.text);
-        environment.agreed.set(name, encode(value));
+        agree(environment, name, encode(value));
     }
     if (environment.agreed.get(name)?.length > LARGE) environment.large.add(name);
     return value;
@@ -112,6 +118,7 @@ function handler(environment) {
         get(values, name) {
             const value = values[name];
             if (typeof value !== "object" && value !== undefined) return value;
+            if (value && !environment.hasLarge && !(value instanceof Unread)) return value;
             return isNode(name, values) ? node : read(environment, name);
         },
         has: (values, name) => name in values || isNode(name, values),
@@ -134,6 +141,7 @@ class Environment {
         this.values = {};
         this.agreed = new Map(); // name -> text of a collection, as the host knows it
         this.changed = []; // names
+        this.hasLarge = false; // whether there has been a large one
         this.large = new Set(); // names of large collections that were looked at in this step
         const variables = new Proxy(this.values, handler(this));
         this.shown = { variables, output };
@@ -168,7 +176,7 @@ function changes(environment) {
         else if (text === undefined) kept += kept ? `,${key}` : key;
         else set += set ? `,${key}:${text}` : `${key}:${text}`;
         if (agreed.size) agreed.delete(name);
-        if (typeof value === "object" && value !== null && text !== undefined) agreed.set(name, text);
+        if (typeof value === "object" && value !== null && text !== undefined) agree(environment, name, text);
     }
     environment.changed = [];
     return `"set":{${set}}` + (gone && `,"gone":[${gone}]`) + (kept && `,"kept":[${kept}]`);
