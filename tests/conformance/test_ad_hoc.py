@@ -66,8 +66,10 @@ def test_an_inclusive_join_waits_for_those_that_wait_for_their_turn(play: Play) 
     inner = (
         script("a") + gateway("inclusive", "g") + script("x") + script("y") + gateway("inclusive", "j") + script("k")
     )
-    inner += path("a g x j k") + path("g y j")
-    assert play(ad_hoc(inner, ordering="Sequential")).run().log == "s (p a g x y j k p) e =completed"
+    inner += path("a g x j k") + path("g y j") + user("b")
+    run = play(ad_hoc(inner, ordering="Sequential")).run()
+    assert run.log == "s (p a g x (b"
+    assert run.complete("b").log == "s (p a g x b y j k p) e =completed"
 
 
 def test_a_boundary_event_that_interrupts_lets_the_next_one_begin(play: Play) -> None:
@@ -116,6 +118,12 @@ def test_nor_what_waits_for_its_turn_or_at_a_join(play: Play) -> None:
         play(ad_hoc(inner, until="n &gt; 0", cancelRemainingInstances="false"), {"n": 0}).run().complete("c", {"n": 1})
     )
     assert run.complete("b").log == "s (p a (b c b) p) e =completed"
+
+
+def test_nor_what_a_boundary_event_leads_to(play: Play) -> None:
+    beside = boundary("t", "b", signal("A"), interrupting=False) + script("k") + path("t k")
+    run = play(ad_hoc(ABC, beside, until="True", cancelRemainingInstances="false")).run().complete("a").signal("A")
+    assert run.complete("b").complete("c").log == "s (p (a (b (c a) t b) c) p) e =completed"
 
 
 def test_a_condition_that_is_never_true_does_not_hold_it_open(play: Play) -> None:
