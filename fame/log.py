@@ -15,25 +15,25 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
 from fame.bpmn.model import Activity, Definitions, Element, Gateway, SubProcess, Task
 from fame.bpmn.model import Event as BpmnEvent
 from fame.clock import SECOND
+from fame.engine.state import Mark, Trail
 from fame.errors import ConfigError
+from fame.observation import Event, Observer
 from fame.xes import xes
-
-if TYPE_CHECKING:
-    from fame.node import Event
 
 COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
 """Of a table, and the keys of a JSON line (where those without a value are left out)."""
 
-Write = Callable[["Event"], object]
-"""Takes one event."""
+Where = tuple[int, str, int, int]
+"""Time (ns), robot, instance and scope of an event."""
 
 
 class Named(NamedTuple):
@@ -48,7 +48,7 @@ UNNAMED = Named("", "", False)
 
 
 @contextmanager
-def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Write]:
+def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Observer]:
     """A function that writes an event to the log `path`. `files` are the models that name its elements.
 
     Raises ConfigError for an ending that is no log's, and for a file that cannot be written.
@@ -59,7 +59,7 @@ def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Write
         raise ConfigError(f"found the ending {path.suffix!r}; {', '.join(_FORMS)} would be right", file=str(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        stream = path.open("w", encoding="utf-8", errors="backslashreplace", newline="")
+        stream = path.open("wb")
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
     with stream, form(stream, names(files)) as write:
@@ -112,31 +112,77 @@ def seconds(time: int) -> str:
     return f"{whole}." + (f"{rest:09d}".rstrip("0") or "0")
 
 
-def _cells(event: Event, named: Mapping[str, Named]) -> tuple[Any, ...]:
-    """What the columns hold for an event, but for its time."""
-    name, tag, _ = named.get(event.element, UNNAMED)
-    return event.robot, event.instance, event.scope, event.element, name, tag, event.what, event.detail
+class _Lines:
+    """Writes a line for each event, of two parts: when and where, and what.
+
+    Each part is put into words once: the first for all that happens in one scope at one instant, the second for all
+    times that it happens.
+    """
+
+    def __init__(self, stream: BinaryIO, where: Callable[[Where], str], what: Callable[[Mark], str]) -> None:
+        self._stream, self._where, self._what = stream, where, what
+        self._known: dict[Mark, str] = {}
+
+    def __call__(self, event: Event) -> None:
+        self._write(self._where(event[:4]) + self._what(event[4:]))
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """What happened at one instant."""
+        known, where, texts = self._known, "", [""]
+        for item in trail:
+            if isinstance(item, tuple):
+                text = known.get(item)
+                if text is None:
+                    text = known[item] = self._what(item)
+                texts.append(text)
+            else:
+                self._write(where.join(texts))
+                where, texts = self._where((time, robot, item.instance.key, item.key)), [""]
+        self._write(where.join(texts))
+
+    def _write(self, text: str) -> None:
+        self._stream.write(text.encode("utf-8", "backslashreplace"))
 
 
 @contextmanager
-def _jsonl(stream: TextIO, named: Mapping[str, Named]) -> Iterator[Write]:
-    def write(event: Event) -> None:
-        cells = zip(COLUMNS[1:], _cells(event, named), strict=True)
-        present = {name: value for name, value in cells if value not in ("", None)}
+def _jsonl(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+    def members(keys: Sequence[str], values: Sequence[Any]) -> str:
+        present = {key: value for key, value in zip(keys, values, strict=True) if value not in ("", None)}
+        return json.dumps(present, ensure_ascii=False, default=str)[1:-1]
+
+    def where(where: Where) -> str:
         # The time is put in as text: a float would lose nanoseconds.
-        stream.write(f'{{"time": {seconds(event.time)}, {json.dumps(present, ensure_ascii=False, default=str)[1:]}\n')
+        return f'{{"time": {seconds(where[0])}, {members(COLUMNS[1:4], where[1:])}, '
 
-    yield write
+    def what(mark: Mark) -> str:
+        return f"{members(COLUMNS[4:], _cells(mark, named))}}}\n"
+
+    yield _Lines(stream, where, what)
 
 
 @contextmanager
-def _csv(stream: TextIO, named: Mapping[str, Named]) -> Iterator[Write]:
-    rows = csv.writer(stream, lineterminator="\n")
-    rows.writerow(COLUMNS)
-    yield lambda event: rows.writerow((seconds(event.time), *_cells(event, named)))
+def _csv(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+    def row(cells: Sequence[Any], end: str) -> str:
+        text = StringIO()
+        csv.writer(text, lineterminator=end).writerow(cells)
+        return text.getvalue()
+
+    stream.write(row(COLUMNS, "\n").encode())
+    yield _Lines(
+        stream,
+        lambda where: row((seconds(where[0]), *where[1:]), ","),
+        lambda mark: row(_cells(mark, named), "\n"),
+    )
 
 
-_FORMS: Mapping[str, Callable[[TextIO, Mapping[str, Named]], AbstractContextManager[Write]]] = {
+def _cells(mark: Mark, named: Mapping[str, Named]) -> tuple[Any, ...]:
+    """What the columns from the element on hold."""
+    element, what, detail = mark
+    name, tag, _ = named.get(element, UNNAMED)
+    return element, name, tag, what, detail
+
+
+_FORMS: Mapping[str, Callable[[BinaryIO, Mapping[str, Named]], AbstractContextManager[Observer]]] = {
     ".jsonl": _jsonl,
     ".csv": _csv,
     ".xes": xes,

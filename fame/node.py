@@ -23,7 +23,7 @@ from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import Entry, Kind, Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
-from fame.engine.state import Scope
+from fame.engine.state import Mark, Scope, Trail
 from fame.errors import MessageError, MissionError, ModelError
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 from fame.library import Library
@@ -429,17 +429,16 @@ class RobotNode:
             full = resolve(topic, self.namespace)
             self._publisher(full, type).publish(messages.create(type, fields))
 
-    def observe(self, trail: Sequence[Any]) -> None:
+    def observe(self, trail: Trail) -> None:
         if self._hear is not None:
-            told = iter(trail)
-            self._hear(self.scheduler.now, self.name, zip(told, told, strict=True))
+            self._hear(self.scheduler.now, self.name, trail)
 
-    def _note(self, noted: Any) -> None:
-        """On the wall clock every note has a time of its own."""
-        if isinstance(noted, Scope):
-            self._place = noted
+    def _note(self, item: Scope | Mark) -> None:
+        """On the wall clock all that happens has a time of its own."""
+        if isinstance(item, Scope):
+            self._place = item
         else:
-            self.observe((self._place, noted))
+            self.observe((self._place, item))
 
     def begun(self, instance: Instance) -> None:
         self.started += 1

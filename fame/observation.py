@@ -1,6 +1,6 @@
 """What happened in a run, and how observers hear of it: event by event, or a whole trail at a time.
 
-While an engine works off a stimulus it only notes what happens: scope and mark, scope and mark. Observers hear of it
+While an engine works off a stimulus it only notes what happens, and where. Observers hear of it
 when the stimulus has been worked off (and, should that take long, in between); it all happened at one instant. On the
 wall clock instants differ, so there each note is passed on at once.
 
@@ -10,16 +10,14 @@ have an event made of each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from fame.engine.state import Mark, Scope
+from fame.engine.state import Trail
 
 Observer = Callable[["Event"], object]
-Trail = Iterable[tuple[Scope, Mark]]
-"""What happened at one instant to one robot, in order."""
 TakeTrail = Callable[[int, str, Trail], object]
-"""Takes time (ns), robot and what happened."""
+"""Takes time (ns), robot, and what happened to it at that time."""
 
 _new_tuple = tuple.__new__
 
@@ -43,12 +41,13 @@ def by_trails(observer: Observer) -> TakeTrail:
         return own
 
     def make_events(time: int, robot: str, trail: Trail) -> None:
-        place, where = None, (time, robot, 0, 0)
-        for scope, mark in trail:
-            if scope is not place:
-                place, where = scope, (time, robot, scope.instance.key, scope.key)
-            # As Event(...) does, without the detour through its keyword arguments: this is done for every move.
-            observer(_new_tuple(Event, where + mark))
+        where = (time, robot, 0, 0)
+        for item in trail:
+            if item.__class__ is tuple:
+                # As Event(...) does, without the detour through its keyword arguments: this is done for every move.
+                observer(_new_tuple(Event, where + item))
+            else:
+                where = (time, robot, item.instance.key, item.key)  # type: ignore[union-attr]
 
     return make_events
 
@@ -68,9 +67,8 @@ class _Together:
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """All of them hear of all of it."""
-        kept = tuple(trail)
         for take in self._trails:
-            take(time, robot, kept)
+            take(time, robot, trail)
 
 
-__all__ = ["Event", "Observer", "TakeTrail", "Trail", "by_trails", "together"]
+__all__ = ["Event", "Observer", "TakeTrail", "by_trails", "together"]

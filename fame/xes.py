@@ -11,18 +11,19 @@ A trace is written when its instance has ended; those still open are written at 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import timedelta
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, BinaryIO
 from xml.sax.saxutils import quoteattr
 
+from fame.engine.state import Mark, Trail
 from fame.node import EPOCH
+from fame.observation import Event, Observer
 
 if TYPE_CHECKING:
     from fame.log import Named
-    from fame.node import Event
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
 """Which transition of the standard life cycle an observation of an activity is (IEEE 1849, extension Lifecycle)."""
@@ -61,10 +62,10 @@ class _Trace:
     under_way: dict[tuple[int, str], list[int]] = field(default_factory=dict)  # (scope, element) -> executions
     count: int = 0
 
-    def execution(self, event: Event) -> int:
+    def execution(self, scope: int, element: str, what: str) -> int:
         """The number of the execution that an event belongs to, or 0; of several the first to start ends first."""
-        runs = self.under_way.setdefault((event.scope, event.element), [])
-        if event.what == "enter":
+        runs = self.under_way.setdefault((scope, element), [])
+        if what == "enter":
             self.count += 1
             runs.append(self.count)
             return self.count
@@ -72,26 +73,65 @@ class _Trace:
 
 
 @contextmanager
-def xes(stream: TextIO, named: Mapping[str, Named]) -> Iterator[Callable[[Event], object]]:
-    """A function that takes events and writes them to `stream` in their traces."""
-    traces: dict[tuple[str, int], _Trace] = {}
-
-    def write(event: Event) -> None:
-        key, name = (event.robot, event.instance), named.get(event.element)
-        if event.what == "start":
-            traces[key] = _Trace((name.name if name is not None else "") or event.element)
-        elif event.what == "end":
-            stream.write(_trace(*key, traces.pop(key), str(event.detail)))
-        elif name is not None and name.activity and event.what in _LIFECYCLE:
-            trace = traces[key]
-            trace.events.append(_event(event, name, trace.execution(event)))
-
-    stream.write(_HEAD)
+def xes(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+    """What takes events and writes them to `stream` in their traces."""
+    traces = _Traces(stream, named)
+    stream.write(_HEAD.encode())
     try:
-        yield write
+        yield traces
     finally:
-        stream.writelines(_trace(*key, trace, "running") for key, trace in traces.items())
-        stream.write("</log>\n")
+        traces.close()
+        stream.write(b"</log>\n")
+
+
+class _Traces:
+    """All traces that are open."""
+
+    def __init__(self, stream: BinaryIO, named: Mapping[str, Named]) -> None:
+        self._stream, self._named = stream, named
+        self._open: dict[tuple[str, int], _Trace] = {}
+        self._known: dict[tuple[str, Mark], tuple[str, str] | None] = {}
+
+    def __call__(self, event: Event) -> None:
+        self._add(event.robot, event.instance, event.scope, event[4:], _date(event.time))
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """What happened at one instant."""
+        date, instance, scope = _date(time), 0, 0
+        for item in trail:
+            if isinstance(item, tuple):
+                self._add(robot, instance, scope, item, date)
+            else:
+                instance, scope = item.instance.key, item.key
+
+    def _add(self, robot: str, instance: int, scope: int, mark: Mark, date: str) -> None:
+        element, what, detail = mark
+        if what == "start":
+            name = self._named.get(element)
+            self._open[robot, instance] = _Trace((name.name if name is not None else "") or element)
+        elif what == "end":
+            self._write((robot, instance), self._open.pop((robot, instance)), str(detail))
+        elif what in _LIFECYCLE:
+            words = self._words(robot, mark)
+            if words is not None:
+                trace = self._open[robot, instance]
+                trace.events.append(f"{words[0]}{trace.execution(scope, element, what)}{words[1]}{date}")
+
+    def _words(self, robot: str, mark: Mark) -> tuple[str, str] | None:
+        """What is said of a mark before and after the number of the execution; None if it is of no activity."""
+        key = (robot, mark)
+        if key not in self._known:
+            name = self._named.get(mark[0])
+            self._known[key] = _event(robot, mark, name) if name is not None and name.activity else None
+        return self._known[key]
+
+    def _write(self, key: tuple[str, int], trace: _Trace, status: str) -> None:
+        self._stream.write(_trace(*key, trace, status).encode("utf-8", "backslashreplace"))
+
+    def close(self) -> None:
+        """Write those whose instance has not ended."""
+        for key, trace in self._open.items():
+            self._write(key, trace, "running")
 
 
 def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:
@@ -100,21 +140,26 @@ def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:
     return f"  <trace>\n{attributes}{''.join(trace.events)}  </trace>\n"
 
 
-def _event(event: Event, name: Named, execution: int) -> str:
+def _event(robot: str, mark: Mark, name: Named) -> tuple[str, str]:
+    """An event in two parts, between which the number of the execution belongs."""
+    element, what, detail = mark
     said = {
-        "concept:name": name.name or event.element,
-        "concept:instance": str(execution),
-        "lifecycle:transition": _LIFECYCLE[event.what],
-        "org:resource": event.robot,
-        "element": event.element,
+        "lifecycle:transition": _LIFECYCLE[what],
+        "org:resource": robot,
+        "element": element,
         "kind": name.kind,
     }
-    if event.what == "fail":
-        said["error"] = str(event.detail)
-    moment = EPOCH + timedelta(microseconds=event.time // 1000)
+    if what == "fail":
+        said["error"] = str(detail)
+    named = _attribute(6, "concept:name", name.name or element)
     attributes = "".join(_attribute(6, key, value) for key, value in said.items())
-    date = _attribute(6, "time:timestamp", moment.isoformat(timespec="microseconds"), "date")
-    return f"    <event>\n{attributes}{date}    </event>\n"
+    return f'    <event>\n{named}      <string key="concept:instance" value="', f'"/>\n{attributes}'
+
+
+def _date(time: int) -> str:
+    """The end of an event: its date."""
+    moment = (EPOCH + timedelta(microseconds=time // 1000)).isoformat(timespec="microseconds")
+    return f"{_attribute(6, 'time:timestamp', moment, 'date')}    </event>\n"
 
 
 def _attribute(indent: int, key: str, value: str, tag: str = "string") -> str:

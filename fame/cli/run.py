@@ -16,7 +16,7 @@ from fame.cli.output import live_table, print_json, progress_line, table
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fame.log import Write
+    from fame.observation import Observer
     from fame.remote import Sight
     from fame.scenario import Result, RobotResult, Scenario
 
@@ -178,7 +178,7 @@ def _seen(sight: Sight) -> str:
 
 
 @contextmanager
-def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Write]]:
+def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Observer]]:
     """What writes to the logs that were asked for, as long as the block lasts."""
     if not paths:
         yield []

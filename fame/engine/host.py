@@ -7,10 +7,11 @@ host is part of the engine's state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
+from fame.engine.state import Trail
 
 Variables = dict[str, Any]
 Compiled = Callable[[Variables], Any]
@@ -59,10 +60,10 @@ class Host(Protocol):
     def make_safe(self, reason: str) -> None:
         """Bring the robot to its safe state. `reason`: ``suspended``, ``failed`` or ``terminated``."""
 
-    def observe(self, trail: Sequence[Any]) -> None:
-        """What happened in an observed program since the last call: scope, mark, scope, mark ... (see `fame.engine`).
+    def observe(self, trail: Trail) -> None:
+        """What happened in an observed program since the last call (see `fame.engine`).
 
-        All of it belongs to one stimulus; the list is the engine's and is used again.
+        All of it belongs to one stimulus. The list is the engine's and is used again.
         """
 
     def report(self, element: str, text: str) -> None:

@@ -28,7 +28,7 @@ from fame.errors import MissionError
 MOVES = 10_000_000
 """Moves of tokens within one stimulus, after which it is taken for a livelock."""
 
-PORTION = 10_000
+PORTION = 1_000
 """Moves after which observers hear what happened, if the stimulus lasts that long."""
 
 TRACE = 100_000
@@ -59,8 +59,9 @@ class Engine:
         self.gathered: dict[Node, list[starts.Gathered]] = {}  # triggers of parallel multiple start events
         self.armed_starts: dict[int, Node] = {}  # start events with a timer
         self.counter = 0
-        self.trail: list[Any] = []  # what happened and is not observed yet: scope, mark, scope, mark ...
-        self.note: Callable[[Any], object] = self.trail.append
+        self.trail: list[Scope | Mark] = []  # what happened and is not observed yet
+        self.note: Callable[[Scope | Mark], object] = self.trail.append
+        self.place: Scope | None = None  # in which scope the last of it did
 
     # ---- stimuli -------------------------------------------------------------------------------------
 
@@ -233,9 +234,11 @@ class Engine:
 
     # ---- observation ---------------------------------------------------------------------------------
 
-    def tell(self, scope: Scope, mark: Mark | None) -> None:
+    def tell(self, scope: Scope, mark: Mark) -> None:
         """Note that something happened; observers hear it when the stimulus has been worked off."""
-        self.note(scope)
+        if self.place is not scope:
+            self.place = scope
+            self.note(scope)
         self.note(mark)
 
     def observe(self) -> None:
@@ -243,6 +246,7 @@ class Engine:
         if self.trail:
             self.host.observe(self.trail)
             self.trail.clear()
+            self.place = None
 
     # ---- instances -----------------------------------------------------------------------------------
 

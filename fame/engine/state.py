@@ -25,6 +25,11 @@ Step = Callable[["Engine", "Scope", "Node"], "Node | None"]
 Mark = tuple[str, str, Any]
 """Something that happened, for observers: (element, what, detail), of the words in `fame.engine`."""
 
+Trail = Sequence["Scope | Mark"]
+"""What happened, in order: a scope, the marks of what happened in it, the next scope ..."""
+
+UNMARKED: Mark = ("", "", None)
+
 RUNNING, DEAD = 0, -1
 """States of a scope. A positive state counts the suspensions that hold it."""
 
@@ -51,8 +56,7 @@ class Node:
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
         self.id, self.key, self.step = id, key, step
         self.act: Step | None = None  # in an observed program: what the step is without telling
-        self.entered: Mark | None = None  # likewise: what is told when a token comes (or takes this sequence flow)
-        self.left: Mark | None = None  # and when the element has completed
+        self.entered = self.left = UNMARKED  # likewise: what is told when a token comes (or takes this sequence flow)
         self.line, self.file = line, file
         self.index = self.slot = UNCOUNTED  # of `counts`: added to when a token comes here; when it has completed here
         self.next: Node | None = None

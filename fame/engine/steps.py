@@ -35,14 +35,17 @@ def observed(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """The step of an element in an observed program, around its own; a sequence flow behind it is taken at once."""
     note, act = engine.note, node.act
     assert act is not None
-    note(scope)
+    if engine.place is not scope:
+        engine.place = scope
+        note(scope)
     note(node.entered)
     following = act(engine, scope, node)
     if following is not None:
-        note(scope)
+        if engine.place is not scope:
+            engine.place = scope
+            note(scope)
         note(node.left)
         if following.step is flow:
-            note(scope)
             note(following.entered)
             return following.next
     return following
