@@ -1,10 +1,11 @@
 """How many flow nodes the engine passes in a second: one JSON line per model, then a table.
 
 Each model (`models.py`) is run on the bare engine (face `engine`: a host without clock and topics), through
-`fame.Simulation` (face `simulation`), with an observer that keeps every event (face `log`) and with its log written to
-a file (face `file`). A line tells flow nodes per second (completed elements, scripts included; the best of several
-runs, since noise only ever slows), the CPU and wall time of that run in seconds, and the peak memory of the process so
-far in MB. `flat` lines tell how CPU time and memory per pass of a loop grow with their number.
+`fame.Simulation` (face `simulation`), with a `fame.EventLog` that keeps every event (face `log`), with a function that
+is called for every event (face `observer`), and with the log written to a file (face `file`). A line tells flow nodes
+per second (completed elements, scripts included; the best of several runs, since noise only ever slows), the CPU and
+wall time of that run in seconds, and the peak memory of the process so far in MB. `flat` lines tell how CPU time and
+memory per pass of a loop grow with their number.
 
     python benchmarks/engine.py
     python benchmarks/engine.py --only loop --face engine
@@ -41,7 +42,7 @@ from fame.scripting import compile_expression, compile_script, interface
 from models import CASES, VARIABLES, Case, loop, sequence
 
 ROUNDS = 7
-FACES = ("engine", "simulation", "log", "file")
+FACES = ("engine", "simulation", "log", "observer", "file")
 LOOPS = (2_000, 20_000, 200_000)
 
 # ---- faces -------------------------------------------------------------------------------------------------------
@@ -119,6 +120,11 @@ def on_simulation(model: Definitions, signals: int, instances: int, observer: An
 
 def with_log(model: Definitions, signals: int, instances: int) -> tuple[float, float, int]:
     """With every event kept in memory."""
+    return on_simulation(model, signals, instances, fame.EventLog())
+
+
+def with_observer(model: Definitions, signals: int, instances: int) -> tuple[float, float, int]:
+    """With every event given to a function, one by one."""
     events: list[Any] = []
     return on_simulation(model, signals, instances, events.append)
 
@@ -129,7 +135,7 @@ def with_file(model: Definitions, signals: int, instances: int) -> tuple[float, 
         return on_simulation(model, signals, instances, write)
 
 
-RUNS = {"engine": on_engine, "simulation": on_simulation, "log": with_log, "file": with_file}
+RUNS = {"engine": on_engine, "simulation": on_simulation, "log": with_log, "observer": with_observer, "file": with_file}
 
 
 def timed(run: Callable[[], object]) -> tuple[float, float]:

@@ -29,17 +29,19 @@ if TYPE_CHECKING:
     from fame.bpmn.reader import read
     from fame.bpmn.writer import write
     from fame.engine.host import BpmnError
+    from fame.observation import EventLog
     from fame.scenario import Scenario
     from fame.simulation import Simulation
     from fame.splitter import split
 
 __all__ = [
-    "BpmnError", "ConfigError", "DeploymentError", "FameError", "MessageError", "MissionError", "ModelError",
-    "Scenario", "Simulation", "UnavailableError", "read", "split", "write",
+    "BpmnError", "ConfigError", "DeploymentError", "EventLog", "FameError", "MessageError", "MissionError",
+    "ModelError", "Scenario", "Simulation", "UnavailableError", "read", "split", "write",
 ]  # fmt: skip
 
 _HOMES = {
     "BpmnError": "engine.host",
+    "EventLog": "observation",
     "Scenario": "scenario",
     "Simulation": "simulation",
     "read": "bpmn.reader",

@@ -32,9 +32,6 @@ from fame.xes import xes
 COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
 """Of a table, and the keys of a JSON line (where those without a value are left out)."""
 
-Where = tuple[int, str, int, int]
-"""Time (ns), robot, instance and scope of an event."""
-
 
 class Named(NamedTuple):
     """What a log says of an element: its name on one line, its BPMN tag, and whether it is an activity."""
@@ -113,51 +110,78 @@ def seconds(time: int) -> str:
 
 
 class _Lines:
-    """Writes a line for each event, of two parts: when and where, and what.
+    """Writes a line for each event, joined from words for when, where and what that were found once for many lines.
 
-    Each part is put into words once: the first for all that happens in one scope at one instant, the second for all
-    times that it happens.
+    `when` gives those for a time (ns) and robot, `where` is a format for instance and scope, `what` gives those for a
+    mark. The last are found before the run, as far as it is known what will happen.
     """
 
-    def __init__(self, stream: BinaryIO, where: Callable[[Where], str], what: Callable[[Mark], str]) -> None:
-        self._stream, self._where, self._what = stream, where, what
-        self._known: dict[Mark, str] = {}
+    def __init__(
+        self,
+        stream: BinaryIO,
+        named: Mapping[str, Named],
+        when: Callable[[int, str], str],
+        where: str,
+        what: Callable[[Mark, Named], str],
+    ) -> None:
+        self._stream, self._named, self._when, self._where, self._what = stream, named, when, encoded(where), what
+        self._known = {mark: encoded(what(mark, name)) for id, name in named.items() for mark in usual(id, name)}
+        self._now: tuple[tuple[int, str], bytes] = ((-1, ""), b"")
 
     def __call__(self, event: Event) -> None:
-        self._write(self._where(event[:4]) + self._what(event[4:]))
+        when = self._at(event.time, event.robot)
+        self._stream.write(when + self._where % (event.instance, event.scope) + self._find(event[4:]))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """What happened at one instant."""
-        known, where, texts = self._known, "", [""]
-        for item in trail:
-            if isinstance(item, tuple):
-                text = known.get(item)
-                if text is None:
-                    text = known[item] = self._what(item)
-                texts.append(text)
-            else:
-                self._write(where.join(texts))
-                where, texts = self._where((time, robot, item.instance.key, item.key)), [""]
-        self._write(where.join(texts))
+        when, known = self._at(time, robot), self._known
+        lines = []
+        for scope, marks in trail:
+            try:
+                words = [known[mark] for mark in marks]
+            except KeyError:
+                known.update((mark, self._find(mark)) for mark in marks if mark not in known)
+                words = [known[mark] for mark in marks]
+            start = when + self._where % (scope.instance.key, scope.key)
+            lines += [start, start.join(words)]
+        self._stream.write(b"".join(lines))
 
-    def _write(self, text: str) -> None:
-        self._stream.write(text.encode("utf-8", "backslashreplace"))
+    def _at(self, time: int, robot: str) -> bytes:
+        """The words for when and who."""
+        if self._now[0] != (time, robot):
+            self._now = (time, robot), encoded(self._when(time, robot))
+        return self._now[1]
+
+    def _find(self, mark: Mark) -> bytes:
+        """The words for a mark."""
+        return encoded(self._what(mark, self._named.get(mark[0], UNNAMED)))
+
+
+def usual(id: str, name: Named) -> Iterator[Mark]:
+    """What is going to happen at an element if all goes well."""
+    for what in ("take",) if name.kind == "sequenceFlow" else ("enter", "leave"):
+        yield id, what, None
+
+
+def encoded(text: str) -> bytes:
+    """As it stands in a file."""
+    return text.encode("utf-8", "backslashreplace")
 
 
 @contextmanager
 def _jsonl(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
     def members(keys: Sequence[str], values: Sequence[Any]) -> str:
         present = {key: value for key, value in zip(keys, values, strict=True) if value not in ("", None)}
-        return json.dumps(present, ensure_ascii=False, default=str)[1:-1]
+        return _to_json(present)[1:-1]
 
-    def where(where: Where) -> str:
+    def when(time: int, robot: str) -> str:
         # The time is put in as text: a float would lose nanoseconds.
-        return f'{{"time": {seconds(where[0])}, {members(COLUMNS[1:4], where[1:])}, '
+        return f'{{"time": {seconds(time)}, ' + (f'"robot": {_to_json(robot)}, ' if robot else "")
 
-    def what(mark: Mark) -> str:
-        return f"{members(COLUMNS[4:], _cells(mark, named))}}}\n"
+    def what(mark: Mark, name: Named) -> str:
+        return f"{members(COLUMNS[4:], _cells(mark, name))}}}\n"
 
-    yield _Lines(stream, where, what)
+    yield _Lines(stream, named, when, '"instance": %d, "scope": %d, ', what)
 
 
 @contextmanager
@@ -168,18 +192,19 @@ def _csv(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
         return text.getvalue()
 
     stream.write(row(COLUMNS, "\n").encode())
-    yield _Lines(
-        stream,
-        lambda where: row((seconds(where[0]), *where[1:]), ","),
-        lambda mark: row(_cells(mark, named), "\n"),
-    )
+
+    def when(time: int, robot: str) -> str:
+        return row((seconds(time), robot), ",")
+
+    yield _Lines(stream, named, when, "%d,%d,", lambda mark, name: row(_cells(mark, name), "\n"))
 
 
-def _cells(mark: Mark, named: Mapping[str, Named]) -> tuple[Any, ...]:
+def _cells(mark: Mark, name: Named) -> tuple[Any, ...]:
     """What the columns from the element on hold."""
-    element, what, detail = mark
-    name, tag, _ = named.get(element, UNNAMED)
-    return element, name, tag, what, detail
+    return mark[0], name.name, name.kind, *mark[1:]
+
+
+_to_json = json.JSONEncoder(ensure_ascii=False, default=str).encode
 
 
 _FORMS: Mapping[str, Callable[[BinaryIO, Mapping[str, Named]], AbstractContextManager[Observer]]] = {

@@ -23,7 +23,7 @@ from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import Entry, Kind, Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
-from fame.engine.state import Mark, Scope, Trail
+from fame.engine.state import Mark, Trail
 from fame.errors import MessageError, MissionError, ModelError
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 from fame.library import Library
@@ -433,12 +433,10 @@ class RobotNode:
         if self._hear is not None:
             self._hear(self.scheduler.now, self.name, trail)
 
-    def _note(self, item: Scope | Mark) -> None:
+    def _note(self, mark: Mark) -> None:
         """On the wall clock all that happens has a time of its own."""
-        if isinstance(item, Scope):
-            self._place = item
-        else:
-            self.observe((self._place, item))
+        self.engine.trail.marks.append(mark)
+        self.engine.observe()
 
     def begun(self, instance: Instance) -> None:
         self.started += 1

@@ -4,16 +4,16 @@ While an engine works off a stimulus it only notes what happens, and where. Obse
 when the stimulus has been worked off (and, should that take long, in between); it all happened at one instant. On the
 wall clock instants differ, so there each note is passed on at once.
 
-An observer is a function of an `Event`. What has a method `trail` too is given the notes as they are, and so need not
-have an event made of each.
+An observer is a function of an `Event`. What has a method `trail` too is given the notes as they are, and need not have
+an event made of each: so do logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from fame.engine.state import Trail
+from fame.engine.state import Mark, Trail
 
 Observer = Callable[["Event"], object]
 TakeTrail = Callable[[int, str, Trail], object]
@@ -41,15 +41,35 @@ def by_trails(observer: Observer) -> TakeTrail:
         return own
 
     def make_events(time: int, robot: str, trail: Trail) -> None:
-        where = (time, robot, 0, 0)
-        for item in trail:
-            if item.__class__ is tuple:
+        for scope, marks in trail:
+            where = (time, robot, scope.instance.key, scope.key)
+            for mark in marks:
                 # As Event(...) does, without the detour through its keyword arguments: this is done for every move.
-                observer(_new_tuple(Event, where + item))
-            else:
-                where = (time, robot, item.instance.key, item.key)  # type: ignore[union-attr]
+                observer(_new_tuple(Event, where + mark))
 
     return make_events
+
+
+class EventLog:
+    """An observer that keeps all that happened. Iterating makes the events; until then an event takes a few bytes."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[tuple[int, str, int, int], Sequence[Mark]]] = []
+
+    def __call__(self, event: Event) -> None:
+        self._kept.append((event[:4], (event[4:],)))
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """What happened at one instant."""
+        self._kept += [((time, robot, scope.instance.key, scope.key), marks) for scope, marks in trail]
+
+    def __len__(self) -> int:
+        return sum(len(marks) for _, marks in self._kept)
+
+    def __iter__(self) -> Iterator[Event]:
+        for where, marks in self._kept:
+            for mark in marks:
+                yield Event(*where, *mark)
 
 
 def together(observers: Sequence[Observer]) -> Observer | None:
@@ -71,4 +91,4 @@ class _Together:
             take(time, robot, trail)
 
 
-__all__ = ["Event", "Observer", "TakeTrail", "by_trails", "together"]
+__all__ = ["Event", "EventLog", "Observer", "TakeTrail", "by_trails", "together"]

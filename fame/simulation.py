@@ -23,7 +23,7 @@ class Simulation:
     process      its id, or the name of its pool; may be left out if the file has one that is executable
     variables    what the instance that starts by itself begins with
     services     callables by name, for service tasks: functions of the variables (a dict)
-    observer     called with each `fame.node.Event`; without one the run is faster
+    observer     called with each `fame.observation.Event`; a `fame.EventLog` keeps them. Without one the run is faster
     library      folders with called processes, besides those of the model and of FAME
     robot        the robot's name and namespace
 

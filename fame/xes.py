@@ -97,12 +97,10 @@ class _Traces:
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """What happened at one instant."""
-        date, instance, scope = _date(time), 0, 0
-        for item in trail:
-            if isinstance(item, tuple):
-                self._add(robot, instance, scope, item, date)
-            else:
-                instance, scope = item.instance.key, item.key
+        date = _date(time)
+        for scope, marks in trail:
+            for mark in marks:
+                self._add(robot, scope.instance.key, scope.key, mark, date)
 
     def _add(self, robot: str, instance: int, scope: int, mark: Mark, date: str) -> None:
         element, what, detail = mark

@@ -254,3 +254,48 @@ def test_process_mining_reads_the_mission(mission) -> None:
     assert told["transitions"] == "ate_abort complete start"
     assert told["types"] == "M"
     assert told["dingo"] == "start complete Fire"
+
+
+def test_an_event_log_keeps_what_an_observer_hears() -> None:
+    """Also what is said by scripts, in its place."""
+    text = process(
+        """<startEvent id="s"/><scriptTask id="t"><script>log("half")
+log("done")</script></scriptTask><userTask id="u"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>
+        <sequenceFlow id="g" sourceRef="t" targetRef="u"/>"""
+    )
+    log, heard = fame.EventLog(), []
+    for observer in (log, heard.append):
+        fame.Simulation(read_text(text, file="said.bpmn"), observer=observer).run().complete("u")
+    assert list(log) == heard
+    assert len(log) == len(heard)
+    said = [(event.element or event.detail, event.what) for event in log]
+    assert said[3:8] == [("f", "take"), ("t", "enter"), ("half", "log"), ("done", "log"), ("t", "leave")]
+
+
+def test_what_takes_long_is_heard_in_between(tmp_path: Path) -> None:
+    """A loop within one stimulus is logged as it goes, and not a line is lost or twice."""
+    text = process(
+        """<startEvent id="s"/><exclusiveGateway id="m"/><scriptTask id="t"><script>x = x + 1</script></scriptTask>
+        <exclusiveGateway id="g" default="f4"/><endEvent id="e"/>
+        <sequenceFlow id="f1" sourceRef="s" targetRef="m"/><sequenceFlow id="f2" sourceRef="m" targetRef="t"/>
+        <sequenceFlow id="f3" sourceRef="t" targetRef="g"/><sequenceFlow id="f4" sourceRef="g" targetRef="e"/>
+        <sequenceFlow id="f5" sourceRef="g" targetRef="m"><conditionExpression>x &lt; 1000</conditionExpression>
+        </sequenceFlow>"""
+    )
+    definitions, trails = read_text(text, file="loop.bpmn"), []
+    log = fame.EventLog()
+
+    class Counting:
+        def __call__(self, event: Event) -> None:
+            log(event)
+
+        def trail(self, time: int, robot: str, trail: object) -> None:
+            trails.append(trail)
+            log.trail(time, robot, trail)
+
+    fame.Simulation(definitions, variables={"x": 0}, observer=Counting()).run()
+    assert len(trails) > 5
+    assert Counter((event.element, event.what) for event in log)["t", "leave"] == 1000
+    with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
+        fame.Simulation(definitions, variables={"x": 0}, observer=write).run()
+    assert len((tmp_path / "run.jsonl").read_text().splitlines()) == len(log)

@@ -22,13 +22,13 @@ from typing import Any
 
 from fame.engine import activities, adhoc, gateways, scopes, starts, steps, waiting
 from fame.engine.host import Host
-from fame.engine.state import Departure, Instance, Listener, Mark, Node, Program, Rest, Scope, Status
+from fame.engine.state import Departure, Instance, Listener, Mark, Node, Program, Rest, Scope, Status, Trail
 from fame.errors import MissionError
 
 MOVES = 10_000_000
 """Moves of tokens within one stimulus, after which it is taken for a livelock."""
 
-PORTION = 1_000
+PORTION = 300
 """Moves after which observers hear what happened, if the stimulus lasts that long."""
 
 TRACE = 100_000
@@ -59,9 +59,9 @@ class Engine:
         self.gathered: dict[Node, list[starts.Gathered]] = {}  # triggers of parallel multiple start events
         self.armed_starts: dict[int, Node] = {}  # start events with a timer
         self.counter = 0
-        self.trail: list[Scope | Mark] = []  # what happened and is not observed yet
-        self.note: Callable[[Scope | Mark], object] = self.trail.append
-        self.place: Scope | None = None  # in which scope the last of it did
+        self.trail = Trail()
+        self.note: Callable[[Mark], object] = self.trail.marks.append
+        self.place: Scope | None = None  # where what is noted happens
 
     # ---- stimuli -------------------------------------------------------------------------------------
 
@@ -237,16 +237,19 @@ class Engine:
     def tell(self, scope: Scope, mark: Mark) -> None:
         """Note that something happened; observers hear it when the stimulus has been worked off."""
         if self.place is not scope:
-            self.place = scope
-            self.note(scope)
+            self.move(scope)
         self.note(mark)
+
+    def move(self, scope: Scope) -> None:
+        """What is noted from now on happens in that scope."""
+        self.place = scope
+        self.trail.scopes.append((len(self.trail.marks), scope))
 
     def observe(self) -> None:
         """Let the host know all that was noted."""
-        if self.trail:
+        if self.trail.marks:
             self.host.observe(self.trail)
             self.trail.clear()
-            self.place = None
 
     # ---- instances -----------------------------------------------------------------------------------
 

@@ -9,9 +9,10 @@ counter; they refer to nodes, and to nothing of the host.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from hashlib import sha256
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.errors import MissionError
@@ -24,9 +25,6 @@ Step = Callable[["Engine", "Scope", "Node"], "Node | None"]
 
 Mark = tuple[str, str, Any]
 """Something that happened, for observers: (element, what, detail), of the words in `fame.engine`."""
-
-Trail = Sequence["Scope | Mark"]
-"""What happened, in order: a scope, the marks of what happened in it, the next scope ..."""
 
 UNMARKED: Mark = ("", "", None)
 
@@ -43,14 +41,15 @@ UNCOUNTED = 0
 
 
 class Node:
-    """Where a token can be. One element may be several nodes: ports of a join, triggers of a multiple event."""
+    """Where a token can be. One element may be several nodes: ports of a join, triggers of a multiple event.
+
+    In it stands what tokens ask of most nodes as they pass. What only few have stands in the class, and is set in those
+    few: a node is small, and of a large program more is at hand for the processor.
+    """
 
     __slots__ = (
-        "act", "all_in", "all_out", "alternatives", "armed", "body", "cancels", "code", "code_variable",
-        "default", "entered", "errors", "escalations", "file", "fire", "guard", "id", "index", "inputs", "interrupting",
-        "join", "key", "keys", "kind", "left", "line", "loop", "masks", "message_variable", "need", "next", "out",
-        "outputs", "own", "queue", "resets", "resume", "run", "shares", "slot", "step", "take", "timer", "topic",
-        "undo", "variable", "via",
+        "__dict__", "act", "armed", "body", "default", "entered", "file", "fire", "guard", "id", "index", "join", "key",
+        "kind", "left", "line", "need", "next", "out", "own", "queue", "run", "slot", "step", "take", "topic",
     )  # fmt: skip
 
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
@@ -67,29 +66,31 @@ class Node:
         self.fire: Callable[[Engine, Rest], None] | None = None
         self.run: Any = None  # script, payload, condition or timer text, compiled
         self.take: Callable[[dict[str, Any], Any], None] | None = None
-        self.topic, self.timer, self.variable, self.queue = "", "", "", 0
-        self.keys: tuple[tuple[str, Any], ...] = ()  # what correlates a message: variable, expression over `msg`
+        self.topic, self.queue = "", 0
         self.body: Body | None = None
         self.own = False  # whether its body has variables of its own
-        self.shares = True  # whether those are chained to the variables outside
-        self.inputs: tuple[tuple[str, Any], ...] = ()
-        self.outputs: tuple[tuple[str, Any], ...] = ()
-        self.all_in = self.all_out = False  # whether all variables go into, or out of, a called process
         self.armed: tuple[Node, ...] = ()  # boundary events that wait for a stimulus
-        self.errors: tuple[Node, ...] = ()
-        self.escalations: tuple[Node, ...] = ()
-        self.cancels: tuple[Node, ...] = ()  # cancel boundary events of a transaction
-        self.undo: Node | None = None  # compensation event at its boundary
-        self.alternatives: tuple[Node, ...] = ()
-        self.via = ""  # of an alternative: the sequence flow that leads to its event
-        self.interrupting, self.resume = True, False
-        self.code: str | None = None
-        self.code_variable = self.message_variable = ""
         self.join: Node | None = None  # of a port
         self.need = 0  # of a join: how many flows come in; of a port: which it is
-        self.resets: tuple[Any, ...] = ()  # of a complex gateway: flows to ask at its reset, (condition, node)
-        self.masks: dict[str, int] = {}  # of an inclusive or complex join: id -> flows of the join that it reaches
-        self.loop: Any = None  # of a multi-instance activity or loop: how it repeats
+
+    timer = variable = ""
+    keys: tuple[tuple[str, Any], ...] = ()  # what correlates a message: variable, expression over `msg`
+    shares = True  # whether the variables of its body are chained to those outside
+    inputs: tuple[tuple[str, Any], ...] = ()
+    outputs: tuple[tuple[str, Any], ...] = ()
+    all_in = all_out = False  # whether all variables go into, or out of, a called process
+    errors: tuple[Node, ...] = ()
+    escalations: tuple[Node, ...] = ()
+    cancels: tuple[Node, ...] = ()  # cancel boundary events of a transaction
+    undo: Node | None = None  # compensation event at its boundary
+    alternatives: tuple[Node, ...] = ()
+    via = ""  # of an alternative: the sequence flow that leads to its event
+    interrupting, resume = True, False
+    code: str | None = None
+    code_variable = message_variable = ""
+    resets: tuple[Any, ...] = ()  # of a complex gateway: flows to ask at its reset, (condition, node)
+    masks: Mapping[str, int] = MappingProxyType({})  # of a join with reachability: id -> flows of the join it reaches
+    loop: Any = None  # of a multi-instance activity or loop: how it repeats
 
     def __repr__(self) -> str:
         return f"<Node {self.key}>"
@@ -184,6 +185,30 @@ class Scope:
     def alive(self) -> bool:
         """Whether it goes on, be it suspended."""
         return self.state >= 0
+
+
+class Trail:
+    """What happened and is not observed yet: all marks in order, and from which of them on it was in which scope.
+
+    Iterating gives each scope with the marks of what happened in it.
+    """
+
+    __slots__ = ("marks", "scopes")
+
+    def __init__(self) -> None:
+        self.marks: list[Mark] = []
+        self.scopes: list[tuple[int, Scope]] = []
+
+    def __iter__(self) -> Iterator[tuple[Scope, list[Mark]]]:
+        ends = [start for start, _ in self.scopes[1:]]
+        for (start, scope), end in zip(self.scopes, [*ends, len(self.marks)], strict=True):
+            if start < end:
+                yield scope, self.marks[start:end]
+
+    def clear(self) -> None:
+        """All of it is observed; the scope stays the same."""
+        self.marks.clear()
+        self.scopes[:] = [(0, scope) for _, scope in self.scopes[-1:]]
 
 
 class Record:

@@ -27,7 +27,9 @@ def pass_on(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def flow(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A sequence flow; these are nodes in observed programs alone."""
-    engine.tell(scope, node.entered)
+    if engine.place is not scope:
+        engine.move(scope)
+    engine.note(node.entered)
     return node.next
 
 
@@ -36,14 +38,12 @@ def observed(engine: Engine, scope: Scope, node: Node) -> Node | None:
     note, act = engine.note, node.act
     assert act is not None
     if engine.place is not scope:
-        engine.place = scope
-        note(scope)
+        engine.move(scope)
     note(node.entered)
     following = act(engine, scope, node)
     if following is not None:
         if engine.place is not scope:
-            engine.place = scope
-            note(scope)
+            engine.move(scope)
         note(node.left)
         if following.step is flow:
             note(following.entered)
