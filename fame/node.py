@@ -34,6 +34,7 @@ from fame.scripting import (
     Log,
     Robot,
     Runner,
+    another,
     compile_expression,
     compile_script,
     error_line,
@@ -157,6 +158,7 @@ class RobotNode:
             types=self._type,
         )
         self.javascript = self._surroundings()
+        self._interface = self._in_scope()
         self.engine = Engine(self._compile(), self, self._variables)
         if isinstance(scheduler, WallScheduler):
             self.engine.note = self._note
@@ -457,6 +459,7 @@ class RobotNode:
             )
             located.__cause__ = error.__cause__
             instance.error = located
+        instance.root_variables.pop("__builtins__", None)  # the instance is kept, what its scripts had in scope is not
         self.javascript.sweep()
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
@@ -475,10 +478,12 @@ class RobotNode:
     # ---- scripts -------------------------------------------------------------------------------------------------
 
     def _variables(self) -> dict[str, Any]:
+        return {"__builtins__": another(self._interface)}
+
+    def _in_scope(self) -> dict[str, Any]:
+        """What scripts find besides their variables."""
         robot = Robot(self.name, self.namespace, self._script_publish, self.runner.inbox)
-        names = interface(robot=robot, signal=self._script_signal, log=self._log)
-        names[SURROUNDINGS] = self.javascript
-        return {"__builtins__": names}
+        return interface(robot=robot, signal=self._script_signal, log=self._log) | {SURROUNDINGS: self.javascript}
 
     def _surroundings(self) -> Surroundings:
         """What scripts in JavaScript have around them."""

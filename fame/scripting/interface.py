@@ -118,5 +118,12 @@ def interface(
     return names
 
 
+def another(names: dict[str, Any], budget: int = DEFAULT) -> dict[str, Any]:
+    """The same interface for one more process instance, with a dict and a budget of its own."""
+    copy = names.copy()
+    Budget(copy, budget)
+    return copy
+
+
 def _joined(values: tuple[Any, ...], separator: str = " ") -> str:
     return separator.join(map(str, values))
