@@ -459,11 +459,12 @@ class RobotNode:
             )
             located.__cause__ = error.__cause__
             instance.error = located
-        instance.root_variables.pop("__builtins__", None)  # the instance is kept, what its scripts had in scope is not
         self.javascript.sweep()
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
         self._on_end(instance)
+        if not self.javascript.realms:  # the instance is kept, for its variables; what its scripts had in scope is not
+            instance.root_variables.pop("__builtins__", None)
 
     def _script_line(self, error: MissionError) -> tuple[str, int]:
         """Where in which file a script raised the error; else the line of the element."""

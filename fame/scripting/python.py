@@ -25,24 +25,18 @@ from fame.scripting.budget import count_steps
 Code = Callable[[dict[str, Any]], Any]
 
 _AWAITED = {"sleep", "receive", "until"}
-_REQUESTS = (*_AWAITED, "call")
-_COUNTED = re.compile(r"\b(for|while|def|lambda)\b")  # a text without these words has nothing that goes round
-_PAST_METHODS = bytes((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]))
+_LOOKED_INTO = re.compile(r"\b(for|while|def|lambda)\b|sleep|receive|until|call")
+"""What has none of these words has nothing that goes round, and no request to drop: its tree is not looked at."""
+_PAST_METHODS = frozenset((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]))
 
 
 def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: str = "", element: str = "") -> Code:
     """A callable of the variables. Raises ModelError, with the line of the file, if the text is not Python."""
-    tree = parse_python(expression, mode, file, element)
-    dropped = _dropped_request(tree) if any(name in expression.text for name in _REQUESTS) else None
-    if dropped is not None:
-        what, line = dropped
-        text = f"{what}(...) does nothing unless it is awaited: await {what}(...)"
-        raise ModelError(text, file=file, line=line, element=element)
     flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT if mode == "exec" else 0
-    with _located(expression, mode, file, element), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        counted: Any = count_steps(tree) if _COUNTED.search(expression.text) else tree
-        code: CodeType = compile(counted, source_name(file), mode, flags, dont_inherit=True)
+    if _LOOKED_INTO.search(expression.text):
+        code = _compile_tree(parse_python(expression, mode, file, element), expression, mode, file, element, flags)
+    else:
+        code = _compiled(expression, mode, file, element, flags)
     run: Code = partial(eval, code)
     return partial(_run_and_settle, run) if _writes_past_methods(code) else run
 
@@ -51,15 +45,37 @@ def parse_python(
     expression: Expression, mode: Literal["exec", "eval"] = "exec", file: str = "", element: str = ""
 ) -> ast.AST:
     """The syntax tree of a text, with the lines of the file. Raises ModelError."""
+    tree: ast.AST = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
+    return tree
+
+
+def _compiled(expression: Expression, mode: Literal["exec", "eval"], file: str, element: str, flags: int) -> Any:
+    """What `compile` makes of a text."""
     with _located(expression, mode, file, element), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            return ast.parse(_source(expression, mode), source_name(file), mode)
+            return compile(_source(expression, mode), source_name(file), mode, flags, dont_inherit=True)
         except IndentationError:
             hanging = _hanging(expression)
             if mode == "eval" or hanging is None:
                 raise
-            return ast.parse(_source(hanging, mode), source_name(file), mode)
+            return compile(_source(hanging, mode), source_name(file), mode, flags, dont_inherit=True)
+
+
+def _compile_tree(
+    tree: ast.AST, expression: Expression, mode: Literal["exec", "eval"], file: str, element: str, flags: int
+) -> CodeType:
+    """The code of a text that may have loops to count, or requests that it drops."""
+    dropped = _dropped_request(tree)
+    if dropped is not None:
+        what, line = dropped
+        text = f"{what}(...) does nothing unless it is awaited: await {what}(...)"
+        raise ModelError(text, file=file, line=line, element=element)
+    with _located(expression, mode, file, element), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        counted: Any = count_steps(tree)
+        code: CodeType = compile(counted, source_name(file), mode, flags, dont_inherit=True)
+    return code
 
 
 def source_name(file: str) -> str:
@@ -147,7 +163,7 @@ def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
 
 def _writes_past_methods(code: CodeType) -> bool:
     """Whether it, or a function in it, stores by STORE_GLOBAL (see `fame.engine.variables`)."""
-    return any(operation in _PAST_METHODS for operation in code.co_code[::2]) or any(
+    return not _PAST_METHODS.isdisjoint(code.co_code[::2]) or any(
         _writes_past_methods(inner) for inner in code.co_consts if isinstance(inner, CodeType)
     )
 
