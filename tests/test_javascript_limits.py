@@ -221,7 +221,7 @@ def test_whoever_breaks_built_in_objects_fools_only_himself(trick: str) -> None:
     assert honest.status == "completed"
     assert honest.variables == {"trick": False, "y": {"a": [1]}, "z": 1}
     assert len(peer.heard) == 1
-    assert all(isinstance(instance.root_variables["__builtins__"], dict) for instance in simulation.instances)
+    assert all(isinstance(instance.root_variables.get("__builtins__", {}), dict) for instance in simulation.instances)
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,7 @@ class Engine:
         self, program: Program, host: Host, new_variables: Callable[[], dict[str, Any]] = dict, *, moves: int = MOVES
     ) -> None:
         self.program, self.host, self.new_variables, self.limit = program, host, new_variables, moves
+        self.portion = min(PORTION, moves)
         self.ready: deque[tuple[Node | None, Any]] = deque()
         self.listeners: dict[str, dict[Listener, None]] = {}
         self.conditions: dict[Rest, None] = {}
@@ -177,7 +178,7 @@ class Engine:
     def run(self) -> None:
         """Move every token until it rests."""
         ready, pop = self.ready, self.ready.popleft
-        left, portion = self.limit, min(PORTION, self.limit)
+        left, portion = self.limit, self.portion
         moves = repeat(None, portion)
         self.alert = bool(self.conditions)
         while True:
@@ -206,7 +207,8 @@ class Engine:
                         left = self.limit
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
-        self.observe()
+        if self.trail.marks:
+            self.observe()
 
     def livelock(self, node: Node, scope: Scope) -> None:
         """The tokens of an instance never rest: go on for a while to see over which elements, then fail it."""

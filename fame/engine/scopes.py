@@ -36,8 +36,11 @@ def open_scope(engine: Engine, scope: Scope) -> None:
     if body.queued:
         scope.mail = {node: waiting.mailbox(engine, node, scope) for node in body.queued}
     if body.armed:
-        rests = [Rest(engine.new_key(), node, scope, False, scope) for node in body.armed]
-        scope.children.update(dict.fromkeys(rests))
+        rests = []
+        for node in body.armed:
+            rest = Rest(engine.new_key(), node, scope, False, scope)
+            scope.children[rest] = None
+            rests.append(rest)
         for rest in rests:
             if rest.alive and not rest.paused:  # a condition that is true already ends or suspends the scope
                 waiting.arm(engine, rest)

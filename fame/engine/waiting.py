@@ -116,9 +116,11 @@ def unlisten(engine: Engine, topic: str, listener: Listener) -> None:
 def disarm(engine: Engine, resting: Rest) -> None:
     """Whatever could wake it, and whatever is armed because of it, is forgotten."""
     resting.alive = False
-    deafen(engine, resting)
-    kind = resting.node.kind
-    if kind == "timer":
+    node = resting.node
+    kind = node.kind
+    if node.topic or kind == "condition":
+        deafen(engine, resting)
+    elif kind == "timer":
         if engine.rests.pop(resting.key, None) is not None:
             engine.host.cancel_timer(resting.key)
     elif kind == "script":
