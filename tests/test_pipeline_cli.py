@@ -66,6 +66,12 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
         stream.write("9.0,2,0,0\n")
     assert main([*command, "--check"]) == 2
     assert "is stale" in capsys.readouterr().err
+    loss = {"Loss": {**EFFORTS, "Topic": "loss"}}
+    stage = {"Class": "Autoencoder", "Parameters": {"model": "out/m.skops"}}
+    sections = {"Inputs": {"Efforts": EFFORTS}, "Outputs": loss, "Training": training, "Processor": stage}
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(sections))
+    assert main(["process", str(tmp_path / "c.yaml")]) == 2
+    assert "is stale: trained on data" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

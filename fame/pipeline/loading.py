@@ -24,6 +24,7 @@ def make_processors(configuration: Configuration) -> list[Any]:
         made.append(_made(stage, configuration, key))
     if not made:
         raise ConfigError("names no Processor, and none was given", file=str(configuration.file), element="Processor")
+    _refuse_stale(made, configuration)
     return made
 
 
@@ -80,6 +81,24 @@ def pair(names: Sequence[str], outputs: Sequence[Port], who: str, file: str, in_
     missing = next(port.name for port in outputs if port.name.lower() not in spelled)
     text = f"nobody computes it; {who} computes {', '.join(names) or 'nothing'}"
     raise ConfigError(text, file=file, element=f"Outputs.{missing}")
+
+
+def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> None:
+    """Where the data that a model was trained on are at hand, they must be those. Raises ConfigError."""
+    from fame.pipeline.tables import hash_files
+    from fame.pipeline.train import training_of
+
+    models = [(each.model, each.trained) for each in processors if getattr(each, "trained", None) is not None]
+    if not models or configuration.training is None:
+        return
+    try:
+        training = training_of(configuration.training, configuration.folder)
+    except ConfigError:
+        return  # no data here: the model was trained elsewhere
+    present = training.files and all(Path(file).is_file() for file in training.files)
+    for path, model in models:
+        if present and Path(path).resolve() == Path(training.model).resolve():
+            model.require(path, data=hash_files(training.files))
 
 
 def _made(stage: Stage, configuration: Configuration, key: str) -> Any:

@@ -96,13 +96,17 @@ class TrainedModel:
                 text = f"is no model of fame train: found format {found!r}, {FORMAT!r} would be right"
                 raise ConfigError(text, file=str(path))
             model = from_plain(content, str(path))
-        if columns and tuple(columns) != model.columns:
-            text = f"is of the columns {', '.join(model.columns)}; asked for {', '.join(columns)}: train again"
-            raise ConfigError(text, file=str(path))
-        if data and data != model.data:
-            text = f"is stale: trained on data {model.data[:12]}, the files hold {data[:12]} now: train again"
-            raise ConfigError(text, file=str(path))
+        model.require(path, columns, data)
         return model
+
+    def require(self, path: str | Path, columns: Sequence[str] = (), data: str = "") -> None:
+        """Raises ConfigError unless it is of these columns and data, if they are given."""
+        if columns and tuple(columns) != self.columns:
+            text = f"is of the columns {', '.join(self.columns)}; asked for {', '.join(columns)}: train again"
+            raise ConfigError(text, file=str(path))
+        if data and data != self.data:
+            text = f"is stale: trained on data {self.data[:12]}, the files hold {data[:12]} now: train again"
+            raise ConfigError(text, file=str(path))
 
 
 def from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
