@@ -25,6 +25,7 @@ from fame.cli import main
 from fame.errors import ModelError
 from fame.node import Event
 from fame.scenario import Scenario
+from fame.splitter import split
 
 ALL = sorted({*DIALECTS, *(MODELS / "javascript").glob("*.bpmn")})
 OTHERS = sorted({*(MODELS / "formats").rglob("*.bpmn"), *(MODELS / "authors").rglob("*.bpmn")})
@@ -149,6 +150,31 @@ def test_an_embedded_process_becomes_one_of_the_file() -> None:
         ("P", ["c", "d"]), ("Go", ["in", "a"]), ("Go_2", ["in_2", "b"]),
     ]  # fmt: skip
     assert 'calledElement="Go_2"' in text
+
+
+DRAWN = (
+    '<bpmn2:process id="Go"><bpmn2:startEvent id="in"/></bpmn2:process><bpmndi:BPMNDiagram id="D"><bpmndi:BPMNPlane '
+    'id="L" bpmnElement="Go"><bpmndi:BPMNShape id="in_di" bpmnElement="in"><dc:Bounds x="1" y="2" width="36" '
+    'height="36"/></bpmndi:BPMNShape></bpmndi:BPMNPlane></bpmndi:BPMNDiagram>'
+)
+
+
+def test_the_drawing_of_an_embedded_process_comes_along() -> None:
+    embedded = extensions(f'<callActivity:process process="{escape(DRAWN, quote=True)}"/>')
+    content = f'<startEvent id="in"/><callActivity id="c">{embedded}</callActivity>'
+    for definitions in (read_text(process(content)), read_text(same(content))):
+        assert [(shape.element, shape.bounds.x) for shape in definitions.shapes] == [("in_2", 1.0)]
+        assert definitions.planes == ("Go",)
+
+
+def test_a_part_of_a_split_file_keeps_the_rule_of_prefixes() -> None:
+    pools = "".join(f'<participant id="{id}_pool" name="{id}" processRef="{id}"/>' for id in "PQ")
+    script = '<scriptTask id="t" scriptFormat="javascript"><script>next();</script></scriptTask>'
+    text = process(
+        script, f'<collaboration id="C">{pools}</collaboration><process id="Q"><startEvent id="s"/></process>'
+    )
+    parts = {part.name: read_bytes(part.source).processes[0] for part in split(read_text(text))}
+    assert (parts["P"].by_prefix, parts["Q"].by_prefix) == (True, True)
 
 
 def test_a_topic_named_by_its_label_gets_a_signal() -> None:

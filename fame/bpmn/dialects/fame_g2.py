@@ -70,15 +70,16 @@ def unfold(context: Context, root: Node) -> None:
     known = {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
     taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
     for holder in holders:
-        process = _embedded(context, holder, holder.get("process", "").strip())
+        process, diagrams = _embedded(context, holder, holder.get("process", "").strip())
         plain = etree.tostring(process)
         if plain not in known:
             known[plain] = process
             process.set("id", process.get("id") or f"process_{line_of(holder)}")
-            unique_ids(process.iter("*"), taken)
-            for one in process.iter():
+            everything = [one for part in (process, *diagrams) for one in part.iter("*")]
+            unique_ids(everything, taken)
+            for one in everything:
                 one.sourceline = line_of(holder)  # type: ignore[assignment]
-            root.append(process)
+            root.extend([process, *diagrams])
             holders += _folded(process)
         holder.set("process", known[plain].get("id", ""))
         text = f"the process embedded in it is read as process {known[plain].get('id')} of the file"
@@ -89,7 +90,8 @@ def _folded(element: Node) -> list[Node]:
     return [one for one in element.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
 
 
-def _embedded(context: Context, holder: Node, text: str) -> Node:
+def _embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Node]]:
+    """The process, and the diagrams that show it."""
     around = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
     text = text[text.index("?>") + 2 :] if text.startswith("<?") and "?>" in text else text
     source = f'<definitions xmlns="{BPMN}" {around}>{text}</definitions>'.encode()
@@ -100,4 +102,4 @@ def _embedded(context: Context, holder: Node, text: str) -> Node:
     process = next(inner.iter(f"{{{BPMN}}}process"), None)
     if process is None:
         raise context.error(holder, "the text embedded in it holds no BPMN process")
-    return deepcopy(process)
+    return deepcopy(process), [deepcopy(one) for one in inner.iter(f"{{{BPMNDI}}}BPMNDiagram") if len(one)]
