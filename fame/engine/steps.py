@@ -7,7 +7,7 @@ into nodes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.engine import activities, faults, scopes, state, suspension, waiting
 from fame.engine.host import BpmnError
@@ -104,10 +104,20 @@ def send(engine: Engine, scope: Scope, node: Node) -> Node | None:
     return node.next
 
 
+def code_of(node: Node, variables: dict[str, Any]) -> str | None:
+    """The code of an error or escalation that is thrown. Raises ValueError for a computed one that is null."""
+    if node.run is None:
+        return node.code
+    code = node.run(variables)
+    if code is None or code is UNDEFINED:
+        raise ValueError("the code is computed, and there is none: what it is computed of is not set")
+    return str(code)
+
+
 def raise_error(engine: Engine, scope: Scope, node: Node) -> None:
     """An error end event."""
     try:
-        code = node.code if node.run is None else str(node.run(scope.variables))
+        code = code_of(node, scope.variables)
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
@@ -117,7 +127,7 @@ def raise_error(engine: Engine, scope: Scope, node: Node) -> None:
 def escalate(engine: Engine, scope: Scope, node: Node) -> None:
     """An escalation: the token is first in line, and goes on unless its scope is cancelled or suspended."""
     try:
-        code = node.code if node.run is None else str(node.run(scope.variables))
+        code = code_of(node, scope.variables)
     except BaseException as error:
         activities.failed(engine, scope, node, error)
         return

@@ -29,6 +29,10 @@ REFUSED: Mapping[str, str] = {
     "connector": "it runs a connector; make it a script task, or name an operation that is registered",
     "decisionRef": "it asks the DMN decision {}; decide with a gateway or a script task",
     "caseRef": "it calls the CMMN case {}; call a process",
+    **dict.fromkeys(
+        ("variableMappingClass", "variableMappingDelegateExpression"),
+        "its mapping is the Java class {}; write it as camunda:in and camunda:out",
+    ),
     "resource": "its script is the resource {}; put the script into the task",
 }
 
