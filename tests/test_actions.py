@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from action_server import DRIVE, Server
-from middleware_contract import BACKENDS, World, world
+from middleware_contract import BACKENDS, World, needs, world
 
 from fame.errors import MessageError
-from fame.middleware import messages
+from fame.middleware import codec, messages
 from fame.middleware.actions import ActionClient
 
 
@@ -152,3 +152,35 @@ def test_types_of_a_sourced_workspace_are_known(tmp_path: Path, monkeypatch: pyt
 def test_an_action_has_three_parts(text: str) -> None:
     with pytest.raises(MessageError, match="a goal, a result and a feedback"):
         messages.register(text, "farm_msgs/action/Odd")
+
+
+# ---- on the wire -----------------------------------------------------------------------------------------------------
+
+OF_JAZZY = {
+    "Goal": "834005bd2bbbb0ec2dbe2754ce54e9d8c4788812c743ba04dd1eadb29694b74d",
+    "Result": "cf622af2777e926c87a6cca9464ba4066f5a50d2683f6094c8913ae921623b51",
+    "Feedback": "c1b73edc4ddf4f9a6b24fefda63f307fa081a30ba3b6703ddc7bab28b66cdda6",
+    "SendGoal_Request": "f2b9a1cdae16d572911129a7206462218eb7ef274473133a5d92a8c10633ba62",
+    "SendGoal_Response": "d8af5e3d666fb61ed4635ec25692dd96e9343b1b51c4ed9843011b03adf8fccf",
+    "GetResult_Request": "c52bf1a28eeaf18da1fb98ee28d46abd2a42feeb28879fe66433734b73d91662",
+    "GetResult_Response": "256035c9d33604dd898e5a50a931ecfdda4f073be7710d881beabd8bfa104e78",
+    "FeedbackMessage": "a941cc541674f910f08c54c0d6a8a5a63be0ee7697a74928f342b2583dcfa88a",
+}
+"""Part of an action -> its type hash, as ROS's own generator gives it for this action."""
+
+
+@pytest.mark.parametrize("part", OF_JAZZY)
+def test_what_travels_has_the_type_hash_that_ros_gives_it(part: str) -> None:
+    messages.register("int64 number\n---\nint64[] sequence\n---\nint64 progress", "rob599_msgs/action/Fibonacci")
+    assert codec.type_hash(f"rob599_msgs/action/Fibonacci_{part}") == f"RIHS01_{OF_JAZZY[part]}"
+
+
+@needs("cyclonedds")
+def test_topics_and_types_of_actions_have_the_names_of_ros() -> None:
+    from fame.middleware.dds import wire
+
+    name = "nav2_msgs/action/NavigateToPose_SendGoal_Request"
+    assert wire.dds_type(name) == "nav2_msgs::action::dds_::NavigateToPose_SendGoal_Request_"
+    assert wire.ros_type(wire.dds_type(name)) == name
+    asked = wire.dds_topic("/REX/navigate_to_pose/_action/send_goal", wire.REQUEST, "Request")
+    assert asked == "rq/REX/navigate_to_pose/_action/send_goalRequest"

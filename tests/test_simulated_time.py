@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from bpmn_text import process
+from middleware_contract import DOMAIN, dds_world, needs
 
 from fame.bpmn.reader import read_text
 from fame.cli import main
@@ -195,6 +201,36 @@ def test_an_engine_on_the_clock_of_a_fast_world_waits_in_its_time(place: Callabl
 
 
 # ---- from the command line -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.processes
+@pytest.mark.dds
+@needs("cyclonedds")
+def test_a_world_in_another_process_is_paused_and_let_go(tmp_path: Path) -> None:
+    (tmp_path / "world.yaml").write_text(json.dumps(CAR))
+    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": str(Path(__file__).parents[1])}
+    fame = [sys.executable, "-m", "fame"]
+    here, said = dds_world(apart=False), list[int]()
+    here.node("me").subscription(CLOCK, CLOCK_TYPE, lambda message: said.append(nanoseconds(message.clock)), CLOCK_QOS)
+    world = subprocess.Popen([*fame, "world", str(tmp_path / "world.yaml"), "--pause"], env=environment)
+    try:
+        here.until(lambda: said)
+        assert subprocess.run([*fame, "resume"], env=environment, timeout=20, check=False).returncode == 0
+        here.until(lambda: said[-1] > 0)
+        assert subprocess.run([*fame, "pause"], env=environment, timeout=20, check=False).returncode == 0
+        here.until(lambda: said[-3:] == [said[-1]] * 3)  # time is said again and again, and is the same
+    finally:
+        world.send_signal(signal.SIGINT)
+        world.wait(20)
+        here.close()
+
+
+def test_without_a_world_there_is_nothing_to_pause(capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+    pytest.importorskip("cyclonedds")
+    monkeypatch.setattr("fame.cli.pause._PATIENCE", 0.1)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    assert main(["pause"]) == 1
+    assert "fame world WORLD.yaml" in capsys.readouterr().err
 
 
 def test_speed_is_for_many_processes(capsys: pytest.CaptureFixture[str]) -> None:
