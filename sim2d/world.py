@@ -35,6 +35,8 @@ except ImportError as error:
 
 _WALL = 0.05
 """Half the thickness of the walls, m; they stand outside of the ground."""
+_BREATH = 0.2
+"""The part of a step that is left to robots between two, when a world on the wall clock is late and hurries."""
 
 
 class Collision(NamedTuple):
@@ -165,13 +167,15 @@ class World:
 
     def _sense(self) -> None:
         now = self._origin + self._nanoseconds(self.steps)
-        self._next = self.scheduler.at(self._origin + self._nanoseconds(self.steps + 1), self._do_step, Kind.WORLD)
+        due = self._origin + self._nanoseconds(self.steps + 1)
+        breath = self.scheduler.now + self._nanoseconds(_BREATH)
+        self._next = self.scheduler.at(max(due, breath), self._do_step, Kind.WORLD)
         for robot in self.robots.values():
             robot.sense(now, self.steps)
         for watch in self.watchers:
             watch(self)
 
-    def _nanoseconds(self, steps: int) -> int:
+    def _nanoseconds(self, steps: float) -> int:
         return round(steps * self.step * SECOND)
 
     def _build(self) -> None:
