@@ -311,6 +311,24 @@ def test_a_node_without_inputs_is_called_all_the_same(bench: Bench) -> None:
     assert stamps(heard) == [pytest.approx(0.1 * n) for n in range(1, 11)]
 
 
+def test_what_is_sent_can_go_over_the_wire(bench: Bench) -> None:
+    from fame.middleware import codec
+
+    class Turned:
+        outputs = ("Filtered",)
+
+        def execute(self, inputs: Any) -> Any:
+            (efforts,) = inputs.values()
+            return {"Filtered": Samples(np.asfortranarray(efforts.values), efforts.stamps, efforts.names)}
+
+    bench.node([Turned()])
+    heard = bench.hear("filtered")
+    bench.move(0.1)
+    again = [codec.deserialize(codec.serialize(message), JOINT_STATE) for message in heard]
+    assert again == heard
+    assert again[-1].effort.tolist() == [0.098, 0.196]
+
+
 # ---- parameters ------------------------------------------------------------------------------------------------------
 
 

@@ -56,12 +56,13 @@ class Outlets:
         names = next((item.names for item in there if item.names), ())
         told = tuple(name.rpartition(".")[2] for name in names)
         whole = [_finite(item.values) for item in there]
-        plain, first = outlet.writer.is_plain([item.values for item in there]), None
+        rows = [np.ascontiguousarray(item.values) for item in there]  # as a middleware writes them
+        plain, first = outlet.writer.is_plain(rows), None
         for index, stamp in enumerate(there[0].stamps.tolist()):
             if not all(finite is None or finite[index] for finite in whole):
                 self._say(f"finite {outlet.publisher.topic}", f"{outlet.publisher.topic}: not sent: it is not finite")
                 continue
-            values = [item.values[index] for item in there]
+            values = [item[index] for item in rows]
             if first is None or not plain:
                 first = message = outlet.writer.message(values, stamp, told)
             else:
