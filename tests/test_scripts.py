@@ -193,3 +193,12 @@ def test_importing_it_loads_nothing_heavy() -> None:
     code = f"import sys, fame.scripting; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_same_script_at_two_places_names_the_line_of_each() -> None:
+    """It is compiled once, and raises where it stands."""
+    for line in (3, 7, 3):
+        run = compile_script(Expression("x = 1\nclass C:\n    y = x / 0", "python", line), file="two.bpmn", element="t")
+        with pytest.raises(ZeroDivisionError) as caught:
+            run({})
+        assert error_line(caught.value, "two.bpmn") == line + 2

@@ -13,7 +13,7 @@ import re
 import textwrap
 import warnings
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from types import CodeType, CoroutineType, FrameType
 from typing import Any, Literal
 
@@ -34,9 +34,11 @@ def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: 
     """A callable of the variables. Raises ModelError, with the line of the file, if the text is not Python."""
     flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT if mode == "exec" else 0
     if _LOOKED_INTO.search(expression.text):
-        code = _compile_tree(parse_python(expression, mode, file, element), expression, mode, file, element, flags)
+        tree = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
+        code = _compile_tree(tree, expression, mode, file, element, flags)
     else:
         code = _compiled(expression, mode, file, element, flags)
+    code = _moved(code, max(0, expression.line - 1))
     run: Code = partial(eval, code)
     return partial(_run_and_settle, run) if _writes_past_methods(code) else run
 
@@ -46,20 +48,38 @@ def parse_python(
 ) -> ast.AST:
     """The syntax tree of a text, with the lines of the file. Raises ModelError."""
     tree: ast.AST = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
-    return tree
+    return ast.increment_lineno(tree, max(0, expression.line - 1))
 
 
 def _compiled(expression: Expression, mode: Literal["exec", "eval"], file: str, element: str, flags: int) -> Any:
-    """What `compile` makes of a text."""
-    with _located(expression, mode, file, element), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    """What `compile` makes of a text, with lines counted from its first."""
+    make = _parsed if flags & ast.PyCF_ONLY_AST else _known
+    with _located(expression, mode, file, element):
         try:
-            return compile(_source(expression, mode), source_name(file), mode, flags, dont_inherit=True)
+            return make(_source(expression, mode), source_name(file), mode, flags)
         except IndentationError:
             hanging = _hanging(expression)
             if mode == "eval" or hanging is None:
                 raise
-            return compile(_source(hanging, mode), source_name(file), mode, flags, dont_inherit=True)
+            return make(_source(hanging, mode), source_name(file), mode, flags)
+
+
+def _parsed(source: str, name: str, mode: str, flags: int) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return compile(source, name, mode, flags, dont_inherit=True)
+
+
+_known = lru_cache(maxsize=1024)(_parsed)
+"""The same for code: a text that stands in many places of a file is compiled once."""
+
+
+def _moved(code: CodeType, lines: int) -> CodeType:
+    """The same code, so many lines further down in its file."""
+    if not lines:
+        return code
+    consts = tuple(_moved(one, lines) if isinstance(one, CodeType) else one for one in code.co_consts)
+    return code.replace(co_firstlineno=code.co_firstlineno + lines, co_consts=consts)
 
 
 def _compile_tree(
@@ -68,7 +88,7 @@ def _compile_tree(
     """The code of a text that may have loops to count, or requests that it drops."""
     dropped = _dropped_request(tree)
     if dropped is not None:
-        what, line = dropped
+        what, line = dropped[0], dropped[1] + max(0, expression.line - 1)
         text = f"{what}(...) does nothing unless it is awaited: await {what}(...)"
         raise ModelError(text, file=file, line=line, element=element)
     with _located(expression, mode, file, element), warnings.catch_warnings():
@@ -101,14 +121,14 @@ def error_text(error: BaseException) -> str:
 
 
 def _source(expression: Expression, mode: str) -> str:
-    """The text with as many empty lines before it as the file has, so that lines need no arithmetic."""
+    """The text as Python takes it."""
     text = expression.text.expandtabs() if mode == "exec" else expression.text
     text = textwrap.dedent(text)
     if mode == "eval":
         before = text[: len(text) - len(text.lstrip())].count("\n")
         text = text.strip()
         text = "\n" * before + (f"({text}\n)" if "\n" in text else text)
-    return "\n" * max(0, expression.line - 1) + text
+    return text
 
 
 def _hanging(expression: Expression) -> Expression | None:
@@ -130,7 +150,7 @@ class _located:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, SyntaxError):
             first = max(1, self.expression.line)
-            line = max(error.lineno or first, first)
+            line = first + max(error.lineno or 1, 1) - 1
             lines = self.expression.text.split("\n")
             found = lines[min(line - first, len(lines) - 1)].strip()
             text = f"{error.msg}: `{found}`{_hint(found) if self.condition else ''}" if found else error.msg

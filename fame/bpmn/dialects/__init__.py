@@ -9,6 +9,9 @@ means nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import cast
+
+from lxml.etree import XPath
 
 from fame.bpmn.context import Context
 from fame.bpmn.dialects import camunda7, camunda8, fame_g0, fame_g2
@@ -33,6 +36,7 @@ ATTRIBUTES: Mapping[str, AttributeAdapter] = {
 
 _OURS = {fame_g2.ROS, fame_g2.DATA, fame_g2.QOS, fame_g2.CALL}
 _JAVASCRIPT = ("javascript", "js")
+_LANGUAGES = XPath("//@scriptFormat | //*[not(@scriptFormat)]/@language", smart_strings=False)
 _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 
 
@@ -55,12 +59,10 @@ def extensions_of(context: Context, element: Node) -> Extensions:
 
 def looks_original(root: Node) -> bool:
     """Whether a file looks like one of the original FaMe's: by elements of its web modeler, lists, or JavaScript."""
-    return any(
-        one.tag[1:].partition("}")[0] in _OURS
-        or (one.get("scriptFormat") or one.get("language") or "").lower().strip(" ()") in _JAVASCRIPT
-        or fame_g0.is_message(one)
-        for one in root.iter("*")
-    )
+    if next(root.iter(*(f"{{{namespace}}}*" for namespace in _OURS)), None) is not None:
+        return True
+    languages = {said.lower().strip(" ()") for said in cast("list[str]", _LANGUAGES(root))}
+    return not languages.isdisjoint(_JAVASCRIPT) or any(map(fame_g0.is_message, root.iter(fame_g0.LIST)))
 
 
 _FORMS: Mapping[str, str] = {
