@@ -181,9 +181,11 @@ def test_a_topic_named_by_its_label_gets_a_signal() -> None:
     text = same('<endEvent id="e" name="all done"><signalEventDefinition/></endEvent>')
     assert '<signal id="Signal_all_done" name="all done"/>' in text
     labels = properties(topics="labels")
-    text = converted(f'{labels}<endEvent id="e" name="seen">{SIGNAL}</endEvent>', ROOTS)
+    said = f'<endEvent id="e" name="seen">{SIGNAL}</endEvent><receiveTask id="t" name="call" messageRef="M"/>'
+    text = same(labels + said, ROOTS)
     assert "labels" not in text
     assert '<signal id="Signal_seen" name="seen"/>' in text
+    assert '<message id="Message_call" name="call"/>' in text
 
 
 def test_mappings_calls_loops_and_scripts_of_camunda_8_find_their_form() -> None:

@@ -18,8 +18,9 @@ from fame.bpmn.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
 from fame.bpmn.dialects.extensions import Extensions
 from fame.bpmn.dialects.fame_g2 import CALL, DATA, QOS, ROS
 from fame.bpmn.extraction import keep_types_readable
-from fame.bpmn.model import Definitions, Event, MessageDefinition, Process, SignalDefinition, SubProcess
+from fame.bpmn.model import Definitions, Process, SubProcess, Task
 from fame.bpmn.pieces import whole_tree
+from fame.bpmn.topics import topics_of
 from fame.bpmn.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local, text_of
 
 Semantics = Literal["standard", "original"]
@@ -122,14 +123,14 @@ def _rename_vendors(root: Node) -> None:
 
 
 def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> None:
-    """Let every signal and message event refer to what has the name of its topic."""
+    """Let every signal and message event, and the tasks that refer to a message, refer to what has its topic's name."""
     for node in process.body.walk():
-        if not isinstance(node, Event):
-            continue
-        topics = [one.topic for one in node.definitions if isinstance(one, SignalDefinition | MessageDefinition)]
+        topics = [topic for topic, _ in topics_of(node)]
         drawn = [one for one in by_id[node.id] if one.tag in _KINDS]
+        if isinstance(node, Task) and by_id[node.id].get("messageRef"):
+            drawn = [by_id[node.id]]
         for topic, element in zip(topics, drawn, strict=False):
-            kind = _KINDS[element.tag]
+            kind = _KINDS.get(element.tag, "message")
             referred = by_id.get(element.get(f"{kind}Ref", "").rpartition(":")[2])
             if (referred is None or referred.get("name", "").strip() != topic.name) and topic.name != node.id:
                 element.set(f"{kind}Ref", _named(root, kind, topic.name))
