@@ -18,6 +18,7 @@ from fame.check.subject import Subject, Unit
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
+from fame.monitoring import UNITS
 from fame.scripting import script_topics
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -205,9 +206,15 @@ def _services(unit: Unit) -> Iterator[Finding]:
 
 
 def _alone(subject: Subject, public: Table) -> Iterator[Finding]:
-    """Signals that only go out, or only come in. A warning where the file has all robots; else others may be there."""
+    """Signals that only go out, or only come in. A warning where the file tells of all that is said and heard.
+
+    It does not where a pool is a black box, or a monitoring unit is at work, whose topics its configuration names.
+    """
     pools = subject.definitions.participants
-    level: Level = "warning" if len(pools) > 1 and all(pool.process for pool in pools) else "note"
+    nodes = (node for unit in subject.units for node in unit.process.body.walk())
+    units = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
+    told = len(pools) > 1 and all(pool.process for pool in pools) and not units
+    level: Level = "warning" if told else "note"
     robots = {" ".join(pool.name.split()).casefold() for pool in pools}
     for name, ends in public.items():
         space = re.sub(r"_\d+$", "", name.split("/")[1].casefold())
