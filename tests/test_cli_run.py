@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from bpmn_text import process
+from bpmn_text import process, properties
 
 from fame.cli import main
 from fame.cli.output import progress_text, table
@@ -185,3 +185,19 @@ def test_on_a_terminal_the_progress_is_one_line_and_control_c_ends_the_run(waits
     before = shown[: shown.index(b"\r\nstopping after this step")]
     assert b"\n" not in before  # it overwrites its line
     assert b"Traceback" not in shown
+
+
+def test_types_of_ones_own_are_given_as_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "types" / "orchard_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Apple.msg").write_text("float64 weight\nbool ripe\n")
+    said = properties(type="orchard_msgs/msg/Apple", payload="{weight: 0.2, ripe: true}")
+    event = f'<intermediateThrowEvent id="t">{said}<signalEventDefinition signalRef="S"/></intermediateThrowEvent>'
+    flow = '<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
+    (tmp_path / "pick.bpmn").write_text(process(flow + event, root='<signal id="S" name="picked"/>'))
+    words = ["run", str(tmp_path / "pick.bpmn"), "--quiet"]
+    assert main(words) == 2
+    assert "orchard_msgs/msg/Apple" in capsys.readouterr().err
+    assert main([*words, "--types", str(tmp_path / "types")]) == 0
+    assert main([*words, "--types", str(tmp_path / "empty")]) == 2
+    assert "there is no .msg, .srv or .action file" in capsys.readouterr().err

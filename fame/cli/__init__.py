@@ -35,7 +35,7 @@ from fame.cli import (
     train,
     world,
 )
-from fame.cli.arguments import Parser, Version
+from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, print_json
 from fame.errors import FameError
@@ -73,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     try:
         arguments = parser().parse_args(given)
+        register_types(arguments)
         code: int = arguments.command(arguments)
         sys.stdout.flush()
     except BrokenPipeError:

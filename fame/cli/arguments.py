@@ -71,11 +71,23 @@ def positive(text: str) -> float:
 
 
 def add_library(parser: Parser) -> None:
-    """``--library DIR``, any number of times."""
+    """``--library DIR`` and ``--types DIR``, any number of times."""
     parser.add_argument(
         "--library", action="append", default=[], type=Path, metavar="DIR",
         help="folder with called processes; may be given several times",
     )  # fmt: skip
+    parser.add_argument(
+        "--types", action="append", default=[], type=Path, metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )  # fmt: skip
+
+
+def register_types(arguments: argparse.Namespace) -> None:
+    """Make the types known that a command was given. Raises MessageError for a folder without any, and a wrong file."""
+    for place in getattr(arguments, "types", ()):
+        from fame.middleware.messages import register_files
+
+        register_files(place)
 
 
 def add_json(parser: Parser) -> None:

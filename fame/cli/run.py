@@ -150,6 +150,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             hear=lambda name, line: live.say(line),
             speed=arguments.speed,
             lockstep=arguments.lockstep,
+            types=arguments.types,
         ).run()
     if arguments.json:
         print_json(result.to_json())

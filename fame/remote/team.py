@@ -6,10 +6,11 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind
@@ -67,7 +68,7 @@ class Team:
     """A scenario in many processes: the world, and one engine per robot. They begin together, and end together.
 
     `watch` is told how things stand, `hear` every line that a process says. A world goes `speed` times as fast as
-    reality (1, in `lockstep` as fast as it can), and all engines with it.
+    reality (1, in `lockstep` as fast as it can), and all engines with it. `types` are folders of message types.
     """
 
     def __init__(
@@ -79,9 +80,11 @@ class Team:
         hear: Callable[[str, str], object] = lambda name, line: None,
         speed: float | None = None,
         lockstep: bool = False,
+        types: Sequence[Path] = (),
     ) -> None:
         self.scenario, self.backend, self._watch = scenario, backend, watch
         self._speed, self._lockstep = speed, lockstep
+        self._types = [word for place in types for word in ("--types", str(place.resolve()))]
         self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
@@ -135,7 +138,7 @@ class Team:
         for robot in self.scenario.cast:
             kind = ["--type", types[robot]] if robot in types else []
             time = ["--lockstep" if self._lockstep else "--use-sim-time"] if self.scenario.world is not None else []
-            self._children.start(robot, ["engine", robot, *kind, *time, *tail])
+            self._children.start(robot, ["engine", robot, *kind, *time, *self._types, *tail])
         names = [*(["world"] if self.scenario.world is not None else []), *self.scenario.cast]
         self._pids = {name: self._children.pid(name) for name in names}
 
