@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from robots.arm.cutter import Cutter
+from robots.arm.handler import Handler
 from robots.car import Car
 from robots.drone import Drone
 from robots.robot import Robot
@@ -15,5 +16,6 @@ ROBOTS: Mapping[str, type[Robot]] = {
     "drone": Drone,
     "mh5": Cutter,
     "tractor": Tractor,
+    "ur5e": Handler,
 }
 """Robot types by the name that a world file gives them."""

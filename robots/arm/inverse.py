@@ -24,7 +24,7 @@ def inverse(chain: Chain, places: Floats, orientations: Floats, seed: Floats) ->
     """
     angles = seed.copy()
     for _ in range(ROUNDS):
-        reached, turned, jacobian = _forward(chain, angles)
+        reached, turned, jacobian = forward(chain, angles)
         error = np.concatenate([places - reached, _rotation_vectors(orientations, turned)], axis=1)
         if np.abs(error).max() < CLOSE:
             return angles
@@ -36,7 +36,7 @@ def inverse(chain: Chain, places: Floats, orientations: Floats, seed: Floats) ->
     raise MissionError(f"the arm does not reach x {x:.4f}, y {y:.4f}, z {z:.4f} m in the orientation asked for")
 
 
-def _forward(chain: Chain, angles: Floats) -> tuple[Floats, Floats, Floats]:
+def forward(chain: Chain, angles: Floats) -> tuple[Floats, Floats, Floats]:
     """Place (points, 3), orientation (points, 3, 3) and geometric Jacobian (points, 6, joints)."""
     count = len(angles)
     turned = np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -46,7 +46,7 @@ def _forward(chain: Chain, angles: Floats) -> tuple[Floats, Floats, Floats]:
         place = place + turned @ np.array(origin)
         origins.append(place)
         axes.append(turned @ np.array(axis))
-        turned = turned @ _rotations(np.array(axis), angle)
+        turned = turned @ rotations(np.array(axis), angle)
     place = place + turned @ np.array(chain.tool)
     columns = [
         np.concatenate([np.cross(axis, place - origin), axis], axis=1)
@@ -55,7 +55,7 @@ def _forward(chain: Chain, angles: Floats) -> tuple[Floats, Floats, Floats]:
     return place, turned, np.stack(columns, axis=2)
 
 
-def _rotations(axis: Floats, angle: Floats) -> Floats:
+def rotations(axis: Floats, angle: Floats) -> Floats:
     """Rotations (points, 3, 3) about one axis (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -1,0 +1,148 @@
+"""The bench of the reassembly: a motor with a lid on it, a place on the table, and the forces on the fingertips.
+
+Places are those of the arm's base, m; a lid's height is that of the fingertips when they hold it as they first did.
+The program comes from a digital twin that is slightly off, in two ways, and nothing else makes the press on replacing:
+
+- the table is `gap` lower than the twin believes. The lid falls by it when it is let go there, is gripped that much
+  higher at its knob, and is pressed onto the motor by it in the end;
+- the motor's axis is off, roughly along the arm's reach. The jaws centre the lid as soon as it is free, so on replacing
+  it meets the bevel of the rim: the force is tilted by `BEVEL`.
+
+Every contact is a spring with a damper along one normal, up to a limit at which something gives way. Whoever holds the
+lid down is a spring as well, which the jaws follow until they slip off the knob; from then on they are shut and empty,
+and as the fingers reach `DEPTH` down beside the knob, they hit its bevelled top where they come to put the lid back.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from fame.anomaly.recording import Floats
+from robots.arm.dynamics import GRAVITY
+
+MOTOR, TABLE = np.array([0.5, 0.0, 0.18]), np.array([0.32, -0.38, 0.05])
+"""Where the lid is gripped, as the twin has it."""
+NEAR = 0.05
+LID = 0.5
+"""kg"""
+STIFFNESS, DAMPING = 4e4, 300.0
+"""Of printed parts on each other: N/m, N s/m."""
+BEVEL = math.radians(30)
+DEPTH = 0.015
+HAND = 5e3
+"""N/m of an arm that holds the lid down."""
+SLIDING = 0.6
+"""The friction of jaws that slip, as a part of that which they hold."""
+
+
+class Bench:
+    """Its state, and what is different from run to run: `random` draws it. `held_down`: somebody holds the lid."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        self.gap = random.normal(1.2e-3, 0.1e-3)
+        bearing = math.atan2(MOTOR[1], MOTOR[0]) + random.normal(0.0, math.radians(3))
+        self.grip_force, self.yields = random.normal(35.0, 3.0), random.normal(100.0, 5.0)
+        self._bevel = -math.sin(BEVEL) * np.array([math.cos(bearing), math.sin(bearing), 0.0])
+        self._bevel[2] = math.cos(BEVEL)
+        self.lid: Literal["motor", "table", "jaws", "floor"] = "motor"
+        self.jaws: Literal["open", "holding", "slipping", "shut"] = "open"
+        self.held_down = False
+        self._hang = 0.0
+        self._freed = False
+
+    @property
+    def load(self) -> bool:
+        """Whether the arm carries the lid."""
+        return self.jaws == "holding"
+
+    def grip(self, shut: bool, place: Floats) -> bool:
+        """Shut or open the jaws at a place; whether they hold the lid then."""
+        if shut and self.jaws == "open":
+            height = {"motor": MOTOR[2], "table": TABLE[2] - self.gap}.get(self.lid)
+            there = MOTOR if self.lid == "motor" else TABLE
+            self.jaws = "shut"
+            if height is not None and _near(place, there) and abs(place[2] - height) < DEPTH:
+                self.jaws, self.lid, self._hang = "holding", "jaws", float(place[2] - height)
+        elif not shut:
+            if self.jaws == "holding":
+                self.lid = "motor" if _near(place, MOTOR) else "table" if _near(place, TABLE) else "floor"
+            self.jaws = "open"
+        return self.load
+
+    def touches(self, x: float, y: float, z: float) -> bool:
+        """Whether there may be a force at a place: cheap, and true more often than need be."""
+        if self.jaws == "open" or (self.jaws == "shut" and self.lid != "motor"):
+            return False
+        return z < max(MOTOR[2], TABLE[2]) + DEPTH + 0.01 or self.held_down
+
+    def force(self, place: Floats, velocity: Floats) -> Floats:
+        """On the fingertips (3,), N. May make the jaws slip."""
+        if self.jaws == "slipping" and place[2] - MOTOR[2] > DEPTH:
+            self.jaws = "shut"  # off the knob
+        if self.jaws == "slipping":
+            return np.array([0.0, 0.0, -SLIDING * self.grip_force])
+        if self.jaws == "shut" and self.lid == "motor" and _near(place, MOTOR):
+            return self._pressed(np.add(MOTOR, (0.0, 0.0, DEPTH)), place, velocity, self._bevel)
+        if self.jaws == "holding":
+            return self._resting(place, velocity)
+        return np.zeros(3)
+
+    def _resting(self, place: Floats, velocity: Floats) -> Floats:
+        """What holds the lid, or holds it back."""
+        on_motor = _near(place, MOTOR)
+        low = place - [0.0, 0.0, self._hang]
+        if self.held_down and on_motor and not self._freed:
+            pull = HAND * (low[2] - MOTOR[2])
+            if pull > self.grip_force:
+                self.jaws, self.lid, self.held_down = "slipping", "motor", False
+            return np.array([0.0, 0.0, -pull])
+        support = MOTOR if on_motor else TABLE - [0.0, 0.0, self.gap]
+        normal = self._bevel if on_motor and self._freed else np.array([0.0, 0.0, 1.0])
+        rest = LID * GRAVITY / STIFFNESS * normal if not self._freed else 0.0
+        self._freed |= bool(low[2] > support[2] + 0.002)
+        return self._pressed(support + rest, low, velocity, normal)
+
+    def _pressed(self, surface: Floats, place: Floats, velocity: Floats, normal: Floats) -> Floats:
+        depth = float(normal @ (surface - place))
+        if depth <= 0:
+            return np.zeros(3)
+        push = STIFFNESS * depth - DAMPING * float(normal @ velocity)
+        return np.asarray(min(max(push, 0.0), self.yields) * normal)
+
+
+def _near(place: Floats, other: Floats) -> bool:
+    return math.hypot(place[0] - other[0], place[1] - other[1]) < NEAR
+
+
+class Push:
+    """Somebody who leans against joint 0, then stands in its way: a spring about where it was, up to what a person has.
+
+    `random` draws the strength, Nm: about 100 N at 0.25 m from the axis. A hand that is pushed back slides.
+    """
+
+    LASTS = 3.5
+    """s until they go away."""
+
+    def __init__(self, random: np.random.Generator, sign: float = -1.0) -> None:
+        self.strength = random.normal(25.0, 2.5)
+        self._sign, self._anchor, self._time = sign, math.nan, 0.0
+
+    def torque(self, angle: float, period: float) -> float | None:
+        """On the joint at an angle (rad), one period (s) after the last; None when they are gone."""
+        self._time += period
+        if self._time >= self.LASTS:
+            return None
+        if math.isnan(self._anchor):
+            self._anchor = angle
+        most = self.strength * min(1.0, self._time / 0.4, (self.LASTS - self._time) / 0.4)
+        lean = 0.4 * self._sign * self.strength
+        wanted = lean + self.STIFFNESS * (self._anchor - angle)
+        if abs(wanted) > self.strength:
+            self._anchor = angle + (math.copysign(self.strength, wanted) - lean) / self.STIFFNESS
+        return min(max(wanted, -most), most)
+
+    STIFFNESS = 190.0
+    """Nm/rad: 3000 N/m at 0.25 m."""

@@ -1,0 +1,137 @@
+"""Forces in a serial arm: inverse dynamics by the recursive Newton-Euler algorithm, for many points at once.
+
+Everything is in the frame of the base. From the base outwards go velocities and accelerations, with the base
+accelerated upwards in place of gravity; back inwards go forces and moments; what is along a joint's axis is its effort
+(Luh, Walker and Paul 1980; Featherstone, Rigid Body Dynamics Algorithms, chapter 5). The inertia matrix is that of unit
+accelerations at rest, without gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fame.anomaly.chain import Chain, load_chain
+from fame.anomaly.recording import Floats
+from robots.arm.inverse import rotations
+
+GRAVITY = 9.81
+STICTION = 0.01
+"""rad/s: friction grows to its full size within about so much."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A rigid body: `mass` kg, `centre` (3,) of mass m, `inertia` (3, 3) about it kg m2."""
+
+    mass: float
+    centre: Floats
+    inertia: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arm:
+    """A chain with the bodies that its joints move, in the frames of these joints; the rest is one number per joint:
+    `armature` kg m2, `coulomb` Nm, `viscous` Nm s/rad, `noise` of the measured effort Nm."""
+
+    chain: Chain
+    bodies: tuple[Body, ...]
+    armature: Floats
+    coulomb: Floats
+    viscous: Floats
+    noise: Floats
+
+    def carrying(self, mass: float) -> Arm:
+        """The same with a small load of `mass` kg between its fingertips."""
+        load = Body(mass, np.array(self.chain.tool), np.zeros((3, 3)))
+        return replace(self, bodies=(*self.bodies[:-1], joined(self.bodies[-1], load)))
+
+
+def joined(a: Body, b: Body) -> Body:
+    """Two bodies as one (parallel axes)."""
+    mass = a.mass + b.mass
+    centre = (a.mass * a.centre + b.mass * b.centre) / mass
+    inertia = sum(body.inertia + _shifted(body.mass, body.centre - centre) for body in (a, b))
+    return Body(mass, centre, np.asarray(inertia))
+
+
+def _shifted(mass: float, away: Floats) -> Floats:
+    return np.asarray(mass * (away @ away * np.eye(3) - np.outer(away, away)))
+
+
+def load_arm(path: Path) -> Arm:
+    """An arm from a YAML file like ``ur5e.yaml``."""
+    data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    joints = data["joints"]
+    bodies = [_body(joint) for joint in joints]
+    bodies[-1] = joined(bodies[-1], _body(data["gripper"]))
+    columns = [np.array([float(joint[key]) for joint in joints]) for key in ("armature", "coulomb", "viscous", "noise")]
+    return Arm(load_chain(path), tuple(bodies), *columns)
+
+
+def _body(said: Any) -> Body:
+    return Body(float(said["mass"]), np.array(said["centre"], float), np.diag(said.get("inertia", (0.0, 0.0, 0.0))))
+
+
+def inverse_dynamics(
+    arm: Arm, angles: Floats, velocities: Floats, accelerations: Floats, gravity: float = GRAVITY
+) -> Floats:
+    """Efforts (points, joints), Nm, that make the joints move so, without friction. All arguments (points, joints)."""
+    count = len(angles)
+    turned: Floats = np.broadcast_to(np.eye(3), (count, 3, 3))
+    spin, turning = np.zeros((count, 3)), np.zeros((count, 3))
+    pull = np.broadcast_to([0.0, 0.0, gravity], (count, 3))
+    links = []
+    for number, (origin, axis) in enumerate(zip(arm.chain.origins, arm.chain.axes, strict=True)):
+        step = turned @ np.array(origin)
+        pull = pull + _carried(turning, spin, step)
+        direction = turned @ np.array(axis)
+        rate = direction * velocities[:, number, None]
+        turning = turning + direction * accelerations[:, number, None] + np.cross(spin, rate)
+        spin = spin + rate
+        turned = turned @ rotations(np.array(axis), angles[:, number])
+        body = arm.bodies[number]
+        centre = turned @ body.centre
+        inertia = turned @ body.inertia @ turned.transpose(0, 2, 1)
+        force = body.mass * (pull + _carried(turning, spin, centre))
+        moment = _times(inertia, turning) + np.cross(spin, _times(inertia, spin)) + np.cross(centre, force)
+        links.append((step, direction, force, moment))
+    return np.asarray(_inwards(links) + arm.armature * accelerations)
+
+
+def _carried(turning: Floats, spin: Floats, away: Floats) -> Floats:
+    """The acceleration of a point `away` from another on a body, beyond that of the other."""
+    return np.asarray(np.cross(turning, away) + np.cross(spin, np.cross(spin, away)))
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
+def _inwards(links: list[tuple[Floats, Floats, Floats, Floats]]) -> Floats:
+    """Forces and moments from the tool to the base: what each joint has to give (points, joints)."""
+    force = moment = np.zeros_like(links[0][0])
+    efforts = []
+    for step, direction, own_force, own_moment in reversed(links):
+        force, moment = force + own_force, moment + own_moment
+        efforts.append((direction * moment).sum(axis=1))
+        moment = moment + np.cross(step, force)
+    return np.stack(efforts[::-1], axis=1)
+
+
+def inertia_matrices(arm: Arm, angles: Floats) -> Floats:
+    """Of the arm in these postures (points, joints): (points, joints, joints), kg m2."""
+    count, joints = angles.shape
+    still = np.zeros((count * joints, joints))
+    units = np.tile(np.eye(joints), (count, 1))
+    columns = inverse_dynamics(arm, np.repeat(angles, joints, axis=0), still, units, gravity=0.0)
+    return columns.reshape(count, joints, joints)
+
+
+def friction(arm: Arm, velocities: Floats) -> Floats:
+    """What joints need (Nm) against friction at these velocities (..., joints), rad/s."""
+    return np.asarray(arm.coulomb * np.tanh(velocities / STICTION) + arm.viscous * velocities)

@@ -1,0 +1,197 @@
+"""The UR5e as a robot of the world: it handles the lid of a motor, told where to go by trajectories.
+
+Obeys, in its namespace, `joint_trajectory` (trajectory_msgs/msg/JointTrajectory: positions of all joints at growing
+times from now; without points it comes to rest) and answers the service `gripper` (std_srvs/srv/SetBool: shut or open;
+success says whether the lid is held then). Its digital twin, a node of its own, answers each `goal_pose`
+(geometry_msgs/msg/PoseStamped, the place of the fingertips in the arm's base, the orientation is kept) with the
+`joint_trajectory` of a straight line, an empty one if there is none. Publishes `joint_states` with efforts, and says on
+`trajectory_refused` (std_msgs/msg/String) why it does not follow one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from fame.clock import SECOND
+from fame.errors import MissionError
+from fame.middleware import messages
+from robots.arm.machine import Generators, Machine
+from robots.arm.twin import straight
+from robots.arm.ur5e import HOME, UR5E
+from robots.body import body_of, rectangle
+from robots.robot import MEASUREMENT, Command, Look, Pose, period
+from robots.template import constructor, header_maker
+from robots.vehicle import check_fault
+from sim2d.reading import parameter
+
+if TYPE_CHECKING:
+    from fame.anomaly.recording import Floats
+    from fame.middleware.interface import Message, Node
+    from robots.robot import Surroundings
+    from sim2d.config import RobotConfig
+
+JOINT_STATE, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
+FASTEST = math.pi
+"""rad/s, of any joint (data sheet)."""
+
+
+@dataclass(frozen=True, slots=True)
+class HandlerParameters:
+    """What a world file may say of a UR5e."""
+
+    rate: float = parameter(500.0, "Hz", above=0)
+    base: float = parameter(0.15, "m", above=0)
+    mass: float = parameter(20.6, "kg", above=0)
+
+
+class Handler:
+    """A robot of type ``ur5e`` (`robots.robot.Robot`)."""
+
+    Parameters: ClassVar[type[Any]] = HandlerParameters
+    SAFE_STATE: ClassVar[tuple[Command, ...]] = (Command("joint_trajectory", TRAJECTORY, {}),)
+    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]] = SAFE_STATE
+    FAULTS: ClassVar[tuple[str, ...]] = ("blocked_shoulder", "blocked_lid", "encoders")
+
+    def __init__(self, config: RobotConfig, world: Surroundings) -> None:
+        p: HandlerParameters = config.parameters
+        self.name, self.type = config.name, config.type
+        self.outline = rectangle(p.base, p.base)
+        self._pose = Pose(*config.at, config.heading)
+        self.body, _ = body_of(world.space, self._pose, self.outline, p.mass)
+        self.body.body_type = type(self.body).STATIC  # it is bolted to the table
+        self._every = period(p.rate, world.step)
+        chance = Generators(*(world.random(config.name, name) for name in Generators._fields))
+        self.machine = Machine(UR5E, HOME, self._every * world.step, chance)
+        self._silent = False
+        self._node = node = world.middleware.node("robot", config.name)
+        self._joints = node.publisher("joint_states", JOINT_STATE, MEASUREMENT)
+        self._refused = node.publisher("trajectory_refused", "std_msgs/msg/String")
+        self._state, self._header = constructor(JOINT_STATE), header_maker(config.name)
+        self._names = list(UR5E.chain.joints)
+        node.subscription("joint_trajectory", TRAJECTORY, self._follow)
+        node.service("gripper", "std_srvs/srv/SetBool", self._grip)
+        self._twin_node = world.middleware.node("twin", config.name)
+        Twin(self._twin_node)
+
+    @property
+    def pose(self) -> Pose:
+        return self._pose
+
+    @property
+    def look(self) -> Look:
+        return Look(self._pose)
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        bench = self.machine.bench
+        assert bench is not None
+        return {"lid": bench.lid, "gripper": bench.jaws, "moving": self.machine.moving}
+
+    def start(self) -> None:
+        """Nothing is said once."""
+
+    def move(self, now: int, duration: float) -> None:
+        """Its joints go from cycle to cycle, in `sense`."""
+
+    def sense(self, now: int, count: int) -> None:
+        if count == 0 or count % self._every:
+            return
+        state = self.machine.step()
+        if not self._silent:
+            self._joints.publish(self._state(self._header(now), self._names, *state))
+
+    def fault(self, kind: str) -> None:
+        """`blocked_shoulder`: somebody pushes joint 0, then blocks it, for some seconds; `blocked_lid`: somebody holds
+        the lid on the motor until the gripper slips off; `encoders` say nothing more."""
+        check_fault(self.name, self.type, kind, self.FAULTS)
+        if kind == "blocked_shoulder":
+            self.machine.obstruct_shoulder()
+        elif kind == "blocked_lid":
+            self.machine.hold_lid()
+        else:
+            self._silent = True
+
+    def close(self) -> None:
+        self._twin_node.close()
+        self._node.close()
+
+    def _grip(self, request: Message) -> Mapping[str, Any]:
+        held = self.machine.grip(request.data)
+        return {"success": held or not request.data, "message": "holds the lid" if held else "empty"}
+
+    def _follow(self, message: Message) -> None:
+        if not message.points:
+            self.machine.hold()
+            return
+        try:
+            times, positions = points(message, self._names)
+            check_speed(times, positions, self.machine.reference[0])
+        except MissionError as error:
+            self._refused.publish(messages.create("std_msgs/msg/String", {"data": error.text}))
+            return
+        self.machine.follow(times, positions)
+
+
+class Twin:
+    """The node of the digital twin."""
+
+    def __init__(self, node: Node) -> None:
+        self._posture: Floats = HOME
+        self._trajectory = node.publisher("joint_trajectory", TRAJECTORY)
+        node.subscription("joint_states", JOINT_STATE, self._on_state, MEASUREMENT)
+        node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
+
+    def _on_state(self, message: Message) -> None:
+        self._posture = message.position
+
+    def _on_goal(self, message: Message) -> None:
+        at = message.pose.position
+        place = np.array([at.x, at.y, at.z])
+        try:
+            if not np.isfinite(place).all():
+                raise MissionError("the place is not finite")
+            way = straight(UR5E.chain, np.array(self._posture), place)
+        except MissionError:
+            self._trajectory.publish(messages.create(TRAJECTORY, {}))
+            return
+        self._trajectory.publish(trajectory(way.times, way.positions))
+
+
+def trajectory(times: Floats, positions: Floats) -> Message:
+    """A trajectory_msgs/msg/JointTrajectory of the UR5e."""
+    told = [
+        {"positions": row, "time_from_start": {"sec": time // SECOND, "nanosec": time % SECOND}}
+        for row, time in zip(positions.tolist(), np.rint(times * SECOND).astype(int).tolist(), strict=True)
+    ]
+    return messages.create(TRAJECTORY, {"joint_names": UR5E.chain.joints, "points": told})
+
+
+def points(message: Message, joints: list[str]) -> tuple[Floats, Floats]:
+    """Times (points,), s, and positions (points, joints), rad, in the arm's order. Raises MissionError."""
+    names = list(message.joint_names)
+    if sorted(names) != sorted(joints):
+        raise MissionError(f"found the joints {', '.join(names) or 'none'}; {', '.join(joints)} would be right")
+    order = [names.index(joint) for joint in joints]
+    for number, point in enumerate(message.points):
+        if len(point.positions) != len(joints):
+            raise MissionError(f"point {number} has {len(point.positions)} positions; {len(joints)} would be right")
+    times = np.array([p.time_from_start.sec + p.time_from_start.nanosec / SECOND for p in message.points])
+    positions = np.array([list(point.positions) for point in message.points])[:, order]
+    if not np.isfinite(positions).all():
+        raise MissionError("found positions that are not finite")
+    if times[0] <= 0 or (np.diff(times) <= 0).any():
+        raise MissionError("the times of the points do not grow from above 0")
+    return times, positions
+
+
+def check_speed(times: Floats, positions: Floats, here: Floats) -> None:
+    """Raise MissionError if a joint would have to be too fast on average from one point to the next."""
+    steps = np.abs(np.diff(np.vstack([here, positions]), axis=0)) / np.diff(times, prepend=0.0)[:, None]
+    if steps.max() > FASTEST:
+        joint = UR5E.chain.joints[int(steps.max(axis=0).argmax())]
+        raise MissionError(f"{joint} would turn at {steps.max():.1f} rad/s; at most {FASTEST:.1f} would be right")
