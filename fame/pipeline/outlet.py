@@ -55,25 +55,24 @@ class Outlets:
     def _send(self, outlet: _Outlet, there: Sequence[Samples]) -> None:
         names = next((item.names for item in there if item.names), ())
         told = tuple(name.rpartition(".")[2] for name in names)
-        whole = [_finite(item.values) for item in there]
-        rows = [np.ascontiguousarray(item.values) for item in there]  # as a middleware writes them
-        plain, first = outlet.writer.is_plain(rows), None
-        for index, stamp in enumerate(there[0].stamps.tolist()):
-            if not all(finite is None or finite[index] for finite in whole):
-                self._say(f"finite {outlet.publisher.topic}", f"{outlet.publisher.topic}: not sent: it is not finite")
-                continue
-            values = [item[index] for item in rows]
-            if first is None or not plain:
-                first = message = outlet.writer.message(values, stamp, told)
-            else:
-                message = outlet.writer.like(first, values, stamp)
+        finite = _finite([item.values for item in there])
+        if not finite.all():
+            self._say(f"finite {outlet.publisher.topic}", f"{outlet.publisher.topic}: not sent: it is not finite")
+        rows = [np.ascontiguousarray(item.values[finite]) for item in there]  # as a middleware writes them
+        stamps = there[0].stamps[finite].tolist()
+        plain = bool(stamps) and outlet.writer.is_plain(rows)
+        for index, stamp in enumerate(stamps[:1] if plain else stamps):
+            first = outlet.writer.message([item[index] for item in rows], stamp, told)
+            outlet.publisher.publish(first)
+        for message in outlet.writer.alike(first, [item[1:] for item in rows], stamps[1:]) if plain else ():
             outlet.publisher.publish(message)
-            self.count += 1
+        self.count += len(stamps)
 
 
-def _finite(values: Any) -> Any:
-    """Which rows are finite; None if all of them are."""
-    if values.dtype.kind != "f":
-        return None
-    finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-    return None if finite.all() else finite
+def _finite(arrays: Sequence[Any]) -> Any:
+    """Which rows are finite in all of them."""
+    finite = np.ones(len(arrays[0]), dtype=bool)
+    for values in arrays:
+        if values.dtype.kind == "f":
+            finite &= np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    return finite

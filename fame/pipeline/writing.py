@@ -6,7 +6,7 @@ named places, whose names go into the message's list of names.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,16 +66,21 @@ class Writer:
                 tree.setdefault(slot.beside, list(told))
         return messages.create(self.type, content)
 
-    def like(self, first: Any, values: Sequence[Any], stamp: float) -> Any:
-        """A message as `first`, which `message` made, but with these values and stamp: without asking what fits."""
-        given = {slot.path[0]: values[slot.values[0]] for slot in self.slots}
-        header = first.header
-        whole, rest = divmod(round(stamp * SECOND), SECOND)
-        given["header"] = header.__class__(header.stamp.__class__(whole, rest), header.frame_id)
-        return first.__class__(**{name: given.get(name, getattr(first, name)) for name in first.__slots__})
+    def alike(self, first: Any, rows: Sequence[Any], stamps: Sequence[float]) -> Iterator[Any]:
+        """Messages as `first`, which `message` made, but with these values and stamps: without asking what fits."""
+        make, header = first.__class__, first.header
+        fields: list[Any] = [getattr(first, name) for name in first.__slots__]
+        at = first.__slots__.index("header")
+        places = [(first.__slots__.index(slot.path[0]), rows[slot.values[0]]) for slot in self.slots]
+        for index, stamp in enumerate(stamps):
+            time = header.stamp.__class__(*divmod(round(stamp * SECOND), SECOND))
+            fields[at] = header.__class__(time, header.frame_id)
+            for place, values in places:
+                fields[place] = values[index]
+            yield make(*fields)
 
     def is_plain(self, values: Sequence[Any]) -> bool:
-        """Whether `like` will do: fields of the message itself that take arrays of float64 as they are."""
+        """Whether `alike` will do: fields of the message itself that take arrays of float64 as they are."""
         return self.stamped and all(
             len(slot.path) == 1 and slot.several and not slot.places and slot.floats and value.dtype == np.float64
             for slot, value in ((slot, values[slot.values[0]]) for slot in self.slots)
