@@ -254,7 +254,7 @@ def fire_part(engine: Engine, rest: Rest) -> None:
     """One of the triggers of a parallel multiple event has come; with the last of them, the event."""
     event = rest.owner
     assert isinstance(event, Rest)
-    event.arms.remove(rest)
+    event.arms = tuple(other for other in event.arms if other is not rest)
     waiting.disarm(engine, rest)
     if not event.arms:
         waiting.fire(engine, event)

@@ -122,7 +122,7 @@ class Engine:
         """A suspended script is out: done, failed, or (it was cancelled) gone."""
         departure = self.leaving.pop(key, None)
         if departure is not None:
-            departure.scope.leaving.pop(key, None)
+            departure.scope.leaving = tuple(other for other in departure.scope.leaving if other != key)
             departure.pending -= 1
             if departure.pending == 0:
                 self.ready.append((departure.node, departure.scope))
@@ -189,7 +189,7 @@ class Engine:
                     continue
                 if scope.state:
                     if scope.state > 0:
-                        scope.held.append(node)
+                        scope.held += (node,)
                     continue
                 counts = scope.counts
                 for _ in moves:
@@ -222,7 +222,7 @@ class Engine:
             if follower is None:
                 waiting.deliver(self, *place)
             elif place.state > 0:
-                place.held.append(follower)
+                place.held += (follower,)
             elif not place.state:
                 if place.instance is instance and follower.step is not steps.flow:
                     passes[follower.id] = passes.get(follower.id, 0) + 1

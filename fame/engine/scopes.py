@@ -53,7 +53,7 @@ def close_scope(engine: Engine, scope: Scope) -> None:
     if scope.arms:
         for arm in scope.arms:
             waiting.disarm(engine, arm)
-        scope.arms = []
+        scope.arms = ()
     if scope.children:
         for inner in scope.children:
             if inner.__class__ is Rest:
@@ -137,7 +137,7 @@ def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
     heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
     heir.instance, heir.counts, heir.depth = scope.instance, scope.counts, scope.depth
     heir.handles, heir.items, heir.done, heir.state = handles, scope.items, scope.done, RUNNING
-    heir.arms, scope.arms = scope.arms, []
+    heir.arms, scope.arms = scope.arms, ()
     for arm in heir.arms:
         arm.owner = heir
     scope.instance.scopes += 1
@@ -207,7 +207,7 @@ def proceed(engine: Engine, node: Node, scope: Scope) -> None:
         departure = Departure(len(engine.departing), node, scope)
         for key in engine.departing:
             engine.leaving[key] = departure
-            scope.leaving[key] = None
+            scope.leaving += (key,)
         engine.departing = []
     else:
         engine.ready.append((node, scope))

@@ -290,7 +290,7 @@ class _Restoring:
             scope.instance.root = scope
         scope.tokens, scope.state, scope.depth, scope.mark = item["tokens"], item["state"], item["depth"], item["mark"]
         scope.handles = tuple(self.nodes[key] for key in item["handles"])
-        scope.held = [self.nodes[key] for key in item["held"]]
+        scope.held = tuple(self.nodes[key] for key in item["held"])
         scope.items = decode(item["items"], self.load)
         scope.done = None if item["done"] is None else [self._record(record) for record in item["done"]]
         if item["joins"] is not None:
@@ -318,14 +318,14 @@ class _Restoring:
 
     def _connect_scope(self, scope: Scope, item: Data) -> None:
         scope.children = {self.everything[key]: None for key in item["children"]}
-        scope.arms = [self.rests[key] for key in item["arms"]]
+        scope.arms = tuple(self.rests[key] for key in item["arms"])
         scope.suspender = self.scopes.get(item["suspender"])
         if item["mail"] is not None:
             scope.mail = {self.boxes[key].node: self.boxes[key] for key in item["mail"]}
 
     def _connect_rest(self, rest: Rest, item: Data) -> None:
         rest.owner = self.everything.get(item["owner"])
-        rest.arms = [self.rests[key] for key in item["arms"]]
+        rest.arms = tuple(self.rests[key] for key in item["arms"])
         rest.box = self.boxes.get(item["box"])
 
     def _tables(self) -> None:

@@ -48,8 +48,9 @@ class Node:
     """
 
     __slots__ = (
-        "__dict__", "act", "armed", "body", "default", "entered", "file", "fire", "guard", "id", "index", "join", "key",
-        "kind", "left", "line", "need", "next", "out", "own", "queue", "run", "slot", "step", "take", "topic",
+        "__dict__", "act", "armed", "body", "default", "entered", "file", "fire", "guard", "id", "index",
+        "interrupting", "join", "key", "kind", "left", "line", "loop", "need", "next", "out", "outputs", "own", "queue",
+        "resume", "run", "slot", "step", "take", "topic", "undo",
     )  # fmt: skip
 
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "") -> None:
@@ -72,25 +73,25 @@ class Node:
         self.armed: tuple[Node, ...] = ()  # boundary events that wait for a stimulus
         self.join: Node | None = None  # of a port
         self.need = 0  # of a join: how many flows come in; of a port: which it is
+        self.interrupting, self.resume = True, False
+        self.outputs: tuple[tuple[str, Any], ...] = ()
+        self.undo: Node | None = None  # compensation event at its boundary
+        self.loop: Any = None  # of a multi-instance activity or loop: how it repeats
 
     timer = variable = ""
     keys: tuple[tuple[str, Any], ...] = ()  # what correlates a message: variable, expression over `msg`
     shares = True  # whether the variables of its body are chained to those outside
     inputs: tuple[tuple[str, Any], ...] = ()
-    outputs: tuple[tuple[str, Any], ...] = ()
     all_in = all_out = False  # whether all variables go into, or out of, a called process
     errors: tuple[Node, ...] = ()
     escalations: tuple[Node, ...] = ()
     cancels: tuple[Node, ...] = ()  # cancel boundary events of a transaction
-    undo: Node | None = None  # compensation event at its boundary
     alternatives: tuple[Node, ...] = ()
     via = ""  # of an alternative: the sequence flow that leads to its event
-    interrupting, resume = True, False
     code: str | None = None
     code_variable = message_variable = ""
     resets: tuple[Any, ...] = ()  # of a complex gateway: flows to ask at its reset, (condition, node)
     masks: Mapping[str, int] = MappingProxyType({})  # of a join with reachability: id -> flows of the join it reaches
-    loop: Any = None  # of a multi-instance activity or loop: how it repeats
 
     def __repr__(self) -> str:
         return f"<Node {self.key}>"
@@ -165,15 +166,15 @@ class Scope:
         self.key, self.parent, self.node, self.body, self.variables = key, parent, node, body, variables
         self.tokens, self.state = 1, RUNNING
         self.children: dict[Scope | Rest, None] = {}
-        self.arms: list[Rest] = []
+        self.arms: tuple[Rest, ...] = ()
         self.joins: dict[Node, list[int]] | None = None
         self.mail: dict[Node, Mailbox] | None = None
         self.handles: tuple[Node, ...] = ()
         self.done: list[Record] | None = None
         self.suspender: Scope | None = None
         self.mark = 0
-        self.leaving: dict[int, None] = {}
-        self.held: list[Node] = []
+        self.leaving: tuple[int, ...] = ()
+        self.held: tuple[Node, ...] = ()
         self.items: Any = None  # of a multi-instance activity or loop: its progress
         self.instance: Instance
         self.counts: list[int]
@@ -238,7 +239,7 @@ class Rest:
         self.key, self.node, self.scope, self.token, self.owner = key, node, scope, token, owner
         self.alive, self.true, self.started = True, False, False
         self.paused = self.due = 0
-        self.arms: list[Rest] = []
+        self.arms: tuple[Rest, ...] = ()
         self.box: Mailbox | None = None
 
 

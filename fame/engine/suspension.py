@@ -37,7 +37,7 @@ def resume(engine: Engine, scope: Scope) -> None:
         inner.state -= 1
         if not inner.state and inner.held:
             engine.ready.extend((node, inner) for node in inner.held)
-            inner.held = []
+            inner.held = ()
     for resting in awake:
         resting.paused -= 1
     fire_due(engine, awake)

@@ -32,7 +32,7 @@ def guard(engine: Engine, nodes: tuple[Node, ...], scope: Scope, owner: Scope | 
     for node in nodes:
         if owner.alive:
             armed = Rest(engine.new_key(), node, scope, False, owner)
-            owner.arms.append(armed)
+            owner.arms += (armed,)
             arm(engine, armed)
 
 
@@ -130,7 +130,7 @@ def disarm(engine: Engine, resting: Rest) -> None:
     if resting.arms:
         for armed in resting.arms:
             disarm(engine, armed)
-        resting.arms = []
+        resting.arms = ()
 
 
 def deafen(engine: Engine, resting: Rest) -> None:
@@ -197,7 +197,8 @@ def catch(engine: Engine, resting: Rest, message: Any) -> None:
         except BaseException as error:
             give_up(engine, resting, error)
             return
-    fire(engine, resting)
+    assert resting.node.fire is not None
+    resting.node.fire(engine, resting)
     if take is not None and engine.conditions:
         check_conditions(engine)
 
