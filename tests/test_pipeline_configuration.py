@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ from fame.middleware.interface import SIGNAL
 from fame.pipeline.configuration import INPUT, Configuration, load
 from fame.pipeline.fields import Unusable, reader
 from fame.pipeline.loading import assign, find_class, make_processors
+from fame.pipeline.processor import Samples
+from fame.pipeline.processors import PROCESSORS
+from fame.pipeline.train import training_of
 from fame.pipeline.writing import writer
 
 PUBLISHED = """\
@@ -171,6 +175,30 @@ def test_a_processor_of_the_user_is_a_class_in_any_file(tmp_path: Path) -> None:
     assert "mine.py:Broken cannot be made: OSError: no device" in refusal(tmp_path, Processor="mine.py:Broken")
     (tmp_path / "bad.py").write_text("def")
     assert "bad.py cannot be imported: SyntaxError" in refusal(tmp_path, Processor="bad.py:X")
+
+
+def test_what_the_page_shows_is_true(tmp_path: Path) -> None:
+    page = (Path(__file__).parent.parent / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    blocks = page.split("```")
+    shown = next(block for block in blocks if block.startswith("yaml\nInputs"))
+    (tmp_path / "msg").mkdir()
+    (tmp_path / "msg" / "Grip.msg").write_text("float32 force\n")
+    (tmp_path / "EncoderLoss.msg").write_text("float64 loss\n")
+    (tmp_path / "page.yaml").write_text(shown.removeprefix("yaml\n"))
+    found = load(tmp_path / "page.yaml")
+    assert (found.name, found.inputs[0].rate, found.stages[0].cls) == ("low_pass", 500.0, "LowPass")
+    code = next(block for block in blocks if "class Power" in block).removeprefix("python\n")
+    (tmp_path / "power.py").write_text(code)
+    stage = {"Class": "power.py:Power", "Parameters": {"gain": 3.0}}
+    (power,) = make_processors(read(tmp_path, Processor=stage))
+    stamps = np.arange(2.0)
+    given = {"effort": Samples(np.array([1.0, 2.0]), stamps), "velocity": Samples(np.array([3.0, 4.0]), stamps)}
+    assert power.execute(given)["power"].values.tolist() == [9.0, 24.0]
+    training = next(block for block in blocks if block.startswith("yaml\nTraining")).removeprefix("yaml\n")
+    section = {**yaml.safe_load(training)["Training"], "Files": []}
+    assert training_of(section, tmp_path).held_back == 0.25
+    names = {name for line in page.splitlines() if line.startswith("| `") for name in re.findall(r"`(\w+)`", line)}
+    assert names >= PROCESSORS.keys()
 
 
 def test_a_model_is_looked_for_beside_the_configuration(tmp_path: Path) -> None:

@@ -76,6 +76,11 @@ def add_library(parser: Parser) -> None:
         "--library", action="append", default=[], type=Path, metavar="DIR",
         help="folder with called processes; may be given several times",
     )  # fmt: skip
+    add_types(parser)
+
+
+def add_types(parser: argparse.ArgumentParser) -> None:
+    """``--types DIR``, any number of times; `register_types` makes them known."""
     parser.add_argument(
         "--types", action="append", default=[], type=Path, metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",

@@ -7,7 +7,7 @@ from argparse import ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, command, positive
+from fame.cli.arguments import Commands, add_types, command, positive
 from fame.cli.network import add_network
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fame.pipeline.configuration import Configuration
 
 _EXAMPLES = (
-    "fame process examples/pipeline/low_pass.yaml",
+    "fame process models/monitoring/joint_monitor/low_pass.yaml",
     "fame process encoder_0.yaml --processor my_model.py:Encoder --frequency 20",
     "fame process low_pass.yaml encoders.yaml threshold.yaml --set cutoff=5",
 )
@@ -40,6 +40,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--frequency", type=positive, metavar="HZ", help="of the calls, instead of the configuration's")
     parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
     parser.add_argument("--graph", type=Path, metavar="FILE.svg", help="draw the pipeline as configured, and end")
+    add_types(parser)
     add_network(parser)
 
 

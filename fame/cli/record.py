@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, add_json, command, positive
+from fame.cli.arguments import Commands, add_json, add_types, command, positive
 from fame.cli.network import add_network
 from fame.cli.output import print_json
 
@@ -41,6 +41,7 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--duration", type=positive, metavar="S", help="end after so many seconds")
     parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
+    add_types(parser)
     add_network(parser)
     add_json(parser)
 

@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_json, command, natural, positive
+from fame.cli.arguments import Commands, add_json, add_types, command, natural, positive
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
 
@@ -43,6 +43,7 @@ def add(commands: Commands) -> None:
     for part, seconds in ((listing, 1.0), (echo, None), (hz, None), (plot, 10.0)):
         said = f"(default: {seconds:g})" if seconds else "(default: until interrupted)"
         part.add_argument("--duration", type=positive, default=seconds, metavar="S", help=f"listen for so long {said}")
+        add_types(part)
         add_network(part)
     add_json(listing)
     for name, part in (("list", listing), ("echo", echo), ("hz", hz), ("plot", plot)):

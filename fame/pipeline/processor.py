@@ -31,7 +31,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Type: TypeAlias = Literal["float", "int", "bool", "str", "file", "floats", "strs"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """What arrived on an input, or what was computed.
 
