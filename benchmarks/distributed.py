@@ -123,13 +123,14 @@ class Field:
         report = Report.from_json(message.data)
         if report is not None:
             self.last[robot] = report
+            self.scheduler.stop()  # look whether it is what somebody waits for
 
     def until(self, holds: Callable[[], object]) -> None:
         deadline = time.monotonic() + PATIENCE
         while not holds():
             if time.monotonic() > deadline:
                 raise SystemExit(f"waited {PATIENCE:g} s; last: {self.last}")
-            self.scheduler.run(self.scheduler.now + SECOND // 1000)
+            self.scheduler.run(self.scheduler.now + SECOND // 50)
 
     def deploy(self, model: Any, *only: str) -> float:
         """How long it took until the last robot had started (s)."""
@@ -145,7 +146,8 @@ class Field:
             library=Library(),
         )
         sent.begin()
-        self.scheduler.run()
+        while not sent.done:
+            self.scheduler.run()
         if sent.failed:
             raise SystemExit(
                 f"not deployed: {[(each.robot, each.state, each.reason) for each in sent.standings.values()]}"

@@ -211,3 +211,9 @@ def test_a_wrong_request_is_refused_in_one_line(
     out, err = capsys.readouterr()
     assert err == ""
     assert all(text in json.loads(out)["error"]["text"].lower() for text in said)
+
+
+@pytest.mark.parametrize("name", ["", "a b", "1st", "a/b", "~", "Ä"])
+def test_the_name_of_an_engine_is_one_that_ros_allows(name, capsys):
+    assert main(["engine", name]) == 2
+    assert "a letter first" in capsys.readouterr().err

@@ -1,0 +1,55 @@
+"""What a robot in Gazebo lacks of the topics that missions use: `range` from a laser scan, and a planner.
+
+Real robots lack the same more often than not. Both are nodes that need nothing of the world but topics: `scan`
+(sensor_msgs/msg/LaserScan), `odom`, and `map` (nav_msgs/msg/OccupancyGrid, latched) as nav2's map server says it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from fame.middleware import messages
+from fame.middleware.interface import SENSOR_DATA, Message, Node
+from robots.planner import DirectPlanner, Planner, PlannerParameters
+from robots.robot import MEASUREMENT
+
+RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
+
+
+class ScannedRange:
+    """The nearest point of each scan as the measurement of an ultrasonic sensor; infinite if there is none."""
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = node.publisher("range", RANGE, MEASUREMENT)
+        node.subscription("scan", SCAN, self._on_scan, SENSOR_DATA)
+
+    def _on_scan(self, scan: Message) -> None:
+        seen = [far for far in scan.ranges if scan.range_min <= far <= scan.range_max]
+        said = {
+            "header": scan.header,
+            "field_of_view": abs(scan.angle_max - scan.angle_min),
+            "min_range": scan.range_min,
+            "max_range": scan.range_max,
+            "range": min(seen, default=math.inf),
+        }
+        self._publisher.publish(messages.create(RANGE, said))
+
+
+class Supplement:
+    """A robot's planner and range, on a node. `radius` (m) is that of a circle that it fits into; 0: it flies."""
+
+    def __init__(self, node: Node, radius: float) -> None:
+        self.node = node
+        if radius > 0:
+            self.planner: Planner | DirectPlanner = Planner(node, PlannerParameters(), radius)
+            self.range = ScannedRange(node)
+        else:
+            self.planner = DirectPlanner(node)
+
+    def stop(self) -> bool:
+        """It is over at once."""
+        return False
+
+    def close(self) -> None:
+        """Leave."""
+        self.node.close()
