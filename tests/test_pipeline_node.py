@@ -237,6 +237,23 @@ def test_a_processor_that_raises_is_reported_and_called_again(bench: Bench) -> N
     assert bench.said == ["unit: Sometimes raised IndexError: list index out of range; nothing is sent"]
 
 
+def test_the_same_with_other_numbers_is_said_once(bench: Bench) -> None:
+    class Fussy:
+        outputs = ("Filtered",)
+        report = print
+
+        def execute(self, inputs: Any) -> Any:
+            (efforts,) = inputs.values()
+            self.report(f"samples at {efforts.stamps[-1]:.3g} Hz")
+            raise ValueError(f"found {efforts.stamps[-1]}")
+
+    bench.node([Fussy()])
+    bench.move(0.15)
+    assert [text.partition(" ")[2].partition(" 0.")[0] for text in bench.said] == [
+        "Fussy: samples at", "Fussy raised ValueError: found",
+    ]  # fmt: skip
+
+
 def test_what_is_computed_and_is_not_finite_is_not_sent(bench: Bench) -> None:
     class Inverse:
         outputs = ("Filtered",)

@@ -8,6 +8,7 @@ that has arrived.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -93,7 +94,7 @@ class ProcessingNode:
         self._entries[1] = self.scheduler.after(_WATCH, self._watch, Kind.TIMER)
 
     def _reported(self, who: str, text: str) -> None:
-        self.say(f"{who} {text}", f"{who}: {text}")
+        self.say(_without_numbers(f"{who} {text}"), f"{who}: {text}")
 
     def _call(self) -> None:
         if not self.calls:  # other nodes of the process may have been made in between
@@ -121,7 +122,8 @@ class ProcessingNode:
                 current = {name: as_samples(value, stamp) for name, value in (result or {}).items()}
             except Exception as error:
                 reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-                self.say(f"raised {who} {reason}", f"{who} raised {' '.join(reason.split())}; nothing is sent")
+                text = f"{who} raised {' '.join(reason.split())}; nothing is sent"
+                self.say(_without_numbers(text), text)
                 return
             if not current:
                 return
@@ -138,3 +140,8 @@ class ProcessingNode:
                 self.say(f"output {error}", str(error))
                 return {}
         return {assigned[name]: samples for name, samples in computed.items() if name in assigned}
+
+
+def _without_numbers(text: str) -> str:
+    """What counts as the same thing to say, though its numbers differ."""
+    return re.sub(r"\d[\d.]*", "#", text)
