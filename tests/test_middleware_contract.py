@@ -106,6 +106,19 @@ def test_messages_of_a_publisher_arrive_in_order_before_timers_that_are_due_late
     assert seen == [*range(50), "timer"]
 
 
+def test_a_publisher_that_all_hear_who_can_is_connected(here: World) -> None:
+    node = here.node("a")
+    for topic, qos in (("/x", QoS()), ("/nobody", QoS()), ("/weak", SENSOR_DATA)):
+        node.publisher(topic, INT, qos)
+    middleware = next(iter(middlewares(here)))
+    assert middleware.connecting(node) == []
+    here.node("b").subscription("/x", INT, print)
+    here.node("c").subscription("/weak", INT, print)  # which does not match
+    here.connect("/x")
+    here.settle()
+    assert middleware.connecting(node) == []
+
+
 # ---- types -----------------------------------------------------------------------------------------------------------
 
 

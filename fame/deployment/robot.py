@@ -222,7 +222,8 @@ class EngineNode:
         """Ready when every promised end is there; without a promise, at once."""
         self._loading = None
         absent = missing(envelope.promises, self.robot, self.middleware)
-        if absent and self.scheduler.now < until:
+        unheard = self.middleware.connecting(self._loaded[1].node) if self._loaded is not None else ()
+        if (absent or unheard) and self.scheduler.now < until:
             again = partial(self._await_ends, envelope, until)
             self._loading = self.scheduler.after(round(_POLL * SECOND), again, Kind.TIMER)
         elif absent:

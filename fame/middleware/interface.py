@@ -174,6 +174,9 @@ class Middleware(Protocol):
     def graph(self) -> Sequence[TopicInfo]:
         """Every topic that has an end, in the order of names."""
 
+    def connecting(self, node: Any) -> Sequence[str]:
+        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
+
     def namespaces(self) -> Sequence[str]:
         """Namespaces in use, without slashes, in order."""
 

@@ -51,6 +51,9 @@ class LocalMiddleware:
     def graph(self) -> list[TopicInfo]:
         return [self.topics[name].info() for name in sorted(self.topics)]
 
+    def connecting(self, node: LocalNode) -> list[str]:
+        return []  # ends are connected as they are made
+
     def namespaces(self) -> list[str]:
         return sorted({node.namespace for node in self.nodes if node.namespace})
 

@@ -93,6 +93,7 @@ class Team:
         self._children = Children(lambda name, line: self.scheduler.soon(partial(hear, name, line)))
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
+        self._last_look = False
 
     def run(self) -> TeamResult:
         """Start all, deploy, wait until nothing runs any more or the duration is over, end all."""
@@ -162,6 +163,8 @@ class Team:
     def _seen(self, message: Any) -> None:
         with suppress(ValueError):
             self.world = json.loads(message.data)
+            if self._last_look:
+                self.scheduler.stop()
 
     def _heard(self, robot: str, message: Any) -> None:
         report = Report.from_json(message.data)
@@ -205,10 +208,13 @@ class Team:
             self.scheduler.after(SECOND // 2, self._really_over, Kind.TIMER)
 
     def _really_over(self) -> None:
-        if not any(report.instances for report in self.reports.values()):
-            self.scheduler.stop()
-        else:
+        if any(report.instances for report in self.reports.values()):
             self.result.status = "timeout"
+        elif self.scenario.world is None:
+            self.scheduler.stop()
+        else:  # with the next word of the world, which is about what has come to rest
+            self._last_look = True
+            self.scheduler.after(SECOND, self.scheduler.stop, Kind.TIMER)
 
     def _expect_all(self) -> None:
         missing = [robot for robot in self.scenario.cast if robot not in self.reports]

@@ -100,6 +100,11 @@ class DdsMiddleware:
                 topics.setdefault(endpoint.topic.removeprefix(wire.TOPIC), []).append(endpoint)
         return [_info(name, topics[name], owners) for name in sorted(topics)]
 
+    def connecting(self, node: DdsNode) -> list[str]:
+        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
+        self.refresh()
+        return [end.topic for end in node.publishers if end.subscribers() < self._hearers(end)]
+
     def namespaces(self) -> list[str]:
         """The namespaces of all nodes of the domain."""
         self.refresh()
@@ -222,6 +227,13 @@ class DdsMiddleware:
             for end in node.services:
                 if isinstance(end, DdsClient):
                     end.check()
+
+    def _hearers(self, end: DdsPublisher) -> int:
+        """How many subscriptions there are that can hear a publisher."""
+        return sum(
+            not other.writes and other.type == end.type and compatible(end.qos, other.qos) is None
+            for other in self.discovery.on_topic(wire.dds_topic(end.topic))
+        )
 
     def _own_ends(self, topic: str) -> Iterator[DdsPublisher | DdsSubscription]:
         for node in self.nodes:

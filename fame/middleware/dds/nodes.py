@@ -101,6 +101,10 @@ class DdsPublisher:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
             self.node.middleware.warn(f"{self.topic}: dropped a message: a subscriber does not keep up")
 
+    def subscribers(self) -> int:
+        """How many subscriptions it is connected to, those of its own node too."""
+        return len(self._writer.get_matched_subscriptions())
+
     def flush(self, patience: int) -> None:
         """Block until all subscribers have what was sent, at most so long (ns)."""
         if self._unheard:

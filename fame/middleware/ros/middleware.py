@@ -89,6 +89,10 @@ class RosMiddleware:
         topics = dict(self._observer.get_topic_names_and_types())
         return [self._info(name, topics[name]) for name in sorted(topics) if name not in _EVERYWHERE]
 
+    def connecting(self, node: RosNode) -> list[str]:
+        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
+        return [end.topic for end in node.publishers if end.subscribers() < self._hearers(end)]
+
     def namespaces(self) -> list[str]:
         """The namespaces of all nodes, hidden ones apart."""
         found = {space.strip("/") for name, space in self._observer.get_node_names_and_namespaces() if name[0] != "_"}
@@ -149,6 +153,11 @@ class RosMiddleware:
                 continue
             found += [(type, resolve(name, space.strip("/"))) for type in services.get(service, ())]
         return found
+
+    def _hearers(self, end: RosPublisher) -> int:
+        """How many subscriptions there are that can hear a publisher."""
+        others = self._observer.get_subscriptions_info_by_topic(end.topic)
+        return sum(compatible(end.qos, from_profile(other.qos_profile)) is None for other in others)
 
     def _info(self, topic: str, types: list[str]) -> TopicInfo:
         writers = self._observer.get_publishers_info_by_topic(topic)

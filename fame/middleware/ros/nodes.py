@@ -102,6 +102,10 @@ class RosPublisher:
         self.kept.append(data)
         self._end.publish(data)
 
+    def subscribers(self) -> int:
+        """How many subscriptions it is connected to, those of its own node too."""
+        return int(self._end.get_subscription_count())
+
     def matched(self) -> bool:
         """Whether there is a subscription of another node."""
         own = sum(other.hears(self) for other in self.node.subscriptions)
