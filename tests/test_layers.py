@@ -40,6 +40,8 @@ HEAVY = {
     "lxml",
     "matplotlib",
     "numpy",
+    "onnx",
+    "onnxruntime",
     "pymunk",
     "quickjs",
     "rclpy",
