@@ -165,10 +165,7 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
 
 def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
     """Windows that train: (n, window, channels)."""
-    parts = [
-        Windower().feed(run.replace(run.channels()), config.window, config.stride, rate, lambda text: None).values
-        for run in runs
-    ]
+    parts = [Windower().feed(run.replace(run.channels()), config.window, config.stride, rate).values for run in runs]
     parts = [part for part in parts if len(part)]
     if not parts:
         raise ConfigError(f"no run has {config.window} samples at {rate:.3g} Hz in a row", element="Training.window")

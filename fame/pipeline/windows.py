@@ -33,7 +33,12 @@ class Windower:
         )
 
     def feed(
-        self, samples: Samples, size: int, stride: int, rate: float = 0.0, report: Callable[[str], object] = print
+        self,
+        samples: Samples,
+        size: int,
+        stride: int,
+        rate: float = 0.0,
+        report: Callable[[str], object] = lambda text: None,
     ) -> Samples:
         """The windows that these samples complete: values (k, size, ...), stamps of their last samples (k,)."""
         values, stamps = samples.values, samples.stamps
