@@ -49,7 +49,24 @@ def _drone(outline: Sequence[Point]) -> list[Part]:
     return [*arms, *rotors, *hubs, Part(larger(body, far), "ink")]
 
 
-_SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Part]]] = {"tractor": _tractor, "drone": _drone}
+def _arm(outline: Sequence[Point]) -> list[Part]:
+    """A round base, two links bent at an elbow, and a gripper that points ahead."""
+    far = max(x for x, _ in outline)
+    upper = _turned(_box(0.8 * far, 0.0, 1.7 * far, 0.5 * far), 0.6)
+    elbow = 1.6 * far * math.cos(0.6), 1.6 * far * math.sin(0.6)
+    fore = [(x + elbow[0], y + elbow[1]) for x, y in _turned(_box(0.8 * far, 0.0, 1.7 * far, 0.4 * far), -0.6)]
+    fingers = [Part(_box(2 * elbow[0] + 0.25 * far, y * far, 0.6 * far, 0.14 * far), "ink") for y in (-0.22, 0.22)]
+    joints = [Part(disc(place, 0.3 * far), "ink") for place in (elbow, (2 * elbow[0], 0.0))]
+    base = [Part(disc((0.0, 0.0), far), "robot"), Part(disc((0.0, 0.0), 0.35 * far), "paper")]
+    return [*base[:1], Part(upper, "robot"), Part(fore, "robot"), *joints, *fingers, *base[1:]]
+
+
+_SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Part]]] = {
+    "drone": _drone,
+    "mh5": _arm,
+    "tractor": _tractor,
+    "ur5e": _arm,
+}
 """All others look like a vehicle."""
 
 
