@@ -51,12 +51,13 @@ def main() -> None:
     parser.add_argument("--reference", type=int, default=60, metavar="N", help="runs that train and set thresholds")
     parser.add_argument("--free", type=int, default=60, metavar="N", help="free runs that test")
     parser.add_argument("--obstructed", type=int, default=30, metavar="N", help="runs of each obstruction that test")
+    parser.add_argument("--seed", type=int, default=TEST, metavar="N", help="of the first run that tests")
     parser.add_argument("--model", type=Path, default=MODEL, metavar="FILE.skops", help="where the model is stored")
     arguments = parser.parse_args()
     model = fit([samples(REFERENCE + number) for number in range(arguments.reference)], TRAINING)
     model.save(arguments.model)
     counts = {"none": arguments.free, "blocked_shoulder": arguments.obstructed, "blocked_lid": arguments.obstructed}
-    found, seed = {}, TEST
+    found, seed = {}, arguments.seed
     for scenario in SCENARIOS:
         found[scenario] = judged(model, scenario, range(seed, seed + counts[scenario]))
         seed += counts[scenario]
