@@ -10,25 +10,23 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from fame.asking import ask, asking_task
-from fame.bpmn.model import CallActivity, Definitions, Expression, Process, Task
-from fame.bpmn.topics import TopicUse, topic_table
-from fame.clock import Entry, Kind, Scheduler, WallScheduler
+from fame.bpmn.model import CallActivity, Expression, Process, Task
+from fame.bpmn.topics import TopicUse
+from fame.clock import Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Mark, Trail
 from fame.errors import MessageError, MissionError, ModelError
-from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
-from fame.library import Library
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, Middleware, Publisher, Subscription, resolve
+from fame.mission import Mission, Service, mission
 from fame.observation import Event, Observer, by_trails
 from fame.scripting import (
     Log,
@@ -43,62 +41,15 @@ from fame.scripting import (
     script_topics,
 )
 from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
+from fame.timers import Timers
 from fame.units import Around, Make, living
+from fame.waits import Wait, waits_of
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
 
 _EARLY = 1000
 """How many messages are kept for a process that is loaded and has not been started."""
-
-Service = Callable[[dict[str, Any]], Any]
-"""What a service task calls: a function of the variables; gives a result, or a coroutine of awaitable requests."""
-
-
-@dataclass(frozen=True, slots=True)
-class Wait:
-    """An element that holds a resting token, and what it waits for, in words.
-
-    `since` (ns) is when it was first seen there; `topics` are those whose message would move it, by full name, each
-    with how many others publish on it.
-    """
-
-    robot: str
-    element: str
-    text: str
-    since: int = 0
-    topics: Mapping[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mission:
-    """What a robot is to do: a process, its file, and where called processes and topic types are found."""
-
-    definitions: Definitions
-    process: Process
-    library: Library
-    types: Mapping[str, TopicUse]
-    services: Mapping[str, Service]
-
-
-def mission(
-    definitions: Definitions,
-    process: Process,
-    *,
-    library: Library | None = None,
-    shared: Mapping[str, TopicUse] | None = None,
-    services: Mapping[str, Service] | None = None,
-) -> Mission:
-    """The mission of one process. `shared` are the topics of the whole collaboration.
-
-    Raises ModelError for calls that lead nowhere and topics without one type.
-    """
-    library = library or Library()
-    closure = library.closure(definitions, process)
-    files = list({file.file: file for file, _ in closure}.values())
-    elsewhere = {name: use.declared for name, use in (shared or {}).items() if use.declared and name[0] == "/"}
-    types = topic_table(files, [called.id for _, called in closure], types=elsewhere)
-    return Mission(definitions=definitions, process=process, library=library, types=types, services=services or {})
 
 
 class RobotNode:
@@ -143,7 +94,7 @@ class RobotNode:
         self.started = self.completed = self.failed = 0
         self._keep, self._on_end, self._units = keep, on_end, units
         self._seen: dict[int, int] = {}  # resting token -> when `waits` saw it first
-        self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}
+        self._timers = Timers(scheduler, epoch, self._fire)
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._throws: dict[str, Publisher] = {}  # of events, by qualified name
         self._subscriptions: list[Subscription] = []
@@ -248,59 +199,14 @@ class RobotNode:
         """Leave: scripts are closed, timers forgotten, endpoints gone."""
         self.javascript.close()
         self.runner.close()
-        for entry, _, _ in self._timers.values():
-            entry.cancel()
-        self._timers.clear()
+        self._timers.close()
         self.node.close()
 
     # ---- what people ask -----------------------------------------------------------------------------------------
 
     def waits(self) -> list[Wait]:
         """Every resting token, and what it waits for; starts that wait for their first trigger if nothing runs."""
-        now, heard = self.scheduler.now, self._publishers_heard()
-        rests = [rest for instance in self.engine.instances.values() for rest in instance.rests()]
-        self._seen = {rest.key: self._seen.get(rest.key, now) for rest in rests}
-        found = []
-        for rest in rests:
-            topics = {topic: heard.get(topic, 0) for topic in self._awaited(rest)}
-            found.append(Wait(self.name, rest.node.id, self._wait_text(rest, heard), self._seen[rest.key], topics))
-        if not self.instances:
-            for topic, nodes in self.engine.program.starts.items():
-                full = resolve(topic, self.namespace)
-                text, topics = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
-                found.extend(Wait(self.name, node.id, text, topics=topics) for node in nodes)
-        return found
-
-    def _publishers_heard(self) -> dict[str, int]:
-        """How many other nodes' publishers each topic has."""
-        own = self.node.full_name
-        return {info.name: sum(name != own for name in info.publishers) for info in self.middleware.graph()}
-
-    def _awaited(self, rest: Any) -> list[str]:
-        """The topics whose message would move a token, by full name."""
-        node = rest.node
-        names = [item.topic for item in (node, *node.alternatives) if item.topic]
-        if not names and (topic := self.runner.awaited_topic(rest.key)):
-            names = [topic]
-        return [resolve(name, self.namespace) for name in names]
-
-    def _wait_text(self, rest: Any, heard: Mapping[str, int]) -> str:
-        node = rest.node
-        if node.topic:
-            return _topic_text(resolve(node.topic, self.namespace), heard)
-        if node.kind == "timer":
-            return f"{node.timer} timer"
-        if node.kind == "user":
-            return "somebody to complete it"
-        if node.alternatives:
-            return " or ".join(
-                _topic_text(resolve(item.topic, self.namespace), heard) if item.topic else item.kind
-                for item in node.alternatives
-            )
-        awaited = self.runner.awaited_topic(rest.key)
-        if awaited is not None:
-            return f"receive on {_topic_text(resolve(awaited, self.namespace), heard)}"
-        return self.runner.waits(rest.key) or node.kind
+        return waits_of(self, self._seen)
 
     def complete(self, element: str, values: Mapping[str, Any] | None = None) -> None:
         """Somebody did what a user, manual or receive task waits for. Raises MissionError if none waits there."""
@@ -326,13 +232,8 @@ class RobotNode:
         self.engine.deliver(topic, message)
         self.runner.poll()
 
-    def _fire(self, key: int) -> None:
-        entry, delays, base = self._timers.pop(key)
-        following = next(delays, None)
-        if following is not None:
-            entry = self.scheduler.at(base + following, partial(self._fire, key), Kind.TIMER)
-            self._timers[key] = (entry, delays, base)
-        self.engine.timer_fired(key, last=following is None)
+    def _fire(self, key: int, last: bool) -> None:
+        self.engine.timer_fired(key, last=last)
         self.runner.poll()
 
     def _script_ended(self, key: int, error: BaseException | None) -> None:
@@ -398,27 +299,10 @@ class RobotNode:
         return message
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
-        now = self.scheduler.now
-        date = self.epoch + timedelta(microseconds=now // 1000)
-        delays: Iterator[int]
-        if kind == "cycle":
-            delays = parse_cycle(text).delays(date)
-        elif kind == "date":
-            delays = iter((nanoseconds_between(date, parse_datetime(text)),))
-        else:
-            duration = parse_duration(text)
-            delays = iter(
-                (nanoseconds_between(date, add(date, duration)) if duration.months else duration.nanoseconds,)
-            )
-        first = next(delays, None)
-        if first is not None:
-            entry = self.scheduler.at(now + first, partial(self._fire, key), Kind.TIMER)
-            self._timers[key] = (entry, delays, now)
+        self._timers.set(key, kind, text)
 
     def cancel_timer(self, key: int) -> None:
-        timer = self._timers.pop(key, None)
-        if timer is not None:
-            timer[0].cancel()
+        self._timers.cancel(key)
 
     def run(self, key: int, script: Any) -> None:
         self.runner.start(key, script)
@@ -548,10 +432,6 @@ class RobotNode:
 
     def _script_report(self, key: int, text: str) -> None:
         self.report("", text)
-
-
-def _topic_text(topic: str, heard: Mapping[str, int]) -> str:
-    return f"topic {topic}" + ("" if heard.get(topic) else ", which nobody else publishes")
 
 
 __all__ = ["EPOCH", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]

@@ -16,7 +16,17 @@ FLOORS = (
     ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors"),
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
-    ("fame.asking", "fame.library", "fame.units", "fame.node", "fame.observation", "fame.splitter"),
+    (
+        "fame.asking",
+        "fame.mission",
+        "fame.timers",
+        "fame.waits",
+        "fame.library",
+        "fame.units",
+        "fame.node",
+        "fame.observation",
+        "fame.splitter",
+    ),
     (
         "fame.simulation",
         "fame.check",

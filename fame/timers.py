@@ -1,0 +1,63 @@
+"""The timers of one engine: durations, dates and cycles of ISO 8601 on its scheduler."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
+from functools import partial
+
+from fame.clock import Entry, Kind, Scheduler
+from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
+
+
+class Timers:
+    """Those that are set, by the engine's key. `fire` is called with the key, and whether it was the last time.
+
+    `epoch` is the date of the scheduler's time 0. What follows in a cycle is due at its distance from the beginning,
+    however late one came.
+    """
+
+    def __init__(self, scheduler: Scheduler, epoch: datetime, fire: Callable[[int, bool], object]) -> None:
+        self._scheduler, self._epoch, self._fire = scheduler, epoch, fire
+        self._set: dict[int, tuple[Entry, Iterator[int], int]] = {}
+
+    def set(self, key: int, kind: str, text: str) -> None:
+        """Set one: a ``duration``, ``date`` or ``cycle``. Raises ValueError for a text that is none."""
+        now = self._scheduler.now
+        date = self._epoch + timedelta(microseconds=now // 1000)
+        delays = _delays(kind, text, date)
+        first = next(delays, None)
+        if first is not None:
+            self._await(key, delays, now, first)
+
+    def cancel(self, key: int) -> None:
+        """Forget one, if it is set."""
+        timer = self._set.pop(key, None)
+        if timer is not None:
+            timer[0].cancel()
+
+    def close(self) -> None:
+        """Forget all."""
+        for entry, _, _ in self._set.values():
+            entry.cancel()
+        self._set.clear()
+
+    def _await(self, key: int, delays: Iterator[int], base: int, delay: int) -> None:
+        self._set[key] = (self._scheduler.at(base + delay, partial(self._due, key), Kind.TIMER), delays, base)
+
+    def _due(self, key: int) -> None:
+        _, delays, base = self._set.pop(key)
+        following = next(delays, None)
+        if following is not None:
+            self._await(key, delays, base, following)
+        self._fire(key, following is None)
+
+
+def _delays(kind: str, text: str, date: datetime) -> Iterator[int]:
+    """When it is due, ns from `date`."""
+    if kind == "cycle":
+        return parse_cycle(text).delays(date)
+    if kind == "date":
+        return iter((nanoseconds_between(date, parse_datetime(text)),))
+    duration = parse_duration(text)
+    return iter((nanoseconds_between(date, add(date, duration)) if duration.months else duration.nanoseconds,))

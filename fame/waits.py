@@ -1,0 +1,84 @@
+"""What the tokens of a robot wait for, in words and by topic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from fame.middleware.interface import resolve
+
+if TYPE_CHECKING:
+    from fame.node import RobotNode
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """An element that holds a resting token, and what it waits for, in words.
+
+    `since` (ns) is when it was first seen there; `topics` are those whose message would move it, by full name, each
+    with how many others publish on it.
+    """
+
+    robot: str
+    element: str
+    text: str
+    since: int = 0
+    topics: Mapping[str, int] = field(default_factory=dict)
+
+
+def waits_of(robot: RobotNode, seen: dict[int, int]) -> list[Wait]:
+    """See `RobotNode.waits`. `seen` is kept from call to call: when each resting token was seen first (ns)."""
+    now, heard = robot.scheduler.now, _publishers_heard(robot)
+    rests = [rest for instance in robot.engine.instances.values() for rest in instance.rests()]
+    known = {rest.key: seen.get(rest.key, now) for rest in rests}
+    seen.clear()
+    seen.update(known)
+    found = []
+    for rest in rests:
+        topics = {topic: heard.get(topic, 0) for topic in _awaited(robot, rest)}
+        found.append(Wait(robot.name, rest.node.id, _wait_text(robot, rest, heard), seen[rest.key], topics))
+    if not robot.instances:
+        for topic, nodes in robot.engine.program.starts.items():
+            full = resolve(topic, robot.namespace)
+            text, topics = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
+            found.extend(Wait(robot.name, node.id, text, topics=topics) for node in nodes)
+    return found
+
+
+def _publishers_heard(robot: RobotNode) -> dict[str, int]:
+    """How many other nodes' publishers each topic has."""
+    own = robot.node.full_name
+    return {info.name: sum(name != own for name in info.publishers) for info in robot.middleware.graph()}
+
+
+def _awaited(robot: RobotNode, rest: Any) -> list[str]:
+    """The topics whose message would move a token, by full name."""
+    node = rest.node
+    names = [item.topic for item in (node, *node.alternatives) if item.topic]
+    if not names and (topic := robot.runner.awaited_topic(rest.key)):
+        names = [topic]
+    return [resolve(name, robot.namespace) for name in names]
+
+
+def _wait_text(robot: RobotNode, rest: Any, heard: Mapping[str, int]) -> str:
+    node = rest.node
+    if node.topic:
+        return _topic_text(resolve(node.topic, robot.namespace), heard)
+    if node.kind == "timer":
+        return f"{node.timer} timer"
+    if node.kind == "user":
+        return "somebody to complete it"
+    if node.alternatives:
+        return " or ".join(
+            _topic_text(resolve(item.topic, robot.namespace), heard) if item.topic else item.kind
+            for item in node.alternatives
+        )
+    awaited = robot.runner.awaited_topic(rest.key)
+    if awaited is not None:
+        return f"receive on {_topic_text(resolve(awaited, robot.namespace), heard)}"
+    return robot.runner.waits(rest.key) or node.kind
+
+
+def _topic_text(topic: str, heard: Mapping[str, int]) -> str:
+    return f"topic {topic}" + ("" if heard.get(topic) else ", which nobody else publishes")
