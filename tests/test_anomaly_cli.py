@@ -12,7 +12,7 @@ from fame.anomaly.chain import Chain
 from fame.anomaly.cli import add_arguments, run
 from fame.anomaly.files import read_csv, write_csv
 from fame.anomaly.recording import of_runs
-from fame.errors import ConfigError
+from fame.errors import ConfigError, MissionError
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
 
@@ -31,7 +31,8 @@ def adm(*words: object) -> int:
     return run(parser.parse_args([str(word) for word in words]))
 
 
-def write_bag(path: Path, values: np.ndarray, chain: Chain = MH5) -> Path:
+def write_bag(path: Path, values: np.ndarray, chain: Chain = MH5, signals: tuple[int, int] | None = None) -> Path:
+    """Joint states every 25 ms; `signals` are the rows before which the task starts and ends."""
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -41,8 +42,15 @@ def write_bag(path: Path, values: np.ndarray, chain: Chain = MH5) -> Path:
     state, header, time = (types[name] for name in names)
     with Writer(path, version=9) as writer:
         connection = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        told = {
+            row: writer.add_connection(topic, "std_msgs/msg/Empty", typestore=store)
+            for row, topic in zip(signals or (), ("/task_start", "/task_end"), strict=False)
+        }
+        empty = types["std_msgs/msg/Empty"]()
         for number, row in enumerate(values):
             stamp = 1_000_000_000 + number * 25_000_000
+            if number in told:
+                writer.write(told[number], stamp - 1, store.serialize_cdr(empty, "std_msgs/msg/Empty"))
             head = header(time(stamp // 10**9, stamp % 10**9), "")
             message = state(head, list(chain.joints), row, np.zeros(0), np.zeros(0))
             writer.write(connection, stamp, store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
@@ -75,6 +83,49 @@ def test_merging_tells_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixtu
         write_csv(tmp_path / name, of_runs([np.ones((3, 2))], label, ("s", "l")))
     assert adm("merge", tmp_path / "a.csv", tmp_path / "b.csv", "-o", tmp_path / "c.csv") == 0
     assert "6 points, 1 benign and 1 anomalous runs" in capsys.readouterr().out
+
+
+@needs_data
+def test_signals_of_a_bag_delimit_its_runs(tmp_path: Path):
+    bag = write_bag(tmp_path / "bag", runs(20), signals=(10, 400))
+    assert adm("collect", "--bag", bag, "--rule", "signal", "--label", 1, "-o", tmp_path / "x.csv") == 0
+    assert len(read_csv(tmp_path / "x.csv")) == 390
+
+
+@needs_data
+def test_fewer_runs_than_asked_for_are_written_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    bag = write_bag(tmp_path / "bag", runs(20, 21))
+    assert adm("collect", "--bag", bag, "--label", 1, "--runs", 5, "-o", tmp_path / "x.csv") == 1
+    assert read_csv(tmp_path / "x.csv").count == 2
+    assert "3 of the 5 runs are missing" in capsys.readouterr().err
+
+
+@needs_data
+def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
+    from fame.anomaly.model import Model
+    from fame.anomaly.paths import PathDetector
+    from fame.anomaly.persist import save_model
+
+    benign = recording(BENIGN).select(range(4))
+    other = tuple(f"other_{name}" for name in MH5.joints)
+    detector = PathDetector(MH5).fit(benign)
+    save_model(Model("path", other, detector, None, 0.002, 518, benign.values), tmp_path / "m.skops")
+    bag = write_bag(tmp_path / "bag", runs(20)[:30])
+    with pytest.raises(MissionError, match="no run was judged"):
+        adm("operate", "--bag", bag, "--model", tmp_path / "m.skops")
+
+
+@pytest.mark.parametrize("threshold", ["-1", "7", "nan"])
+def test_a_threshold_that_is_no_score_is_refused(tmp_path: Path, threshold: str):
+    with pytest.raises(ConfigError, match=r"found the threshold .*; a number from 0 to 1"):
+        adm("operate", "--model", tmp_path / "m.skops", "--threshold", threshold)
+
+
+def test_a_result_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    for out, said in ((tmp_path / "file" / "x.csv", "cannot be written"), (tmp_path, "is a folder")):
+        with pytest.raises(ConfigError, match=said):
+            adm("collect", "--bag", tmp_path / "gone", "--label", 1, "-o", out)
 
 
 @needs_data

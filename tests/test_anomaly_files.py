@@ -47,6 +47,28 @@ def test_columns_of_a_learning_file_count_joints_in_files_with_a_header_too(tmp_
     assert read_csv(tmp_path / "a.csv", [1], 2).values.ravel().tolist() == [0.2, 0.4, 0.6]
 
 
+@needs_data
+def test_separator_rows_are_named(tmp_path: Path):
+    assert recording(BOTH).notes == (f"{BOTH}: left out 2 all-zero rows away from home (line 1, 2237)",)
+
+
+def test_a_row_of_zeros_in_a_file_with_runs_is_left_out_too(tmp_path: Path):
+    (tmp_path / "a.csv").write_text("run,s,l,label\n0,1,2,1\n0,0,0,1\n0,1,2,1\n1,1,2,1\n")
+    found = read_csv(tmp_path / "a.csv")
+    assert (found.runs.tolist(), len(found.notes)) == ([0, 0, 1], 1)
+
+
+@needs_data
+def test_runs_after_an_interruption_are_still_found_by_home(tmp_path: Path):
+    lines = BENIGN.read_text().splitlines()[:1560]
+    lines[250] = "0,0,0,0,0,0,1"
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    found = [len(run) for run in read_csv(tmp_path / "a.csv")]
+    whole = [len(run) for run in recording(BENIGN)]
+    assert found[0] == 250
+    assert found[1:3] == [whole[0] - 251, whole[1]]
+
+
 def test_merging_keeps_labels_and_numbers_the_runs_on(tmp_path: Path):
     write_csv(tmp_path / "a.csv", made())
     write_csv(tmp_path / "b.csv", made(-1))
@@ -57,7 +79,7 @@ def test_merging_keeps_labels_and_numbers_the_runs_on(tmp_path: Path):
 def test_files_of_different_joints_are_not_merged(tmp_path: Path):
     write_csv(tmp_path / "a.csv", made())
     write_csv(tmp_path / "b.csv", of_runs([np.ones((2, 2))], 1, ("u", "r")))
-    with pytest.raises(ConfigError, match=r"b\.csv: has the joints u, r; those of .*a\.csv \(s, l\)"):
+    with pytest.raises(ConfigError, match=r"b\.csv: has the 2 joints u, r; the 2 of .*a\.csv \(s, l\)"):
         merge([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 

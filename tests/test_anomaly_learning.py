@@ -14,6 +14,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
 from fame.anomaly import persist
+from fame.anomaly.classifiers import candidates
 from fame.anomaly.config import load
 from fame.anomaly.files import write_csv
 from fame.anomaly.interface import Interface
@@ -113,6 +114,54 @@ def test_the_grid_multiplies_parameters_and_reductions(folder: Path):
     assert names == ["one pca 0", "one pca 2", *(f"two gamma {g} pca {n}" for n in (0, 2) for g in (5, 20))]
 
 
+def test_a_name_that_is_null_means_no_such_training(folder: Path):
+    text = FILES.replace("supervised_train: {name: both.csv", "supervised_train: {name: Null")
+    (folder / "published.yaml").write_text(
+        text.replace("unsupervised_train: {name: Null", "unsupervised_train: {name: benign.csv")
+    )
+    found = learn(load(folder / "published.yaml"))
+    assert [item.entry.name for item in found] == ["ocsvm"]
+
+
+def test_a_reduction_that_is_asked_for_holds_for_the_classifiers_of_the_paper(folder: Path):
+    learning = load(folder / "published.yaml")
+    assert [entry.reduction for entry in candidates(learning)] == [2, 2]
+    (folder / "published.yaml").write_text(FILES.replace("reduction: 2", "reduction: 0"))
+    assert [entry.reduction for entry in candidates(load(folder / "published.yaml"))] == [0, 3]
+    (folder / "published.yaml").write_text(FILES + "Grid: {reduction: [0, 5, 4, 3, 2]}")
+    tried = [entry.reduction for entry in candidates(load(folder / "published.yaml"))]
+    assert tried == [0, 5, 4, 3, 2] * 2
+
+
+def test_files_with_other_joints_are_refused(folder: Path):
+    headerless = (folder / "benign.csv").read_text().splitlines()[1:]
+    (folder / "plain.csv").write_text("\n".join(line.split(",", 1)[1] for line in headerless))
+    write_csv(folder / "test.csv", of_runs([np.ones((9, 3))], 1, ("a", "b", "other")))
+    text = (folder / "learning.yaml").read_text().replace("fit_file: {name: benign.csv", "fit_file: {name: plain.csv")
+    (folder / "learning.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"test\.csv: has the 3 joints a, b, other; the 3 of .*benign\.csv"):
+        learn(load(folder / "learning.yaml"))
+
+
+def test_progress_tells_what_is_done_and_the_time_left(folder: Path):
+    told = []
+    learn(load(folder / "learning.yaml"), progress=told.append)
+    assert [item.done for item in told] == list(range(1, 9))
+    assert {item.total for item in told} == {8}
+    assert told[-1].left == 0
+
+
+def test_without_anomalous_runs_the_best_raises_the_fewest_false_alarms(folder: Path):
+    text = (folder / "learning.yaml").read_text()
+    text = text.replace("  supervised_train: {name: both.csv, input_col: [0, 1, 2], output_col: [3]}\n", "")
+    worse = "  - {name: worse, class: OneClassSVM, parameters: {nu: 0.9, gamma: 5}, threshold: 0.5}"
+    (folder / "learning.yaml").write_text(
+        "\n".join(worse if "name: two" in line else line for line in text.splitlines())
+    )
+    one, worse_one = learn(load(folder / "learning.yaml"))
+    assert best([worse_one, one]) is one
+
+
 def test_the_published_script_works(folder: Path, capsys: pytest.CaptureFixture[str]):
     interface = Interface(folder / "published.yaml")
     interface.genmodel_train([("ocsvm", OneClassSVM(nu=0.1, gamma=5))], [("rbfsvm1", SVC(gamma=20, C=100))])
@@ -189,6 +238,19 @@ def test_a_damaged_model_is_refused(folder: Path):
         load_model(stored(folder, joints=["a"]))
 
 
+@pytest.mark.parametrize(
+    "changes", [{"estimator": 5}, {"process": None}, {"reference": np.zeros((0, 3))}, {"nominal": "x"}]
+)
+def test_parts_that_do_not_fit_are_damage(folder: Path, changes: dict[str, object]):
+    with pytest.raises(ConfigError, match="is damaged: "):
+        load_model(stored(folder, **changes))
+
+
+def test_a_model_that_names_no_versions_is_refused(folder: Path):
+    with pytest.raises(ConfigError, match="made with scikit-learn unknown"):
+        load_model(stored(folder, versions=None))
+
+
 def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
     (folder / "x.skops").write_bytes(b"nothing")
     with ZipFile(folder / "y.skops", "w") as archive:
@@ -213,6 +275,16 @@ def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
         ("threshold: 0.5", "threshold: 5", r"Classifiers\[0\].threshold: found 5"),
         ("both.csv", "benign.csv", "has benign points only"),
         ("folds: 3", "folds: 9", "at least 9 are needed"),
+        ("folds: 3", "folds: 1", r"Split\.folds: found 1; 0 \(no validation\) or 2"),
+        ("reduction: 2", "scaling: log", r"Operations\.scaling: found 'log'; one of minmax"),
+        ("nu: 0.1", "nu: 7", r"benign\.csv: OneClassSVM does not learn from that: .*'nu'"),
+        ("Split: {folds: 3}", "Grid: {reduction: 2}", r"Grid\.reduction: found 2; a list such as"),
+        ("Split: {folds: 3}", "Grid: {two: {gamma: 5}}", r"Grid\.two\.gamma: found 5; a list of values"),
+        (
+            "test.csv, input_col: [0, 1, 2]",
+            "test.csv, input_col: [0, 1]",
+            r"test\.csv: has the 2 joints a, b; the 3 of",
+        ),
     ],
 )
 def test_a_wrong_learning_file_is_refused(folder: Path, old: str, new: str, message: str):
@@ -222,7 +294,10 @@ def test_a_wrong_learning_file_is_refused(folder: Path, old: str, new: str, mess
         learn(load(path))
 
 
-def test_fewer_points_than_columns_are_refused():
+def test_fewer_points_than_columns_are_refused_with_their_file(folder: Path):
+    write_csv(folder / "benign.csv", of_runs([np.ones((2, 3))], 1, ("a", "b", "c")))
+    with pytest.raises(ConfigError, match=r"benign\.csv: has 2 points of 3 columns"):
+        learn(load(folder / "learning.yaml"))
     with pytest.raises(ConfigError, match="has 2 points of 3 columns"):
         DataProcess().fit(np.ones((2, 3)))
 

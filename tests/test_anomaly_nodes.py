@@ -15,7 +15,7 @@ from fame.anomaly.model import Model
 from fame.anomaly.operate import Operate
 from fame.anomaly.paths import PathDetector
 from fame.clock import SECOND, Scheduler
-from fame.errors import MissionError
+from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from robots.arm.mh5 import MH5
@@ -153,6 +153,67 @@ def test_cycles_are_counted():
     Collect(arm.middleware, arm.scheduler, collector)
     arm.play(np.ones((11, 6)))
     assert collector.recording().runs.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+
+
+@needs_data
+def test_an_arm_under_way_is_recorded_from_home_on():
+    arm = Arm()
+    collector = Collector(1)
+    Collect(arm.middleware, arm.scheduler, collector, report=arm.texts.append)
+    arm.play(np.vstack([runs(21)[250:], runs(22, 23)]))
+    assert [len(run) for run in collector.recording()] == [len(runs(22)), len(runs(23))]
+    assert "the arm is under way" in arm.texts[0]
+
+
+@needs_data
+def test_a_run_that_was_cut_off_is_left_out_of_what_is_learned_from():
+    arm = Arm()
+    collector = Collector(1)
+    Collect(arm.middleware, arm.scheduler, collector)
+    arm.play(np.vstack([runs(21, 22), runs(23)[:200]]))
+    found = collector.recording()
+    assert found.count == 2
+    assert "run 2 is left out: cut off after" in found.notes[0]
+
+
+@needs_data
+def test_an_arm_that_never_comes_home_is_said():
+    collector = Collector(1)
+    for row in runs(21)[200:260].tolist():
+        collector.step(0.0, row)
+    with pytest.raises(MissionError, match="never passed home"):
+        collector.recording()
+
+
+def test_counting_without_a_count_is_refused():
+    with pytest.raises(ConfigError, match="found 0 points of a run"):
+        Collector(1, "count")
+
+
+@needs_data
+def test_signals_delimit_what_is_collected():
+    arm = Arm()
+    collector = Collector(1, "signal")
+    Collect(arm.middleware, arm.scheduler, collector)
+    arm.play(runs(21)[:50])
+    for number in (21, 22):
+        arm.signal("/task_start")
+        arm.play(runs(number))
+        arm.signal("/task_end")
+        arm.play(runs(number)[:10])
+    assert [len(run) for run in collector.recording()] == [len(runs(21)), len(runs(22))]
+
+
+@needs_data
+def test_zeros_in_mid_motion_are_left_out_and_said():
+    arm = Arm()
+    operate = arm.operate()
+    values = runs(21).copy()
+    values[250] = 0
+    arm.play(values)
+    operate.close()
+    assert operate.runs[0].points == len(values) - 1
+    assert "all joints are 0 at once" in arm.texts[0]
 
 
 def test_nothing_collected_is_an_error():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -61,7 +62,7 @@ def _build(cls: Any, entry: Entry, parameters: dict[str, Any]) -> Any:
 
 def candidates(learning: Learning) -> Iterator[Entry]:
     """Every classifier to try, each with its parameters and reduction: the entries, multiplied by the grid."""
-    for entry in learning.classifiers or DEFAULTS:
+    for entry in learning.classifiers or _defaults(learning):
         own = dict(learning.grid.get(entry.name, {}))
         reductions = own.pop("reduction", None)
         if reductions is None:
@@ -71,13 +72,22 @@ def candidates(learning: Learning) -> Iterator[Entry]:
         names = sorted(own)
         for reduction, *values in product(reductions, *(own[name] for name in names)):
             chosen = dict(zip(names, values, strict=True))
-            label = ", ".join([f"{name} {value:g}" for name, value in chosen.items()])
+            label = ", ".join([f"{name} {value}" for name, value in chosen.items()])
             several = len(reductions) > 1
             name = " ".join(part for part in (entry.name, label, f"pca {reduction}" if several else "") if part)
             yield Entry(
                 name, entry.cls, {**entry.parameters, **chosen}, reduction,
                 entry.scaling or learning.scaling, _threshold(entry, learning), entry.unique,
             )  # fmt: skip
+
+
+def _defaults(learning: Learning) -> Iterator[Entry]:
+    """Those that the learning file names data for (no ``name: Null``); a reduction that it asks for holds for them."""
+    named = {"ocsvm": learning.unsupervised, "rbfsvm": learning.supervised}
+    asked = learning.reduction or "reduction" in learning.grid
+    for entry in DEFAULTS:
+        if named[entry.name] is not None:
+            yield replace(entry, reduction=None) if asked else entry
 
 
 def _threshold(entry: Entry, learning: Learning) -> Any:

@@ -10,6 +10,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,8 +87,24 @@ def _settle(arguments: argparse.Namespace, *required: str) -> None:
     missing = [name for name in required if getattr(arguments, name) is None]
     if missing:
         raise ConfigError(f"needs --{missing[0]} (see --help)")
+    _require_threshold(getattr(arguments, "threshold", None))
     if getattr(arguments, "label", 1) not in (1, -1):
         raise ConfigError(f"found the label {arguments.label}; 1 (benign) or -1 (anomalous) would be right")
+
+
+def _require_threshold(threshold: float | None) -> None:
+    if threshold is not None and not 0 <= threshold < 1:
+        raise ConfigError(f"found the threshold {threshold:g}; a number from 0 to 1 would be right")
+
+
+def _require_folder(path: Path) -> None:
+    """Make the folder that a result will be written to, before hours are spent on it. Raises ConfigError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+    if path.is_dir():
+        raise ConfigError("is a folder; the name of a file would be right", file=str(path))
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
@@ -95,7 +112,9 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--field", choices=FIELDS, default="position")
     parser.add_argument("--bag", type=Path, metavar="BAG", help="read a bag instead of listening")
     parser.add_argument("--rule", choices=RULES, default="home", help="what delimits a run (default: home)")
-    parser.add_argument("--points", type=int, default=0, metavar="N", help="with --rule count: points of a run")
+    parser.add_argument(
+        "--points", type=int, default=0, metavar="N", help="with --rule count: points of a run (operate: as learned)"
+    )
 
 
 def _say(text: str) -> None:
@@ -110,6 +129,7 @@ def _collect(arguments: argparse.Namespace, connect: Connect | None) -> int:
     from fame.anomaly.collect import Collect, Collector
     from fame.anomaly.files import write_csv
 
+    _require_folder(arguments.output)
     collector = Collector(arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs)
     of = f" of {arguments.runs}" if arguments.runs else ""
 
@@ -122,10 +142,14 @@ def _collect(arguments: argparse.Namespace, connect: Connect | None) -> int:
             report=_say, progress=progress, done=scheduler.stop,
         )  # fmt: skip
 
-    _drive(arguments, connect, make)
+    _drive(arguments, connect, make, lambda: collector.done)
     recording = collector.recording()
     write_csv(arguments.output, recording)
-    return written(arguments, recording)
+    written(arguments, recording)
+    missing = arguments.runs - recording.count
+    if missing > 0:
+        _say(f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off")
+    return 1 if missing > 0 else 0
 
 
 def _merge(arguments: argparse.Namespace, connect: Connect | None) -> int:
@@ -137,7 +161,9 @@ def _merge(arguments: argparse.Namespace, connect: Connect | None) -> int:
 
 
 def written(arguments: argparse.Namespace, recording: Recording) -> int:
-    """Say what was written. Gives the exit code."""
+    """Say what was written, and what was odd. Gives the exit code."""
+    for note in recording.notes:
+        _say(note)
     labels = recording.run_labels()
     told = {
         "status": "completed", "file": str(arguments.output), "points": len(recording), "runs": len(labels),
@@ -160,7 +186,10 @@ def _learn(arguments: argparse.Namespace, connect: Connect | None) -> int:
     from fame.anomaly.table import plain, render, rows
 
     learning = load(arguments.config)
+    _require_folder(arguments.output)
     data = read_data(learning)
+    for note in data.notes:
+        _say(note)
     progress = _show if sys.stderr.isatty() else None
     learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
     chosen = best(learned)
@@ -234,31 +263,50 @@ def _operate(arguments: argparse.Namespace, connect: Connect | None) -> int:
     model = load_model(arguments.model)
     nodes: list[Operate] = []
 
+    def enough() -> bool:
+        return bool(nodes) and 0 < arguments.runs <= len(nodes[0].runs)
+
+    over = False
+
     def report(text: str) -> None:
+        nonlocal over
+        if over:
+            return
         _say(text)
-        if arguments.runs and nodes and len(nodes[0].runs) >= arguments.runs:
+        over = enough()
+        if over:
             nodes[0].scheduler.stop()
 
     def make(middleware: Middleware, scheduler: Scheduler) -> Operate:
         nodes.append(
             Operate(
                 middleware, scheduler, model, topic=arguments.topic, field=arguments.field,
-                threshold=arguments.threshold, rule=arguments.rule, report=report,
+                threshold=arguments.threshold, rule=arguments.rule, cycle=arguments.points, report=report,
             )
         )  # fmt: skip
         return nodes[0]
 
-    _drive(arguments, connect, make)
-    runs = nodes[0].runs
+    _drive(arguments, connect, make, enough)
+    runs = nodes[0].runs[: arguments.runs or None]
+    if not runs and arguments.bag is not None:
+        raise MissionError(f"{arguments.bag}: no run was judged: none began that the model fits (--rule, --topic)")
     above = [item for item in runs if item.above]
     if arguments.json:
         told = [
-            {"run": r.run, "points": r.points, "anomalous": r.anomalous, "score": r.score, "above": r.above}
+            {
+                "run": r.run,
+                "points": r.points,
+                "anomalous": r.anomalous,
+                "score": r.score,
+                "above": r.above,
+                "whole": r.whole,
+            }
             for r in runs
         ]
         print(json.dumps({"status": "failed" if above else "completed", "runs": told}, indent=2))
     else:
-        print(f"{len(runs)} runs, {len(above)} of them anomalous")
+        cut = sum(not item.whole for item in runs)
+        print(f"{len(runs)} runs, {len(above)} of them anomalous" + (f", {cut} cut off" if cut else ""))
     return 1 if above else 0
 
 
@@ -266,11 +314,15 @@ def _operate(arguments: argparse.Namespace, connect: Connect | None) -> int:
 
 
 def _drive(
-    arguments: argparse.Namespace, connect: Connect | None, make: Callable[[Middleware, Scheduler], Any]
+    arguments: argparse.Namespace,
+    connect: Connect | None,
+    make: Callable[[Middleware, Scheduler], Any],
+    enough: Callable[[], bool],
 ) -> None:
-    """Make the node and let it work: on a bag until that ends, on a middleware until it is done or interrupted."""
+    """Make the node and let it work: on a bag until that ends or is enough, on a middleware until it is done or
+    interrupted."""
     if arguments.bag is not None:
-        _play(arguments, make)
+        _play(arguments, make, enough)
         return
     if connect is None:
         raise ConfigError("without a middleware give a bag: --bag BAG")
@@ -285,10 +337,13 @@ def _drive(
         middleware.close()
 
 
-def _play(arguments: argparse.Namespace, make: Callable[[Middleware, Scheduler], Any]) -> None:
+def _play(
+    arguments: argparse.Namespace, make: Callable[[Middleware, Scheduler], Any], enough: Callable[[], bool]
+) -> None:
     """A bag on topics within this process, in the time of the bag."""
     from fame.anomaly.bags import read_bag
     from fame.anomaly.joints import TYPE
+    from fame.anomaly.operate import EMPTY, END, START
     from fame.clock import SECOND, Kind, Scheduler
     from fame.middleware import messages
     from fame.middleware.interface import SENSOR_DATA
@@ -297,17 +352,24 @@ def _play(arguments: argparse.Namespace, make: Callable[[Middleware, Scheduler],
     scheduler = Scheduler()
     middleware = LocalMiddleware(scheduler)
     node = make(middleware, scheduler)
-    player = middleware.node("bag").publisher(arguments.topic, TYPE, SENSOR_DATA)
+    player = middleware.node("bag")
+    joints = player.publisher(arguments.topic, TYPE, SENSOR_DATA)
+    signals = {topic: player.publisher(topic, EMPTY) for topic in (START, END) if arguments.rule == "signal"}
     first, empty = None, True
-    for time, _, message in read_bag(arguments.bag, {arguments.topic: TYPE}):
+    for time, topic, message in read_bag(arguments.bag, {arguments.topic: TYPE} | dict.fromkeys(signals, EMPTY)):
         first = time if first is None else first
-        header = {"stamp": {"sec": message.header.stamp.sec, "nanosec": message.header.stamp.nanosec}}
-        content = {name: list(getattr(message, name)) for name in ("name", *FIELDS)}
-        sent = messages.create(TYPE, {"header": header, **content})
         due = round((time - first) * SECOND)
-        scheduler.at(due, lambda sent=sent: player.publish(sent), Kind.WORLD)  # type: ignore[misc]
+        if topic in signals:
+            scheduler.at(due, partial(signals[topic].publish, messages.create(EMPTY)), Kind.WORLD)
+        else:
+            header = {"stamp": {"sec": message.header.stamp.sec, "nanosec": message.header.stamp.nanosec}}
+            content = {name: list(getattr(message, name)) for name in ("name", *FIELDS)}
+            sent = messages.create(TYPE, {"header": header, **content})
+            scheduler.at(due, partial(joints.publish, sent), Kind.WORLD)
+            empty = False
         scheduler.run(due)
-        empty = False
+        if enough():
+            break
     if empty:
         raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
     node.close()

@@ -18,7 +18,9 @@
     Split: {folds: 5}                     validation: contiguous runs held out; 0: none
     Threshold: 0.01                       or auto
 
-Columns count from 0. Names of files are relative to the folder of the learning file.
+Without Classifiers those of the paper are tried whose data are named, with reductions of their own (one-class SVM none,
+RBF-SVM 3) unless another than 0 is asked for. Columns count from 0. Names of files are relative to the folder of the
+learning file.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from fame.errors import ConfigError
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
 _ENTRY = ("name", "class", "parameters", "reduction", "scaling", "threshold", "unique")
+SCALINGS = ("minmax", "standard", "none")
 FOLDS = 5
 
 Threshold = float | Literal["auto"]
@@ -105,7 +108,10 @@ def _learning(path: Path, text: Any) -> Learning:
     if not isinstance(testing, list):
         raise ConfigError(f"found {testing!r}; a list of files would be right", element="Files.testing")
     classifiers = tuple(_entry(item, f"Classifiers[{i}]") for i, item in enumerate(sections.get("Classifiers") or []))
-    grid = _mapping(sections.get("Grid") or {}, "Grid", ("reduction", *(entry.name for entry in classifiers)))
+    grid = _grid(sections.get("Grid") or {}, [entry.name for entry in classifiers])
+    folds = _whole(split.get("folds", FOLDS), "Split.folds")
+    if folds == 1:
+        raise ConfigError("found 1; 0 (no validation) or 2 and more would be right", element="Split.folds")
     found = [_source(path, item, f"Files.testing[{number}]") for number, item in enumerate(testing)]
     fit, unsupervised, supervised = (_source(path, files.get(key), f"Files.{key}") for key in _FILES[:3])
     if unsupervised is None and supervised is None:
@@ -118,10 +124,10 @@ def _learning(path: Path, text: Any) -> Learning:
         supervised=supervised,
         testing=tuple(source for source in found if source is not None),
         reduction=_whole(operations.get("reduction", 0), "Operations.reduction"),
-        scaling=str(operations.get("scaling", "minmax")),
+        scaling=_scaling(operations.get("scaling", "minmax"), "Operations.scaling"),
         classifiers=classifiers,
         grid=grid,
-        folds=_whole(split.get("folds", FOLDS), "Split.folds"),
+        folds=folds,
         threshold=_threshold(sections.get("Threshold", "auto"), "Threshold"),
     )
 
@@ -156,7 +162,7 @@ def _entry(value: Any, key: str) -> Entry:
         cls=str(parts["class"]),
         parameters=_mapping(parts.get("parameters") or {}, f"{key}.parameters", None),
         reduction=None if reduction is None else _whole(reduction, f"{key}.reduction"),
-        scaling=parts.get("scaling"),
+        scaling=None if parts.get("scaling") is None else _scaling(parts["scaling"], f"{key}.scaling"),
         threshold=None if threshold is None else _threshold(threshold, f"{key}.threshold"),
         unique=bool(parts.get("unique", False)),
     )
@@ -170,6 +176,35 @@ def _mapping(value: Any, key: str, known: Sequence[str] | None) -> Mapping[str, 
     if unknown:
         raise ConfigError(f"found the key {unknown[0]!r}; known are {', '.join(known or ())}", element=key)
     return value
+
+
+def _grid(value: Any, names: Sequence[str]) -> Mapping[str, Any]:
+    """Reductions to try, and for each classifier its parameters' values to try."""
+    grid = _mapping(value, "Grid", ("reduction", *names))
+    for name, tried in grid.items():
+        if name == "reduction":
+            _reductions(tried, "Grid.reduction")
+            continue
+        for parameter, values in _mapping(tried, f"Grid.{name}", None).items():
+            key = f"Grid.{name}.{parameter}"
+            if parameter == "reduction":
+                _reductions(values, key)
+            elif not isinstance(values, list) or not values:
+                raise ConfigError(f"found {values!r}; a list of values to try would be right", element=key)
+    return grid
+
+
+def _reductions(value: Any, key: str) -> None:
+    if not isinstance(value, list) or not value:
+        raise ConfigError(f"found {value!r}; a list such as [0, 5, 4, 3, 2] would be right", element=key)
+    for item in value:
+        _whole(item, key)
+
+
+def _scaling(value: Any, key: str) -> str:
+    if value not in SCALINGS:
+        raise ConfigError(f"found {value!r}; one of {', '.join(SCALINGS)} would be right", element=key)
+    return str(value)
 
 
 def _whole(value: Any, key: str) -> int:

@@ -48,7 +48,8 @@ class AnomalyDetector:
 
 
 def fit(estimator: Any, process: DataProcess, data: Recording, *, supervised: bool, unique: bool = False) -> None:
-    """Fit one classifier. `unique` leaves out repeated points. Raises ConfigError for data of one class only."""
+    """Fit one classifier. `unique` leaves out repeated points. Raises ConfigError for data of one class
+    only, and for what scikit-learn refuses."""
     present = set(data.labels.tolist())
     if supervised and present != {BENIGN, ANOMALOUS}:
         kind = "benign" if BENIGN in present else "anomalous"
@@ -62,10 +63,10 @@ def fit(estimator: Any, process: DataProcess, data: Recording, *, supervised: bo
         return
     values = np.unique(benign.values, axis=0) if unique and not supervised else benign.values
     features = process.transform(values)
-    if supervised:
-        estimator.fit(features, benign.labels)
-    else:
-        estimator.fit(features)
+    try:
+        estimator.fit(features, benign.labels) if supervised else estimator.fit(features)
+    except (TypeError, ValueError) as error:  # parameters are checked only now
+        raise ConfigError(f"{type(estimator).__name__} does not learn from that: {error}", file=data.source) from None
 
 
 def predict(estimator: Any, process: DataProcess | None, data: Recording) -> Any:

@@ -7,14 +7,17 @@ only, the columns named by the learning file; runs are found by `fame.anomaly.ru
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fame.anomaly.recording import Floats, Recording, Whole, join
-from fame.anomaly.runs import number_runs
+from fame.anomaly.runs import number_runs, separators
 from fame.errors import ConfigError
 
 STAMP, RUN, LABEL = "stamp", "run", "label"
@@ -33,7 +36,8 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     """Read a recording.
 
     `inputs` and `output` are 0-based columns; by default those that the header names, or all but the last and the last.
-    All-zero separator rows are left out. Raises ConfigError for anything that is not a table of finite numbers.
+    All-zero separator rows are left out, which `notes` says. Raises ConfigError for anything that is not a table of
+    finite numbers.
     """
     path = Path(path)
     table = read_table(path)
@@ -43,12 +47,13 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
     if RUN in table.names:
         given = table.cells[:, table.names.index(RUN)]
-        kept = np.ones(len(values), dtype=bool)
-        runs = np.cumsum(np.diff(given, prepend=given[:1]) != 0).astype(np.int64)
+        kept = ~separators(values)
+        runs = np.cumsum(np.diff(given[kept], prepend=given[kept][:1]) != 0).astype(np.int64)
     else:
         kept, runs = number_runs(values, labels)
     names = tuple(table.names[column] if table.names else f"joint_{column + 1}" for column in inputs)
-    return Recording(names, values[kept], labels[kept], runs, None if stamps is None else stamps[kept], str(path))
+    times = None if stamps is None else stamps[kept]
+    return Recording(names, values[kept], labels[kept], runs, times, str(path), _notes(path, table, kept))
 
 
 def read_table(path: Path) -> Table:
@@ -90,20 +95,36 @@ def write_csv(path: str | Path, recording: Recording) -> None:
 def merge(paths: Sequence[str | Path]) -> Recording:
     """Labelled files as one recording. Raises ConfigError if they are not of the same joints."""
     recordings = [read_csv(path) for path in paths]
-    for other in recordings[1:]:
-        if other.values.shape[1] != recordings[0].values.shape[1] or not _same(other.joints, recordings[0].joints):
-            raise ConfigError(
-                f"has the joints {', '.join(other.joints)}; those of {recordings[0].source} "
-                f"({', '.join(recordings[0].joints)}) would be right",
-                file=other.source,
-            )
+    require_same_joints(recordings)
     return join(recordings)
 
 
+def require_same_joints(recordings: Sequence[Recording]) -> None:
+    """Raises ConfigError if two have different joints; names made up for a headerless file fit any."""
+    for first, other in combinations(recordings, 2):
+        if not _same(other.joints, first.joints):
+            raise ConfigError(
+                f"has the {len(other.joints)} joints {', '.join(other.joints)}; the {len(first.joints)} of "
+                f"{first.source} ({', '.join(first.joints)}) would be right",
+                file=other.source,
+            )
+
+
 def _same(some: Sequence[str], others: Sequence[str]) -> bool:
-    """Whether names agree; those made up for a headerless file agree with any."""
-    made_up = all(name.startswith("joint_") for name in some) or all(name.startswith("joint_") for name in others)
-    return made_up or tuple(some) == tuple(others)
+    """Whether there are as many, and all of the same name, unless one of them was made up."""
+    made_up = re.compile(r"joint_\d+").fullmatch
+    return len(some) == len(others) and all(
+        one == other or made_up(one) or made_up(other) for one, other in zip(some, others, strict=True)
+    )
+
+
+def _notes(path: Path, table: Table, kept: NDArray[np.bool_]) -> tuple[str, ...]:
+    """What is said of separator rows."""
+    apart = np.flatnonzero(~kept)
+    if not len(apart):
+        return ()
+    lines = ", ".join(str(row + table.first) for row in apart[:5].tolist()) + (" ..." if len(apart) > 5 else "")
+    return (f"{path}: left out {len(apart)} all-zero rows away from home (line {lines})",)
 
 
 def _numbers(row: Sequence[str]) -> list[float] | None:

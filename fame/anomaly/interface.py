@@ -38,6 +38,8 @@ class Interface:
         self.process = self._process()
         self.detector = AnomalyDetector([], [], self.process)
         self._out = out or sys.stdout
+        for note in self.data.notes:
+            print(note, file=self._out)
 
     def genmodel_train(self, unsupervised_models: Sequence[Named], supervised_models: Sequence[Named]) -> None:
         """Train classifiers, each (name, estimator). Raises ConfigError if data for a kind is missing."""

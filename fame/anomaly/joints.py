@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from fame.anomaly.runs import JUMP
+
 TYPE = "sensor_msgs/msg/JointState"
 FIELDS = ("position", "velocity", "effort")
 
@@ -41,6 +43,13 @@ def values_of(message: Any, joints: Sequence[str], field: str = "position") -> l
     if not all(map(math.isfinite, found)):
         raise Unusable(f"its {field} holds a value that is not finite")
     return found
+
+
+def refuse_dropout(values: list[float], before: Sequence[float]) -> list[float]:
+    """The values, unless all are 0 at once while the arm was away from home before. Raises Unusable."""
+    if before and not any(values) and max(map(abs, before)) > JUMP:
+        raise Unusable("all joints are 0 at once while the arm is away from home")
+    return values
 
 
 def _made_up(joints: Sequence[str]) -> bool:

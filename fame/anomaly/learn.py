@@ -6,7 +6,8 @@ are learned anew without it too. *test*: the testing files, unless one holds tra
 
 The threshold on the score of a run is the given number. ``auto`` is the lowest score over the held-out anomalous runs
 (the largest value just below it), and must exceed the highest score of held-out benign ones.
-The best is the one with the highest F1 of validation runs, then of validation points; the first among equals.
+The best is the one with the highest F1 of validation runs, then of validation points, then (without anomalous runs F1
+is 0) with the highest accuracy; the first among equals.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from fame.anomaly.classifiers import candidates, make
 from fame.anomaly.config import Entry, Learning, Source
 from fame.anomaly.detector import fit, is_supervised, predict
-from fame.anomaly.files import read_csv
+from fame.anomaly.files import read_csv, require_same_joints
 from fame.anomaly.matrix import Matrix, by_point, by_run, run_scores
 from fame.anomaly.model import Model
 from fame.anomaly.paths import PathDetector
@@ -76,6 +77,16 @@ class Data:
     both: Recording | None
     testing: tuple[Recording, ...]
 
+    @property
+    def all(self) -> list[Recording]:
+        """Every recording there is."""
+        return [item for item in (self.process, self.benign, self.both, *self.testing) if item is not None]
+
+    @property
+    def notes(self) -> list[str]:
+        """What was odd about the files, each said once."""
+        return list(dict.fromkeys(note for item in self.all for note in item.notes))
+
 
 class _Task(NamedTuple):
     """One fit: of a candidate, without one fold (or with all, fold -1)."""
@@ -85,7 +96,7 @@ class _Task(NamedTuple):
 
 
 def read_data(learning: Learning) -> Data:
-    """Read all files. Raises ConfigError."""
+    """Read all files. Raises ConfigError, also if they are not of the same joints, or hold too few points."""
     cache: dict[Source, Recording] = {}
 
     def read(source: Source | None) -> Recording | None:
@@ -94,10 +105,16 @@ def read_data(learning: Learning) -> Data:
         return None if source is None else cache[source]
 
     testing = [read(source) for source in learning.testing]
-    return Data(
+    data = Data(
         read(learning.fit), read(learning.unsupervised), read(learning.supervised),
         tuple(item for item in testing if item is not None),
     )  # fmt: skip
+    require_same_joints(data.all)
+    for item in (data.process, data.benign, data.both):
+        if item is not None and len(item) <= len(item.joints):
+            text = f"has {len(item)} points of {len(item.joints)} columns: more points than columns are needed"
+            raise ConfigError(text, file=item.source)
+    return data
 
 
 def learn(
@@ -123,9 +140,11 @@ def learn(
 def best(learned: Sequence[Learned]) -> Learned:
     """By the rule above; without validation by the training data, which the caller has to say."""
 
-    def rank(item: Learned) -> tuple[float, float]:
+    def rank(item: Learned) -> tuple[float, ...]:
         judged = item.on(VALIDATION) or item.on(TRAIN)
-        return (judged.runs.f1, judged.points.f1) if judged is not None else (0.0, 0.0)
+        if judged is None:
+            return (0.0,)
+        return judged.runs.f1, judged.points.f1, judged.runs.accuracy, judged.points.accuracy
 
     return max((item for item in learned if not item.note), key=rank, default=max(learned, key=rank))
 

@@ -6,8 +6,8 @@ run exceeds the threshold it publishes ``/anomaly`` once: a sensor_msgs/msg/Join
 unit of the magnitude as `frame_id`, the joint as the one name, the magnitude as the one position and the score as the
 one effort.
 
-What cannot be used (too few joints, values that are not finite) is left out and reported once per reason; a topic that
-stops is reported, the run waits, and goes on with it.
+What cannot be used (too few joints, values that are not finite, zeros away from home) is left out and reported once per
+reason; a topic that stops is reported, the run waits, and goes on with it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from fame.anomaly.joints import TYPE, Unusable, stamp_of, values_of
+from fame.anomaly.joints import TYPE, Unusable, refuse_dropout, stamp_of, values_of
 from fame.anomaly.live import Point, Rule, RunMonitor, RunReport
 from fame.anomaly.model import Model
 from fame.clock import SECOND, Entry, Scheduler
@@ -43,17 +43,19 @@ class Operate:
         field: str = "position",
         threshold: float | None = None,
         rule: Rule = "home",
+        cycle: int = 0,
         namespace: str = "",
         report: Callable[[str], object] = lambda text: None,
         on_point: Callable[[Point], object] = lambda point: None,
         silence: float = SILENCE,
     ) -> None:
-        self.monitor = RunMonitor(model, threshold, rule)
+        self.monitor = RunMonitor(model, threshold, rule, cycle)
         self.alarms: list[Point] = []
         self.scheduler, self._field, self._report, self._on_point = scheduler, field, report, on_point
         self._silence, self._stopped = round(silence * SECOND), False
         self._watch: Entry | None = None
         self._said: set[str] = set()
+        self._last: list[float] = []
         self.node = node = middleware.node("anomaly_detection", namespace)
         self._score = node.publisher("anomaly_score", "std_msgs/msg/Float64")
         self._point = node.publisher("anomaly_point", "std_msgs/msg/Bool")
@@ -80,6 +82,7 @@ class Operate:
         self._wait()
         try:
             values = values_of(message, self.monitor.model.joints, self._field)
+            self._last = refuse_dropout(values, self._last)
         except Unusable as reason:
             self._once(f"{self.topic}: a message is left out: {reason}")
             return

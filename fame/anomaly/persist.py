@@ -66,14 +66,17 @@ def load_model(path: str | Path) -> Model:
         raise ConfigError(
             f"is no model of fame adm learn: found format {found!r}, {FORMAT!r} would be right", file=str(path)
         )
-    made = content["versions"].get("scikit-learn", "unknown")
+    stated = content.get("versions")
+    made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
     ours = version("scikit-learn")
     if made.split(".")[:2] != ours.split(".")[:2]:
         text = f"was made with scikit-learn {made}, here is {ours}: learn it again, or install scikit-learn {made}"
         raise ConfigError(text, file=str(path))
     try:
-        return _model(content)
-    except (KeyError, TypeError, ValueError) as error:
+        model = _model(content)
+        model.scorer().step(model.reference[0].tolist())  # its parts fit each other
+        return model
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
 
 
@@ -110,6 +113,8 @@ def _model(content: dict[str, Any]) -> Model:
     estimator, parts = content["estimator"], content["process"]
     if isinstance(estimator, dict):
         estimator = PathDetector.from_plain(estimator)
+    elif parts is None:
+        raise ValueError("a classifier without its process")
     joints = tuple(map(str, content["joints"]))
     reference = np.asarray(content["reference"], dtype=np.float64)
     if reference.ndim != 2 or reference.shape[1] != len(joints):

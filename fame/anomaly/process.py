@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fame.anomaly.config import SCALINGS
 from fame.anomaly.files import read_csv
 from fame.anomaly.recording import Floats
 from fame.errors import ConfigError
-
-SCALINGS = ("minmax", "standard", "none")
 
 
 class DataProcess:

@@ -26,6 +26,7 @@ class Recording:
     runs    (points,): the number of the run that a point belongs to; ascending, from 0 on, without gaps
     stamps  (points,): s, or None if the file has none
     source  the file, for messages
+    notes   what was odd about the file and what was done about it, a line each
     """
 
     joints: tuple[str, ...]
@@ -34,6 +35,7 @@ class Recording:
     runs: Whole
     stamps: Floats | None = None
     source: str = ""
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.values)
@@ -80,6 +82,7 @@ def join(recordings: Sequence[Recording]) -> Recording:
         runs=np.concatenate([item.runs + offset for item, offset in zip(recordings, offsets, strict=False)]),
         stamps=None if any(item is None for item in stamps) else np.concatenate([s for s in stamps if s is not None]),
         source=", ".join(dict.fromkeys(item.source for item in recordings)),
+        notes=tuple(note for item in recordings for note in item.notes),
     )
 
 

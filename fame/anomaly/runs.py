@@ -2,7 +2,7 @@
 
 Two rules of motion cover what is recorded of a repetitive task. *Home*: the arm leaves a home posture and comes back;
 the boundary is the point nearest to home between coming near it and leaving. *Dwell*: the arm goes round a loop and
-rests at its corner; the boundary is the middle of the rest. A block of points follows the first if it begins at home.
+rests at its corner; the boundary is the middle of the rest. A block of points follows the first if it is ever at home.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def number_runs(values: Floats, labels: Whole) -> tuple[NDArray[np.bool_], Whole
 
 def boundaries(values: Floats) -> list[int]:
     """The first row of each run in one block, by the rule that fits it."""
-    at_home = np.linalg.norm(values[0]) < NEAR
+    at_home = (np.linalg.norm(values, axis=1) < NEAR).any()
     return home_boundaries(values) if at_home else dwell_boundaries(values)
 
 

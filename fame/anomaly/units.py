@@ -47,7 +47,10 @@ class CollectUnit:
 
         self._node.close()
         try:
-            write_csv(self._output, self._collector.recording())
+            recording = self._collector.recording()
+            for note in recording.notes:
+                self._report(note)
+            write_csv(self._output, recording)
         except MissionError as error:
             self._report(error.text)
 
@@ -63,6 +66,7 @@ class OperateUnit:
         threshold = setting(variables, "threshold", type=float) if variables.get("threshold") is not None else None
         self._node = Operate(
             around.middleware, around.scheduler, model, threshold=threshold, rule=_rule(variables),
+            cycle=setting(variables, "points", 0, type=int),
             topic=setting(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
             namespace=around.namespace, report=around.report,
         )  # fmt: skip
