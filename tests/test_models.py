@@ -92,9 +92,11 @@ def test_every_called_process_is_in_the_library(model: Definitions) -> None:
 
 
 @every_model
-def test_tasks_are_units_or_scripts_of_at_most_15_lines(model: Definitions) -> None:
+def test_tasks_are_units_ros_services_or_scripts_of_at_most_15_lines(model: Definitions) -> None:
     tasks = [node for node in nodes(model) if isinstance(node, Task)]
-    assert all(node.kind == "script" or node.operation in UNITS for node in tasks)
+    services = [node for node in tasks if node.kind == "service"]
+    assert all(node.kind == "script" for node in tasks if node not in services)
+    assert all(node.operation in UNITS or node.topic is not None for node in services)
     assert all(len(text.strip().splitlines()) <= 15 for _, text in scripts(model))
 
 
