@@ -18,8 +18,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from enum import IntEnum
 from heapq import heapify, heappop, heappush
 from itertools import count
@@ -121,41 +120,39 @@ class Scheduler:
 
         What an action raises ends the run and goes to the caller; the queue stays whole, and `run` may be called again.
         """
-        with self._at_work():
-            heap, line = self._heap, self._line
-            if until is not None and until < self.now:
-                return
-            while (heap or line) and not self._stopping:
-                if line and not (heap and heap[0][0] == self.now and heap[0][1] == Kind.MESSAGE):
-                    entry = line.popleft()
-                else:
-                    due, _, _, entry = heap[0]
-                    if until is not None and due > until and entry.action is not None:
-                        break
-                    heappop(heap)
-                action = entry.action
-                if action is None:
-                    self._cancelled -= 1
-                    continue
-                self.now, entry.action = entry.time, None
-                action()
-            if until is not None and until > self.now and not self._stopping:
-                self.now = until
-
-    def stop(self) -> None:
-        """Make `run` return after the entry that is at work now. If none is running, the next `run` returns at once."""
-        self._stopping = True
-
-    @contextmanager
-    def _at_work(self) -> Iterator[None]:
         if self._running:
             raise RuntimeError("the scheduler runs already: an entry has to end before the next begins")
         self._running = True
         try:
-            yield
+            self._work(until)
         finally:
             # Cleared here and not at the beginning: a `stop` that another thread says just before `run` must count.
             self._running = self._stopping = False
+
+    def _work(self, until: int | None) -> None:
+        heap, line = self._heap, self._line
+        if until is not None and until < self.now:
+            return
+        while (heap or line) and not self._stopping:
+            if line and not (heap and heap[0][0] == self.now and heap[0][1] == Kind.MESSAGE):
+                entry = line.popleft()
+            else:
+                due, _, _, entry = heap[0]
+                if until is not None and due > until and entry.action is not None:
+                    break
+                heappop(heap)
+            action = entry.action
+            if action is None:
+                self._cancelled -= 1
+                continue
+            self.now, entry.action = entry.time, None
+            action()
+        if until is not None and until > self.now and not self._stopping:
+            self.now = until
+
+    def stop(self) -> None:
+        """Make `run` return after the entry that is at work now. If none is running, the next `run` returns at once."""
+        self._stopping = True
 
     def _sweep(self) -> None:
         self._heap[:] = [item for item in self._heap if item[3].action is not None]  # in place: `run` holds this list
@@ -194,10 +191,9 @@ class WallScheduler(Scheduler):
         with self._changed:
             return super().next_time()
 
-    def run(self, until: int | None = None) -> None:
-        with self._at_work():
-            while (action := self._wait(until)) is not None:
-                action()
+    def _work(self, until: int | None) -> None:
+        while (action := self._wait(until)) is not None:
+            action()
 
     def stop(self) -> None:
         with self._changed:

@@ -22,7 +22,7 @@ from fame.bpmn.topics import TopicUse
 from fame.clock import Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
-from fame.engine.state import Mark, Trail
+from fame.engine.state import Trail
 from fame.errors import MessageError, MissionError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, Middleware, Publisher, Subscription, resolve
@@ -112,7 +112,7 @@ class RobotNode:
         self._interface = self._in_scope()
         self.engine = Engine(self._compile(), self, self._variables)
         if isinstance(scheduler, WallScheduler):
-            self.engine.note = self._note
+            self.engine.at_once = True  # all that happens has a time of its own
 
     # ---- life ----------------------------------------------------------------------------------------------------
 
@@ -318,11 +318,6 @@ class RobotNode:
     def observe(self, trail: Trail) -> None:
         if self._hear is not None:
             self._hear(self.scheduler.now, self.name, trail)
-
-    def _note(self, mark: Mark) -> None:
-        """On the wall clock all that happens has a time of its own."""
-        self.engine.trail.marks.append(mark)
-        self.engine.observe()
 
     def begun(self, instance: Instance) -> None:
         self.started += 1

@@ -63,7 +63,7 @@ class Host(Protocol):
     def observe(self, trail: Trail) -> None:
         """What happened in an observed program since the last call (see `fame.engine`).
 
-        All of it belongs to one stimulus. The trail is the engine's and is used again.
+        All of it belongs to one stimulus.
         """
 
     def report(self, element: str, text: str) -> None:

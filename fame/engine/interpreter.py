@@ -60,9 +60,10 @@ class Engine:
         self.gathered: dict[Node, list[starts.Gathered]] = {}  # triggers of parallel multiple start events
         self.armed_starts: dict[int, Node] = {}  # start events with a timer
         self.counter = 0
-        self.trail = Trail()
-        self.note: Callable[[Mark], object] = self.trail.marks.append
+        self.at_once = False  # whether the host is to observe each mark by itself
+        self.trail: Trail = []  # what happened and is not observed yet
         self.place: Scope | None = None  # where what is noted happens
+        self.note: Callable[[Mark], object] = self.observe_mark  # at that place
 
     # ---- stimuli -------------------------------------------------------------------------------------
 
@@ -207,7 +208,7 @@ class Engine:
                         left = self.limit
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
-        if self.trail.marks:
+        if self.trail:
             self.observe()
 
     def livelock(self, node: Node, scope: Scope) -> None:
@@ -245,13 +246,21 @@ class Engine:
     def move(self, scope: Scope) -> None:
         """What is noted from now on happens in that scope."""
         self.place = scope
-        self.trail.scopes.append((len(self.trail.marks), scope))
+        if not self.at_once:
+            marks: list[Mark] = []
+            self.trail.append((scope, marks))
+            self.note = marks.append
 
     def observe(self) -> None:
-        """Let the host know all that was noted."""
-        if self.trail.marks:
-            self.host.observe(self.trail)
-            self.trail.clear()
+        """Let the host have all that was noted."""
+        if self.trail:
+            trail, self.trail, self.place = self.trail, [], None
+            self.host.observe(trail)
+
+    def observe_mark(self, mark: Mark) -> None:
+        """Let the host know of something that just happened."""
+        assert self.place is not None
+        self.host.observe([(self.place, [mark])])
 
     # ---- instances -----------------------------------------------------------------------------------
 

@@ -188,28 +188,8 @@ class Scope:
         return self.state >= 0
 
 
-class Trail:
-    """What happened and is not observed yet: all marks in order, and from which of them on it was in which scope.
-
-    Iterating gives each scope with the marks of what happened in it.
-    """
-
-    __slots__ = ("marks", "scopes")
-
-    def __init__(self) -> None:
-        self.marks: list[Mark] = []
-        self.scopes: list[tuple[int, Scope]] = []
-
-    def __iter__(self) -> Iterator[tuple[Scope, list[Mark]]]:
-        ends = [start for start, _ in self.scopes[1:]]
-        for (start, scope), end in zip(self.scopes, [*ends, len(self.marks)], strict=True):
-            if start < end:
-                yield scope, self.marks[start:end]
-
-    def clear(self) -> None:
-        """All of it is observed; the scope stays the same."""
-        self.marks.clear()
-        self.scopes[:] = [(0, scope) for _, scope in self.scopes[-1:]]
+Trail = list[tuple[Scope, list[Mark]]]
+"""What happened, in order: each scope with the marks of what happened in it until something happened elsewhere."""
 
 
 class Record:

@@ -35,18 +35,18 @@ def flow(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def observed(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """The step of an element in an observed program, around its own; a sequence flow behind it is taken at once."""
-    note, act = engine.note, node.act
+    act = node.act
     assert act is not None
     if engine.place is not scope:
         engine.move(scope)
-    note(node.entered)
+    engine.note(node.entered)
     following = act(engine, scope, node)
     if following is not None:
         if engine.place is not scope:
             engine.move(scope)
-        note(node.left)
+        engine.note(node.left)
         if following.step is flow:
-            note(following.entered)
+            engine.note(following.entered)
             return following.next
     return following
 

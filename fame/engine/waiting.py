@@ -64,16 +64,16 @@ def set_timer(engine: Engine, resting: Rest) -> None:
 def listen(engine: Engine, resting: Rest) -> None:
     """Let it hear its topic; a message that its queue kept is there at once."""
     node = resting.node
-    box = box_of(resting)
-    if box is None and node.queue:  # of a boundary event or event sub-process: it lives as long as this rest
-        box = resting.box = resting.box or mailbox(engine, node, resting.scope)
-    if box is None:
+    if not node.queue:
         listeners = engine.listeners.get(node.topic)
         if listeners is None:
             engine.listeners[node.topic] = {resting: None}
         else:
             listeners[resting] = None
         return
+    box = box_of(resting)
+    if box is None:  # of a boundary event or event sub-process: it lives as long as this rest
+        box = resting.box = resting.box or mailbox(engine, node, resting.scope)
     box.rests[resting] = None
     while box.messages and resting in box.rests:
         catch(engine, resting, box.messages.popleft()[1])
@@ -81,8 +81,6 @@ def listen(engine: Engine, resting: Rest) -> None:
 
 def box_of(resting: Rest) -> Mailbox | None:
     """The queue of the event that it waits at: that of its scope, or of the one around an activity that repeats."""
-    if not resting.node.queue:
-        return None
     scope: Scope | None = resting.scope
     while scope is not None:
         if scope.mail is not None and resting.node in scope.mail:
@@ -136,12 +134,12 @@ def disarm(engine: Engine, resting: Rest) -> None:
 def deafen(engine: Engine, resting: Rest) -> None:
     """It hears no topic and no condition any more; its queue still does."""
     node = resting.node
-    if node.topic:
+    if node.queue:
         box = resting.box or box_of(resting)
-        if box is None:
-            unlisten(engine, node.topic, resting)
-        else:
+        if box is not None:
             box.rests.pop(resting, None)
+    elif node.topic:
+        unlisten(engine, node.topic, resting)
     elif node.kind == "condition":
         engine.conditions.pop(resting, None)
 

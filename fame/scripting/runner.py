@@ -129,9 +129,10 @@ class Runner:
 
     def poll(self) -> None:
         """Something may have changed: try the conditions awaited by `until`, in the order of arming."""
-        for task in tuple(self._untils.values()):
-            if task.key in self._untils:
-                self._try_condition(task)
+        if self._untils:
+            for task in tuple(self._untils.values()):
+                if task.key in self._untils:
+                    self._try_condition(task)
 
     def close(self) -> None:
         """Close all scripts for good, without grace and without a word to the engine, and hear nothing any more."""
