@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from bpmn_text import document, process
 
 import fame
 from fame.node import Event
@@ -148,3 +149,32 @@ def test_a_model_alone_runs_its_robots_as_engines_without_a_world():
     assert result.world is None
     assert result.status == "timeout"
     assert any(message.startswith("REX waits at") for message in result.messages)
+
+
+def test_what_is_thrown_last_is_still_heard_before_a_run_is_over(tmp_path):
+    ends = ('<endEvent id="{}"><signalEventDefinition signalRef="S"/></endEvent>', '<endEvent id="{}"/>')
+    starts = ('<startEvent id="{}"/>', '<startEvent id="{}"><signalEventDefinition signalRef="S"/></startEvent>')
+    pools = "".join(f'<participant id="P{number}" name="R{number}" processRef="Q{number}"/>' for number in (0, 1))
+    flow = '<sequenceFlow id="f{0}" sourceRef="s{0}" targetRef="e{0}"/>'
+    processes = "".join(
+        f'<process id="Q{number}">{starts[number].format(f"s{number}")}{ends[number].format(f"e{number}")}'
+        f"{flow.format(number)}</process>"
+        for number in (0, 1)
+    )
+    signal = '<signal id="S" name="go"/>'
+    path = tmp_path / "relay.bpmn"
+    path.write_text(document(f'<collaboration id="C">{pools}</collaboration>{processes}{signal}'))
+    result = run(path)
+    assert (result.status, [robot.completed for robot in result.robots]) == ("completed", [1, 1])
+
+
+def test_a_run_without_a_world_is_over_when_its_last_element_is(tmp_path):
+    timer = "<timerEventDefinition><timeDuration>PT0.25S</timeDuration></timerEventDefinition>"
+    path = tmp_path / "wait.bpmn"
+    path.write_text(
+        process(
+            f'<startEvent id="s"/><intermediateCatchEvent id="w">{timer}</intermediateCatchEvent>'
+            '<sequenceFlow id="f" sourceRef="s" targetRef="w"/>'
+        )
+    )
+    assert run(path).simulated == 0.25

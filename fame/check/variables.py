@@ -59,7 +59,7 @@ def variable_findings(subject: Subject, types: Mapping[str, str], *, strict: boo
         yield from _idle_data(unit)
     for root in subject.roots:
         given = set[str]()
-        if not subject.has_pool(root):  # whoever calls it sets what its data objects declare
+        if not subject.has_pool(root) and uses[root].declared:  # whoever calls it sets what its data objects declare
             given = {name for unit in _sharing(root) for name in uses[unit].declared}
         for space in _spaces(root, given, uses):
             yield from _unset(space, uses, strict)

@@ -170,15 +170,16 @@ class Run:
         for fault in self.scenario.faults:
             self.scheduler.after(round(fault.time * SECOND), partial(self._break, fault))
         end, told = round(self.scenario.duration * SECOND), begun
-        slice_ = round((_PROGRESS if isinstance(self.scheduler, WallScheduler) else _SLICE) * SECOND)
-        while self.scheduler.now < end and not self._over() and not self.interrupted:
+        going = True
+        while going:
             if self.world is None and self.scheduler.next_time() is None:
                 self._stuck = True
                 break
-            self.scheduler.run(min(end, self.scheduler.now + slice_))
+            self.scheduler.run(min(end, self._next_look()))
             if self.progress is not None and (now := time.monotonic()) - told >= _PROGRESS:
                 told = now
                 self._tell()
+            going = self.scheduler.now < end and not self._over() and not self.interrupted
         if self.progress is not None:
             self._tell()
         if self.interrupted:
@@ -187,6 +188,14 @@ class Run:
             return "timeout"
         failed = any(instance.status == "failed" for node in self.nodes for instance in node.instances)
         return "failed" if failed else "completed"
+
+    def _next_look(self) -> int:
+        """When to look next whether it is over (ns). Without a world, which looks after each step, that is after all that
+        happens at one instant: what somebody said last is still heard, and no time goes by that nobody used."""
+        if isinstance(self.scheduler, WallScheduler):
+            return self.scheduler.now + round(_PROGRESS * SECOND)
+        due = self.scheduler.next_time() if self.world is None else None
+        return self.scheduler.now + round(_SLICE * SECOND) if due is None else due
 
     def _tell(self) -> None:
         assert self.progress is not None
