@@ -310,6 +310,12 @@ def test_pools_that_no_robot_can_be_found_for_are_errors() -> None:
     ]
 
 
+def test_a_pool_that_no_ros_robot_can_be_named_like_is_a_warning() -> None:
+    right = "letters, digits and _ would be right, not beginning with a digit"
+    others = '<participant id="X" name="My Robot" processRef="P1"/>'
+    assert f"X: ROS 2 refuses the namespace /My Robot: {right}" in told(team(row(), pools=others), "warning")
+
+
 def test_a_file_of_black_boxes_has_nothing_to_run() -> None:
     text = document('<collaboration id="C"><participant id="B" name="crowd"/></collaboration>')
     assert told(text, "error") == [": nothing to run: its pools are black boxes: crowd"]
@@ -358,6 +364,19 @@ WARNINGS = {
     "a choice with a flow that has no condition": (
         row(script("x = 1")) + choice("g") + BRANCHES + flows("s g", "g a") + flow("g", "b", "x"),
         "g-a: has no condition, so g always takes it: give it one, or mark it as the default",
+    ),
+    "a choice with a default and a flow that has no condition": (
+        row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g a", "g b"),
+        "g-a: has no condition, so g always takes it: give it one, or mark it as the default",
+    ),
+    "a condition in quotes": (
+        row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b")
+        + flow("g", "a", "'x > 3'"),
+        "g-a: its condition is a text, always true: 'x > 3' without its quotes would be right",
+    ),
+    "a property that is spelt with a capital": (
+        row(throw("a", "done", Type=BOOL)),
+        "a: its property 'Type' has no effect: did you mean 'type'?",
     ),
     "a default flow with a condition": (
         row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g") + flow("g", "a", "x")

@@ -195,6 +195,7 @@ REQUESTS = {
     "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
     "no diagram to draw": (["draw", "mission.bpmn", "-o", "out.svg"], ("mission.bpmn", "no diagram")),
     "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "no folder")),
+    "checking a folder": (["check", "."], (".: is a folder", ".bpmn")),
     "checking what is not there": (["check", "mission.bpmn", "gone.bpmn"], ("gone.bpmn", "no such file")),
 }
 

@@ -151,6 +151,12 @@ def test_a_model_alone_runs_its_robots_as_engines_without_a_world():
     assert any(message.startswith("REX waits at") for message in result.messages)
 
 
+@pytest.mark.parametrize("wrong", [{"seed": -1}, {"duration": 0}, {"duration": float("nan")}])
+def test_a_seed_or_a_duration_that_cannot_be_is_refused(wrong):
+    with pytest.raises(fame.ConfigError, match="would be right"):
+        Scenario.load(MODEL, **wrong)
+
+
 def test_what_is_thrown_last_is_still_heard_before_a_run_is_over(tmp_path):
     ends = ('<endEvent id="{}"><signalEventDefinition signalRef="S"/></endEvent>', '<endEvent id="{}"/>')
     starts = ('<startEvent id="{}"/>', '<startEvent id="{}"><signalEventDefinition signalRef="S"/></startEvent>')

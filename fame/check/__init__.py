@@ -29,6 +29,7 @@ from fame.check.compiling import compiler_findings
 from fame.check.findings import Finding, Level, arranged, of_error, summary
 from fame.check.flow import flow_findings
 from fame.check.guidelines import guideline_findings
+from fame.check.names import name_findings
 from fame.check.quirks import unfinished_findings
 from fame.check.recursion import recursion_findings
 from fame.check.subject import Subject, subject
@@ -56,6 +57,7 @@ def check(definitions: Definitions, *, library: Library | None = None, strict: b
         *flow_findings(about),
         *timer_findings(about),
         *topic_findings(about),
+        *name_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
         *guideline_findings(about),
         *unfinished_findings(about),

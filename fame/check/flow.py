@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from fame.bpmn.model import Activity, FlowNode, Gateway, SequenceFlow
+from fame.bpmn.model import Activity, Expression, FlowNode, Gateway, SequenceFlow
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, is_event, link_of
 from fame.check.subject import Subject, Unit
@@ -68,16 +68,26 @@ def _conditions(unit: Unit, scope: Graph, node: FlowNode) -> Iterator[Finding]:
     for flow in scope.leaving(node):
         if flow.condition is not None and flow.id == default:
             yield unit.finding("warning", "is the default flow: its condition is never asked", flow)
+        elif flow.condition is not None and _is_quoted(flow.condition):
+            text = f"its condition is a text, always true: {flow.condition.text} without its quotes would be right"
+            yield unit.finding("warning", text, flow)
         elif flow.condition is not None and blind:
             yield unit.finding("warning", f"its condition is never asked: {node.label} takes no conditions", flow)
+
+
+def _is_quoted(condition: Expression) -> bool:
+    """Whether all of it is one text in quotes, as people write who take the field for a string."""
+    text = condition.text
+    quoted = len(text) > 2 and text[0] == text[-1] and text[0] in "'\""
+    return condition.language == "python" and quoted and text[0] not in text[1:-1]
 
 
 def _ways_out(unit: Unit, scope: Graph, gateway: Gateway) -> Iterator[Finding]:
     flows = scope.leaving(gateway)
     if not flows and gateway.kind != "event":  # which the compiler refuses
         yield unit.finding("warning", "has no way out: the token ends here", gateway)
-    elif flows and gateway.kind in ("exclusive", "inclusive") and not gateway.default:
-        if all(flow.condition is not None for flow in flows):
+    elif flows and gateway.kind in ("exclusive", "inclusive"):
+        if not gateway.default and all(flow.condition is not None for flow in flows):
             text = "has no way out if none of its conditions is true: mark one of its flows as the default"
             yield unit.finding("warning", text, gateway)
         elif len(flows) > 1:
@@ -87,7 +97,7 @@ def _ways_out(unit: Unit, scope: Graph, gateway: Gateway) -> Iterator[Finding]:
 def _open_flows(unit: Unit, gateway: Gateway, flows: list[SequenceFlow]) -> Iterator[Finding]:
     """Flows of a choice that have no condition, and are not the default."""
     for flow in flows:
-        if flow.condition is None:
+        if flow.condition is None and flow.id != gateway.default:
             text = f"has no condition, so {gateway.label} always takes it: give it one, or mark it as the default"
             yield unit.finding("warning", text, flow)
 

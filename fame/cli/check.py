@@ -41,7 +41,8 @@ def run(arguments: Namespace) -> int:
 
     for path in arguments.models:
         if not path.is_file():
-            raise ConfigError("there is no such file", file=str(path))
+            text = "is a folder; a .bpmn file would be right" if path.is_dir() else "there is no such file"
+            raise ConfigError(text, file=str(path))
     library = Library(arguments.library)
     found = [finding for path in arguments.models for finding in _findings(path, library, arguments.strict)]
     readings = [one for path in arguments.models for one in _readings(path, library)] if arguments.explain else []

@@ -190,8 +190,11 @@ class Run:
         return "failed" if failed else "completed"
 
     def _next_look(self) -> int:
-        """When to look next whether it is over (ns). Without a world, which looks after each step, that is after all that
-        happens at one instant: what somebody said last is still heard, and no time goes by that nobody used."""
+        """When to look next whether it is over (ns).
+
+        A world looks after each of its steps. Without one it is after all that happens at one instant: what somebody
+        said last is still heard, and no time goes by that nobody used.
+        """
         if isinstance(self.scheduler, WallScheduler):
             return self.scheduler.now + round(_PROGRESS * SECOND)
         due = self.scheduler.next_time() if self.world is None else None

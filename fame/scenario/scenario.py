@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,6 +55,11 @@ class Scenario:
         """
         from fame.bpmn.reader import read
 
+        if (seed is not None and seed < 0) or (duration is not None and not 0 < duration < math.inf):
+            text = (
+                f"found seed={seed} and duration={duration}; a seed from 0 on and finite seconds above 0 would be right"
+            )
+            raise ConfigError(text, file=str(path))
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
             said = read_scenario(path)
