@@ -8,7 +8,7 @@ the robot publishes itself is heard by its own catchers inside the engine, since
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -93,7 +93,7 @@ class RobotNode:
         self.instances: list[Instance] = []
         self.started = self.completed = self.failed = 0
         self._keep, self._on_end, self._units = keep, on_end, units
-        self._seen: dict[int, int] = {}  # resting token -> when `waits` saw it first
+        self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
         self._timers = Timers(scheduler, epoch, self._fire)
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._throws: dict[str, Publisher] = {}  # of events, by qualified name

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from fame.engine.state import Node, Scope, scopes_of
 from fame.middleware.interface import resolve
 
 if TYPE_CHECKING:
@@ -27,23 +28,40 @@ class Wait:
     topics: Mapping[str, int] = field(default_factory=dict)
 
 
-def waits_of(robot: RobotNode, seen: dict[int, int]) -> list[Wait]:
+def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
     """See `RobotNode.waits`. `seen` is kept from call to call: when each resting token was seen first (ns)."""
     now, heard = robot.scheduler.now, _publishers_heard(robot)
     rests = [rest for instance in robot.engine.instances.values() for rest in instance.rests()]
-    known = {rest.key: seen.get(rest.key, now) for rest in rests}
+    joins = [found for instance in robot.engine.instances.values() for found in _at_joins(instance.root)]
+    keys = [*(rest.key for rest in rests), *((scope.key, join.id) for scope, join, _ in joins)]
+    known = {key: seen.get(key, now) for key in keys}
     seen.clear()
     seen.update(known)
     found = []
     for rest in rests:
         topics = {topic: heard.get(topic, 0) for topic in _awaited(robot, rest)}
         found.append(Wait(robot.name, rest.node.id, _wait_text(robot, rest, heard), seen[rest.key], topics))
+    found += [
+        Wait(robot.name, join.id, _join_text(join, held), seen[scope.key, join.id]) for scope, join, held in joins
+    ]
     if not robot.instances:
         for topic, nodes in robot.engine.program.starts.items():
             full = resolve(topic, robot.namespace)
             text, topics = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
             found.extend(Wait(robot.name, node.id, text, topics=topics) for node in nodes)
     return found
+
+
+def _at_joins(root: Scope) -> Iterator[tuple[Scope, Node, list[int]]]:
+    """Joins that some flows have reached and others not, with how many tokens each flow has brought."""
+    for scope in scopes_of(root):
+        for join, counts in (scope.joins or {}).items():
+            if any(held := counts[: join.need]):
+                yield scope, join, held
+
+
+def _join_text(join: Node, held: list[int]) -> str:
+    return f"a token on {held.count(0) or 'more'} of its {join.need} flows"
 
 
 def _publishers_heard(robot: RobotNode) -> dict[str, int]:

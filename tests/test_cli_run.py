@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,7 +16,7 @@ import pytest
 from bpmn_text import process, properties
 
 from fame.cli import main
-from fame.cli.output import progress_text, table
+from fame.cli.output import progress_line, progress_text, table
 from fame.scenario import Progress
 
 ROOT = Path(__file__).parent.parent
@@ -162,6 +164,23 @@ def test_a_table_aligns_words_to_the_left_and_numbers_to_the_right() -> None:
 def test_the_progress_says_what_each_robot_is_at() -> None:
     text = progress_text(Progress(12.34, 60.0, {"REX": "Explore: Look", "DINGO": ""}))
     assert text == "   12.3 s   REX: Explore: Look"
+
+
+def test_a_line_that_stands_for_long_says_for_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr("fame.cli.output._TICK", 0.001)
+    stream = Terminal()
+    with progress_line(stream) as line:
+        assert line is not None
+        line.say("drawing")
+        line._since -= 60
+        while "at:" not in stream.getvalue():
+            time.sleep(0.001)
+    assert "for 60 s at:   drawing" in stream.getvalue()
+    assert stream.getvalue().endswith("\x1b[2K")
 
 
 @pytest.mark.processes

@@ -174,6 +174,24 @@ def test_what_is_thrown_last_is_still_heard_before_a_run_is_over(tmp_path):
     assert (result.status, [robot.completed for robot in result.robots]) == ("completed", [1, 1])
 
 
+def test_a_join_that_waits_in_vain_is_named(tmp_path):
+    pairs = ("s g", "g a", "g b", "a j", "b j", "j e")
+    flows = "".join(
+        f'<sequenceFlow id="{pair[0]}{pair[2]}" sourceRef="{pair[0]}" targetRef="{pair[2]}"/>' for pair in pairs
+    )
+    tasks = '<task id="a"/><task id="b"/><parallelGateway id="j"/><endEvent id="e"/>'
+    path = tmp_path / "join.bpmn"
+    path.write_text(
+        process(
+            f'<startEvent id="s"/><exclusiveGateway id="g" default="ga"/>{tasks}{flows}'.replace(
+                'sourceRef="g" targetRef="b"/>',
+                'sourceRef="g" targetRef="b"><conditionExpression>False</conditionExpression></sequenceFlow>',
+            )
+        )
+    )
+    assert run(path).messages[-1] == "P waits at j for a token on 1 of its 2 flows"
+
+
 def test_a_run_without_a_world_is_over_when_its_last_element_is(tmp_path):
     timer = "<timerEventDefinition><timeDuration>PT0.25S</timeDuration></timerEventDefinition>"
     path = tmp_path / "wait.bpmn"

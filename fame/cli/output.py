@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from fame.scenario import Progress
 
 _WIPE = "\r\x1b[2K"
+_TICK = 1.0  # s between two looks at whether a line has stood for long
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -42,23 +45,53 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+class ProgressLine:
+    """One line on a terminal, written again and again; from two seconds on it says for how long it has stood."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._text, self._since = stream, "", time.monotonic()
+        self._over = threading.Event()
+        self._clock = threading.Thread(target=self._count, daemon=True)
+        self._clock.start()
+
+    def show(self, progress: Progress) -> None:
+        """How far a run is."""
+        self.say(progress_text(progress))
+
+    def say(self, text: str) -> None:
+        """What is being done."""
+        self._text, self._since = text, time.monotonic()
+        self._write(text)
+
+    def close(self) -> None:
+        """Leave nothing of it."""
+        self._over.set()
+        self._clock.join()
+        self._write("")
+
+    def _count(self) -> None:
+        while not self._over.wait(_TICK):
+            seconds = int(time.monotonic() - self._since)
+            if seconds > 1:
+                self._write(f"for {seconds} s at:   {self._text.strip() or 'the start'}")
+
+    def _write(self, text: str) -> None:
+        width = shutil.get_terminal_size().columns - 1
+        self._stream.write(_WIPE + text[:width])
+        self._stream.flush()
+
+
 @contextmanager
-def progress_line(stream: TextIO, *, wanted: bool = True) -> Iterator[Callable[[Progress], object] | None]:
-    """A function that shows how far a run is in one line, again and again; None if nobody sees it."""
+def progress_line(stream: TextIO, *, wanted: bool = True) -> Iterator[ProgressLine | None]:
+    """A line that shows how far a run is, as long as the block lasts; None if nobody sees it."""
     if not (wanted and stream.isatty()):
         yield None
         return
-
-    def show(progress: Progress) -> None:
-        width = shutil.get_terminal_size().columns - 1
-        stream.write(_WIPE + progress_text(progress)[:width])
-        stream.flush()
-
+    line = ProgressLine(stream)
     try:
-        yield show
+        yield line
     finally:
-        stream.write(_WIPE)
-        stream.flush()
+        line.close()
 
 
 def progress_text(progress: Progress) -> str:

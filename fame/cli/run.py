@@ -16,6 +16,7 @@ from fame.cli.output import live_table, print_json, progress_line, table
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
+    from fame.cli.output import ProgressLine
     from fame.observation import Observer
     from fame.remote import Sight
     from fame.scenario import Result, RobotResult, Scenario
@@ -111,16 +112,16 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--lockstep needs --middleware dds: one process is in step with itself")
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
-    with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as show:
+    with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as line:
         result = scenario.run(
             real_time=arguments.real_time,
             observer=together(writes),
-            progress=show,
+            progress=line.show if line is not None else None,
             record=arguments.picture is not None or arguments.animate is not None,
             strict=arguments.strict,
             on_interrupt=_say_stopping,
         )
-    _draw(arguments, result)
+        _draw(arguments, result, line)
     if arguments.json:
         print_json(result.to_json())
     else:
@@ -206,9 +207,11 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
             raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))
 
 
-def _draw(arguments: Namespace, result: Result) -> None:
+def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> None:
     if result.record is None:
         return
+    if line is not None:
+        line.say("drawing")
     title = arguments.scenario.stem.replace("_", " ").capitalize()
     if arguments.picture is not None:
         from sim2d.picture import picture
