@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
 def script(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A script task: over at once, or suspended."""
+    run = node.run
     try:
-        suspended = node.run(scope.variables)
+        suspended = run(scope.variables)
     except BaseException as error:
         return failed(engine, scope, node, error)
     if suspended is None:
@@ -179,17 +180,23 @@ def leave(engine: Engine, scope: Scope, node: Node, inner: Scope) -> None:
         compensation.remember(scope, Record(node, inner.variables, inner.done or []))
     if node.loop is not None:
         loops.collect(scope, node, inner)
-    if node.outputs or node.all_out:
-        try:
-            results = [(name, source(inner.variables)) for name, source in node.outputs]
-        except BaseException as error:
-            faults.fail(engine, scope, node, error)
-            return
-        for name, value in (*(plain(inner.variables).items() if node.all_out else ()), *results):
-            if value is not UNDEFINED:
-                scope.variables[name] = value
+    if not (node.outputs or node.all_out):
         scopes.complete(engine, scope, node)
-        if engine.conditions:
-            waiting.check_conditions(engine)
-    else:
-        scopes.complete(engine, scope, node)
+        return
+    try:
+        found = results(node, inner.variables)
+    except BaseException as error:
+        faults.fail(engine, scope, node, error)
+        return
+    for name, value in found:
+        if value is not UNDEFINED:
+            scope.variables[name] = value
+    scopes.complete(engine, scope, node)
+    if engine.conditions:
+        waiting.check_conditions(engine)
+
+
+def results(node: Node, inner: dict[str, Any]) -> list[tuple[str, Any]]:
+    """What an activity with a mapping gives to the variables outside."""
+    mapped = [(name, source(inner)) for name, source in node.outputs]
+    return [*plain(inner).items(), *mapped] if node.all_out else mapped

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -101,7 +102,7 @@ def with_inputs(inputs: Sequence[tuple[str, Compiled]], source: Compiled) -> Com
 
 def _whole(name: str) -> Take:
     def take(variables: dict[str, Any], message: Any) -> None:
-        variables[name] = message.data if is_wrapper(message) else message
+        variables[name] = message.data if is_wrapper(message.__class__) else message
 
     return take
 
@@ -139,7 +140,7 @@ def match(names: Sequence[str], topic: str, message: Any) -> dict[str, tuple[str
     ``<field>_...``; a nested field counts by its last name. The value of a wrapper goes to the variable named like the
     topic, or to the only one.
     """
-    if is_wrapper(message):
+    if is_wrapper(message.__class__):
         fitting = [name for name in names if name in (topic, "data") or name.startswith("data_")]
         chosen = fitting or (names if len(names) == 1 else ())
         return dict.fromkeys(chosen[:1], ("data",))
@@ -166,9 +167,10 @@ def match_prefix(names: Sequence[str], topic: str, message: Any) -> dict[str, tu
     return found
 
 
-def is_wrapper(message: Any) -> bool:
-    """Whether it is a message of one field ``data`` (std_msgs/msg/Bool and its like)."""
-    return tuple(getattr(message, "__dataclass_fields__", ())) == ("data",)
+@cache
+def is_wrapper(kind: type) -> bool:
+    """Whether messages of that class have one field ``data`` (std_msgs/msg/Bool and its like)."""
+    return tuple(getattr(kind, "__dataclass_fields__", ())) == ("data",)
 
 
 def _fields(message: Any, names: Sequence[str], path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

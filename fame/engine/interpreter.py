@@ -195,7 +195,8 @@ class Engine:
                 counts = scope.counts
                 for _ in moves:
                     counts[node.index] += 1
-                    node = node.step(self, scope, node)
+                    step = node.step  # looked up apart: CPython is slow to call what an attribute holds
+                    node = step(self, scope, node)
                     if node is None:
                         break
                 else:
@@ -241,7 +242,8 @@ class Engine:
         """Note that something happened; observers hear it when the stimulus has been worked off."""
         if self.place is not scope:
             self.move(scope)
-        self.note(mark)
+        note = self.note
+        note(mark)
 
     def move(self, scope: Scope) -> None:
         """What is noted from now on happens in that scope."""
@@ -292,11 +294,7 @@ class Engine:
             self.tell(instance.root, (self.program.process, "end", status))
         self.host.ended(instance)
         if self.waiting_starts:
-            node = min(self.waiting_starts, key=lambda start: self.waiting_starts[start][0][0])
-            _, message = self.waiting_starts[node].popleft()
-            if not self.waiting_starts[node]:
-                del self.waiting_starts[node]
-            starts.trigger(self, node, message)
+            starts.begin_waiting(self)
 
     def abandon(self, instance: Instance, node: Node, text: str, code: str, cause: BaseException | None = None) -> None:
         """An instance failed: nothing caught its error."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fame.engine import activities, compensation, loops, state, suspension, waiting
-from fame.engine.state import DEAD, RUNNING, Body, Departure, Node, Rest, Scope
+from fame.engine.state import DEAD, Body, Departure, Node, Rest, Scope
 
 if TYPE_CHECKING:
     from fame.engine.interpreter import Engine
@@ -34,7 +34,7 @@ def open_scope(engine: Engine, scope: Scope) -> None:
     if body is None:
         return
     if body.queued:
-        scope.mail = {node: waiting.mailbox(engine, node, scope) for node in body.queued}
+        keep_messages(engine, scope, body.queued)
     if body.armed:
         rests = []
         for node in body.armed:
@@ -44,6 +44,11 @@ def open_scope(engine: Engine, scope: Scope) -> None:
         for rest in rests:
             if rest.alive and not rest.paused:  # a condition that is true already ends or suspends the scope
                 waiting.arm(engine, rest)
+
+
+def keep_messages(engine: Engine, scope: Scope, nodes: tuple[Node, ...]) -> None:
+    """Let catching events have their queues."""
+    scope.mail = {node: waiting.mailbox(engine, node, scope) for node in nodes}
 
 
 def close_scope(engine: Engine, scope: Scope) -> None:
@@ -80,7 +85,7 @@ def finish(engine: Engine, scope: Scope) -> None:
     while True:
         node, parent = scope.node, scope.parent
         close_scope(engine, scope)
-        for handler in reversed(scope.handles):
+        for handler in scope.handles[::-1]:
             count(engine, scope, handler)
         if parent is None:
             engine.conclude(scope.instance, "completed")
@@ -135,15 +140,15 @@ def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
     """Cancel what goes on in a scope; a new one takes its place, with one token, under the same guards."""
     parent = scope.parent
     heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
-    heir.instance, heir.counts, heir.depth = scope.instance, scope.counts, scope.depth
-    heir.handles, heir.items, heir.done, heir.state = handles, scope.items, scope.done, RUNNING
-    heir.arms, scope.arms = scope.arms, ()
-    for arm in heir.arms:
-        arm.owner = heir
+    heir.handles, heir.items, heir.done = handles, scope.items, scope.done
+    if scope.arms:
+        heir.arms, scope.arms = scope.arms, ()
+        for arm in heir.arms:
+            arm.owner = heir
     scope.instance.scopes += 1
-    kill(engine, scope, told=False)
+    kill(engine, scope, False)
     if parent is None:
-        scope.instance.root = heir
+        heir.instance, heir.counts, scope.instance.root = scope.instance, scope.counts, heir
     else:
         parent.children[heir] = None
         if parent.suspender is scope:

@@ -43,6 +43,16 @@ def trigger(engine: Engine, node: Node, message: Any) -> None:
         engine.host.report(node.id, text)
 
 
+def begin_waiting(engine: Engine) -> None:
+    """An instance has ended: the trigger that waited longest begins the next."""
+    waiting_starts = engine.waiting_starts
+    node = min(waiting_starts, key=lambda start: waiting_starts[start][0][0])
+    _, message = waiting_starts[node].popleft()
+    if not waiting_starts[node]:
+        del waiting_starts[node]
+    trigger(engine, node, message)
+
+
 def begin(engine: Engine, node: Node, arrived: Arrived) -> None:
     """An instance that takes what has arrived."""
     instance = engine.open_instance(node, None)

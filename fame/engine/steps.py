@@ -29,7 +29,8 @@ def flow(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A sequence flow; these are nodes in observed programs alone."""
     if engine.place is not scope:
         engine.move(scope)
-    engine.note(node.entered)
+    note = engine.note
+    note(node.entered)
     return node.next
 
 
@@ -39,14 +40,16 @@ def observed(engine: Engine, scope: Scope, node: Node) -> Node | None:
     assert act is not None
     if engine.place is not scope:
         engine.move(scope)
-    engine.note(node.entered)
+    note = engine.note
+    note(node.entered)
     following = act(engine, scope, node)
     if following is not None:
         if engine.place is not scope:
             engine.move(scope)
-        engine.note(node.left)
+        note = engine.note
+        note(node.left)
         if following.step is flow:
-            engine.note(following.entered)
+            note(following.entered)
             return following.next
     return following
 

@@ -37,18 +37,22 @@ def guard(engine: Engine, nodes: tuple[Node, ...], scope: Scope, owner: Scope | 
 
 
 def arm(engine: Engine, resting: Rest) -> None:
-    """Make a rest hear what it waits for."""
-    kind = resting.node.kind
-    if kind in ("signal", "message"):
-        listen(engine, resting)
-    elif kind == "timer":
-        set_timer(engine, resting)
-    elif kind == "condition":
-        engine.conditions[resting] = None
-        engine.alert = True
-        check_condition(engine, resting)
-    elif kind == "all":
-        guard(engine, resting.node.alternatives, resting.scope, resting)
+    """Make a rest hear what it waits for; a user needs no arming."""
+    act = _ARM.get(resting.node.kind)
+    if act is not None:
+        act(engine, resting)
+
+
+def watch(engine: Engine, resting: Rest) -> None:
+    """Look at its condition whenever variables may have changed, and now."""
+    engine.conditions[resting] = None
+    engine.alert = True
+    check_condition(engine, resting)
+
+
+def gather(engine: Engine, resting: Rest) -> None:
+    """Arm all that it waits for together."""
+    guard(engine, resting.node.alternatives, resting.scope, resting)
 
 
 def set_timer(engine: Engine, resting: Rest) -> None:
@@ -77,6 +81,9 @@ def listen(engine: Engine, resting: Rest) -> None:
     box.rests[resting] = None
     while box.messages and resting in box.rests:
         catch(engine, resting, box.messages.popleft()[1])
+
+
+_ARM = {"signal": listen, "message": listen, "timer": set_timer, "condition": watch, "all": gather}
 
 
 def box_of(resting: Rest) -> Mailbox | None:
@@ -114,15 +121,9 @@ def unlisten(engine: Engine, topic: str, listener: Listener) -> None:
 def disarm(engine: Engine, resting: Rest) -> None:
     """Whatever could wake it, and whatever is armed because of it, is forgotten."""
     resting.alive = False
-    node = resting.node
-    kind = node.kind
-    if node.topic or kind == "condition":
-        deafen(engine, resting)
-    elif kind == "timer":
-        if engine.rests.pop(resting.key, None) is not None:
-            engine.host.cancel_timer(resting.key)
-    elif kind == "script":
-        engine.rests.pop(resting.key, None)
+    act = _DISARM.get(resting.node.kind)
+    if act is not None:
+        act(engine, resting)
     if resting.box is not None:
         drop(engine, resting.box)
     if resting.arms:
@@ -132,7 +133,7 @@ def disarm(engine: Engine, resting: Rest) -> None:
 
 
 def deafen(engine: Engine, resting: Rest) -> None:
-    """It hears no topic and no condition any more; its queue still does."""
+    """It hears its topic no more, though its queue still does; or nobody looks at its condition."""
     node = resting.node
     if node.queue:
         box = resting.box or box_of(resting)
@@ -140,8 +141,17 @@ def deafen(engine: Engine, resting: Rest) -> None:
             box.rests.pop(resting, None)
     elif node.topic:
         unlisten(engine, node.topic, resting)
-    elif node.kind == "condition":
+    else:
         engine.conditions.pop(resting, None)
+
+
+def forget(engine: Engine, resting: Rest) -> None:
+    """The host names it no more; a timer is cancelled."""
+    if engine.rests.pop(resting.key, None) is not None and resting.node.kind == "timer":
+        engine.host.cancel_timer(resting.key)
+
+
+_DISARM = {"signal": deafen, "message": deafen, "condition": deafen, "timer": forget, "script": forget}
 
 
 # ---- deliveries ----------------------------------------------------------------------------------
@@ -195,8 +205,9 @@ def catch(engine: Engine, resting: Rest, message: Any) -> None:
         except BaseException as error:
             give_up(engine, resting, error)
             return
-    assert resting.node.fire is not None
-    resting.node.fire(engine, resting)
+    act = resting.node.fire
+    assert act is not None
+    act(engine, resting)
     if take is not None and engine.conditions:
         check_conditions(engine)
 
