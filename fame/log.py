@@ -129,27 +129,26 @@ class _Lines:
         self._now: tuple[tuple[int, str], bytes] = ((-1, ""), b"")
 
     def __call__(self, event: Event) -> None:
-        when = self._at(event.time, event.robot)
-        self._stream.write(when + self._where % (event.instance, event.scope) + self._find(event[4:]))
+        start = self._at(event.time, event.robot) % (event.instance, event.scope)
+        self._stream.write(start + self._find(event[4:]))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """What happened at one instant."""
-        when, known = self._at(time, robot), self._known
-        lines = []
+        start_of, known = self._at(time, robot), self._known
+        lines: list[bytes] = []
         for scope, marks in trail:
+            start = start_of % (scope.instance.key, scope.key)
             try:
-                words = [known[mark] for mark in marks]
+                lines += start, start.join([known[mark] for mark in marks])
             except KeyError:
                 known.update((mark, self._find(mark)) for mark in marks if mark not in known)
-                words = [known[mark] for mark in marks]
-            start = when + self._where % (scope.instance.key, scope.key)
-            lines += [start, start.join(words)]
+                lines += start, start.join([known[mark] for mark in marks])
         self._stream.write(b"".join(lines))
 
     def _at(self, time: int, robot: str) -> bytes:
-        """The words for when and who."""
+        """The words for when and who, and the format for where."""
         if self._now[0] != (time, robot):
-            self._now = (time, robot), encoded(self._when(time, robot))
+            self._now = (time, robot), encoded(self._when(time, robot)).replace(b"%", b"%%") + self._where
         return self._now[1]
 
     def _find(self, mark: Mark) -> bytes:

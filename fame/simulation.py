@@ -75,6 +75,7 @@ class Simulation:
     def run(self, until: float | None = None) -> Simulation:
         """Run until nothing can move without an outside event, or until simulated second `until`."""
         self._until = until
+        self._begin()
         self._go_on()
         return self
 
@@ -130,7 +131,6 @@ class Simulation:
             self.node.start(self._variables)
 
     def _go_on(self) -> None:
-        self._begin()
         bound = None if self._until is None else max(self.scheduler.now, round(self._until * SECOND))
         self.scheduler.run(bound)
 

@@ -299,3 +299,12 @@ def test_what_takes_long_is_heard_in_between(tmp_path: Path) -> None:
     with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
         fame.Simulation(definitions, variables={"x": 0}, observer=write).run()
     assert len((tmp_path / "run.jsonl").read_text().splitlines()) == len(log)
+
+
+def test_a_robot_may_have_any_name(tmp_path: Path) -> None:
+    """Lines are put together from a format; nothing in a name is taken for a part of it."""
+    path = tmp_path / "run.jsonl"
+    with logging_to(path, []) as write:
+        write(Event(0, "100%d", 1, 2, "a", "enter"))
+    (line,) = map(json.loads, path.read_text().splitlines())
+    assert (line["robot"], line["instance"], line["scope"], line["element"]) == ("100%d", 1, 2, "a")

@@ -170,7 +170,10 @@ def deliver(engine: Engine, topic: str, message: Any) -> None:
                 if taken or not hears(listener) or not correlates(listener.node, listener.scope.variables, message):
                     continue
                 taken = True
-            offer(engine, listener, message)
+            if isinstance(listener, Mailbox):
+                put(engine, listener, message)
+            elif listener.alive and not listener.paused:
+                catch(engine, listener, message)
     for node in engine.program.starts.get(topic, ()):
         if not (taken if node.kind == "message" else starts.awaited(node, listeners)):
             starts.trigger(engine, node, message)
@@ -181,19 +184,17 @@ def hears(listener: Listener) -> bool:
     return listener.alive and not (listener.__class__ is Rest and listener.paused)
 
 
-def offer(engine: Engine, listener: Listener, message: Any) -> None:
-    """A message for a rest; or for those who wait at a queue, else into it."""
-    if listener.__class__ is Rest:
-        if listener.alive and not listener.paused:
-            catch(engine, listener, message)
-    elif listener.alive:
-        assert isinstance(listener, Mailbox)
-        if listener.rests:
-            waiting = tuple(listener.rests)
-            for resting in waiting[:1] if listener.node.kind == "message" else waiting:
-                offer(engine, resting, message)
-        else:
-            listener.messages.append((engine.new_key(), message))
+def put(engine: Engine, box: Mailbox, message: Any) -> None:
+    """A message for those who wait at a queue, else into it."""
+    if not box.alive:
+        return
+    if not box.rests:
+        box.messages.append((engine.new_key(), message))
+        return
+    waiting = tuple(box.rests)
+    for resting in waiting[:1] if box.node.kind == "message" else waiting:
+        if resting.alive and not resting.paused:
+            catch(engine, resting, message)
 
 
 def catch(engine: Engine, resting: Rest, message: Any) -> None:
