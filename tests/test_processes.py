@@ -180,6 +180,8 @@ def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, field):
     (wait,) = said["robots"]["A"]["waits"]
     assert (wait["element"], wait["topics"]) == ("second", {"/never": 0})
     assert said["robots"]["A"]["now"] >= wait["since"]
+    code, said = fame("complete", "A", "first", "--value", "approved=true")
+    assert (code, said["reason"]) == (1, "first: waits for nobody; what waits: second")
 
 
 def test_a_robot_that_does_not_answer_is_named_and_nobody_starts(tmp_path, field):

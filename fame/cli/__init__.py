@@ -15,6 +15,7 @@ from io import TextIOWrapper
 from fame.cli import (
     adm,
     check,
+    complete,
     convert,
     deploy,
     draw,
@@ -52,6 +53,7 @@ _COMMANDS = (
     deploy,
     splitter,
     status,
+    complete,
     world,
     pause,
     resume,

@@ -65,7 +65,8 @@ class Report:
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``running``, ``idle`` (no instance), ``failed``
     instances, started, completed, failed      how many run now, have started, completed and failed with this process
     deployed   the deployment that its process came with, `hash` the model
-    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty
+    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty.
+               On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``refused``, to the request of that id
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
     now        the time of the mission (s), which `since` is on
     born       when the engine began (ns since 1970): of two with one name the older stays

@@ -16,6 +16,7 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deployment.abandoned import Inquiry
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, read_envelope
 from fame.deployment.loading import load, missing
+from fame.deployment.tasks import Tasks
 from fame.errors import DeploymentError, FameError
 from fame.library import Library
 from fame.middleware import messages
@@ -89,6 +90,7 @@ class EngineNode:
         self._status = self.node.publisher("bpmn_status", STRING, LATCHED)
         self.node.subscription("bpmn_status", STRING, self._met, STATUS_QOS)
         self._process = self.node.subscription("bpmn_process", STRING, self._heard, PROCESS_QOS)
+        self._tasks = Tasks(self.node, lambda: self.running, self.report)
         self._beat()
 
     # ---- saying how it stands --------------------------------------------------------------------------------------
@@ -308,6 +310,7 @@ class EngineNode:
             self._stopped = True
             self._pulse.cancel()
             self._process.close()
+            self._tasks.close()
             self._loaded, self._starting = self._loaded or self._starting, None
             self._drop_loaded("")
             if self.running is not None:

@@ -1,0 +1,118 @@
+"""Tasks that wait for somebody, completed on a running robot: a `Done` on ``bpmn_task``, an answer on ``bpmn_status``.
+
+The same words again have no effect but the answer, so whoever asks may ask until it hears one. What a person did is
+data, as any message is: it is not signed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Report
+from fame.errors import DeploymentError, FameError
+from fame.middleware import messages
+from fame.middleware.interface import Node
+from fame.node import RobotNode
+
+SETTLE, AGAIN = 0.02, 0.3
+"""Before the first word, and between two (s): see `fame.deployment.sender`."""
+_ANSWERS = 100
+"""How many answers a robot remembers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """What somebody did: the task's `element`, `values` for its variables; `id` names the request."""
+
+    id: str
+    element: str
+    values: Mapping[str, Any]
+
+    def to_json(self) -> str:
+        """As it is sent."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+
+def read_done(text: str) -> Done:
+    """What came in. Raises DeploymentError."""
+    try:
+        done = Done(**json.loads(text))
+    except (ValueError, TypeError, RecursionError):
+        done = None
+    if (
+        done is None
+        or not (isinstance(done.id, str) and isinstance(done.element, str) and isinstance(done.values, dict))
+        or not all(name.isidentifier() and not name.startswith("__") for name in done.values)
+    ):
+        raise DeploymentError(f'no task: {text[:60]!r}; {{"id": ..., "element": ..., "values": {{}}}} would be right')
+    return done
+
+
+class Tasks:
+    """The robot's end. `running` is what it runs now, `report` says (answer, id of the request, reason)."""
+
+    def __init__(
+        self, node: Node, running: Callable[[], RobotNode | None], report: Callable[[str, str, str], object]
+    ) -> None:
+        self._running, self._report = running, report
+        self._answers: dict[str, tuple[str, str]] = {}
+        self._end = node.subscription("bpmn_task", STRING, self._heard, PROCESS_QOS)
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._end.close()
+
+    def _heard(self, message: Any) -> None:
+        try:
+            done = read_done(message.data)
+        except DeploymentError as error:
+            self._report("refused", "", str(error))
+            return
+        if done.id not in self._answers:
+            self._answers[done.id] = self._complete(done)
+            if len(self._answers) > _ANSWERS:
+                del self._answers[next(iter(self._answers))]
+        answer, reason = self._answers[done.id]
+        self._report(answer, done.id, reason)
+
+    def _complete(self, done: Done) -> tuple[str, str]:
+        node = self._running()
+        if node is None:
+            return "refused", f"{done.element}: the robot has no process yet"
+        try:
+            node.complete(done.element, done.values)
+        except FameError as error:
+            return "refused", str(error)
+        return "completed", ""
+
+
+class Asking:
+    """The other end: tells a robot, again and again, until `answered` has been called with its report, or `close`."""
+
+    def __init__(
+        self, robot: str, done: Done, *, node: Node, scheduler: Scheduler, answered: Callable[[Report], object]
+    ) -> None:
+        self._done, self._scheduler, self._answered = done, scheduler, answered
+        self._out = node.publisher(f"/{robot}/bpmn_task", STRING, PROCESS_QOS)
+        self._end = node.subscription(f"/{robot}/bpmn_status", STRING, self._heard, STATUS_QOS)
+        self._next: Entry = scheduler.after(round(SETTLE * SECOND), self._ask, Kind.TIMER)
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._next.cancel()
+        self._out.close()
+        self._end.close()
+
+    def _ask(self) -> None:
+        self._out.publish(messages.create(STRING, self._done.to_json()))
+        self._next = self._scheduler.after(round(AGAIN * SECOND), self._ask, Kind.TIMER)
+
+    def _heard(self, message: Any) -> None:
+        report = Report.from_json(message.data)
+        if report is not None and report.answer and report.deployment == self._done.id:
+            self._next.cancel()
+            self._answered(report)

@@ -1,0 +1,118 @@
+"""A task of a running robot is completed over a topic: once, with its results, or refused by name."""
+
+import json
+
+import pytest
+
+from fame import deployment
+from fame.clock import SECOND, Scheduler
+from fame.deployment import EngineNode, Report
+from fame.deployment.tasks import Asking, Done
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+
+MODEL = (
+    '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"><process id="p">'
+    '<startEvent id="s"/><userTask id="ask"/><manualTask id="lift"/>'
+    '<sequenceFlow id="f" sourceRef="s" targetRef="ask"/><sequenceFlow id="g" sourceRef="ask" targetRef="lift"/>'
+    "</process></definitions>"
+)
+
+
+class Floor:
+    """A robot with an engine, and a person beside it."""
+
+    def __init__(self, model: str = MODEL) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware)
+        self.person = self.middleware.node("person")
+        self.reports: list[Report] = []
+        self.person.subscription("/REX/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+        if model:
+            self.say("bpmn_process", model)
+
+    def _hear(self, message) -> None:
+        self.reports.append(Report(**json.loads(message.data)))
+
+    def say(self, topic: str, text: str) -> None:
+        end = self.person.publisher(f"/REX/{topic}", deployment.STRING)
+        end.publish(messages.create(deployment.STRING, text))
+        self.scheduler.run(self.scheduler.now + SECOND // 10)
+
+    def complete(self, element: str, **values) -> list[Report]:
+        answers: list[Report] = []
+        done = Done(id=f"request {element}", element=element, values=values)
+        asking = Asking("REX", done, node=self.person, scheduler=self.scheduler, answered=answers.append)
+        self.scheduler.run(self.scheduler.now + 2 * SECOND)
+        asking.close()
+        return answers
+
+    @property
+    def waiting(self) -> list[str]:
+        return self.engine.running.instances[-1].waiting
+
+
+def test_a_task_is_done_with_its_results_and_the_token_goes_on():
+    floor = Floor()
+    (answer,) = floor.complete("ask", approved=True, height=1.5)
+    assert (answer.answer, answer.reason) == ("completed", "")
+    assert floor.waiting == ["lift"]
+    assert floor.engine.running.instances[-1].variables == {"approved": True, "height": 1.5}
+    floor.complete("lift")
+    assert floor.engine.running.instances[-1].status == "completed"
+
+
+def test_where_no_task_waits_the_answer_names_what_does():
+    floor = Floor()
+    (answer,) = floor.complete("lift")
+    assert answer.answer == "refused"
+    assert "lift: waits for nobody; what waits: ask" in answer.reason
+    assert floor.waiting == ["ask"]
+
+
+def test_a_robot_without_a_process_refuses():
+    (answer,) = Floor(model="").complete("ask")
+    assert (answer.answer, answer.reason) == ("refused", "ask: the robot has no process yet")
+
+
+def test_the_same_words_twice_are_one_completion_and_two_answers():
+    floor = Floor(MODEL.replace('targetRef="lift"', 'targetRef="ask"'))
+    before = floor.engine.running.instances[-1].visits["ask"]
+    said = Done(id="one", element="ask", values={}).to_json()
+    floor.say("bpmn_task", said)
+    floor.say("bpmn_task", said)
+    assert floor.engine.running.instances[-1].visits["ask"] == before + 1
+    assert [report.answer for report in floor.reports if report.deployment == "one"] == ["completed", "completed"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"id": 1, "element": "ask", "values": {}}',
+        '{"id": "a", "element": "ask", "values": {"__x": 1}}',
+    ],
+)
+def test_what_is_no_task_is_refused_and_touches_nothing(text):
+    floor = Floor()
+    floor.say("bpmn_task", text)
+    assert floor.reports[-1].answer == "refused"
+    assert floor.reports[-1].reason.startswith("no task: ")
+    assert floor.waiting == ["ask"]
+
+
+def test_a_robot_that_hears_late_is_told_again():
+    floor = Floor(model="")
+    floor.engine.close()
+    answers: list[Report] = []
+    done = Done(id="one", element="ask", values={})
+    Asking("REX", done, node=floor.person, scheduler=floor.scheduler, answered=answers.append)
+    floor.scheduler.run(floor.scheduler.now + SECOND)
+    assert answers == []
+    EngineNode("REX", scheduler=floor.scheduler, middleware=floor.middleware)
+    floor.say("bpmn_process", MODEL)
+    floor.scheduler.run(floor.scheduler.now + SECOND)
+    assert len(answers) == 1
