@@ -479,6 +479,15 @@ def test_a_signal_that_nobody_catches_is_a_warning_where_the_file_has_all_robots
     assert told(team(one, row(catch("b"), mark="2"))) == []
 
 
+def test_a_signal_that_is_spelt_in_two_ways_is_told_with_the_other_spelling() -> None:
+    spelt = '<signal id="S_Done" name="Done"/></definitions>'
+    text = team(row(throw("a", "Done")), row(catch("b"), mark="2")).replace("</definitions>", spelt)
+    assert told(text) == [
+        "a: throws /Done, which nobody in bad.bpmn catches; did you mean /done?",
+        "b: waits for /done, which nobody in bad.bpmn throws; did you mean /Done?",
+    ]
+
+
 def test_it_is_a_note_where_others_may_be_at_the_other_end() -> None:
     expected = ["a: throws /done, which nobody in bad.bpmn catches"]
     for text in (alone(row(throw("a"))), team(row(throw("a")), pools='<participant id="X" name="crowd"/>')):
@@ -541,6 +550,13 @@ def calling(inside: str = "", before: str = "ready = True") -> str:
 def test_a_called_process_gets_the_variables_of_its_caller() -> None:
     assert told(calling()) == ["c: Q reads `x_goal`, which nothing sets"]
     assert told(calling(before="x_goal = 1")) == []
+
+
+def test_a_behaviour_called_by_a_process_that_declares_nothing_lacks_its_inputs() -> None:
+    found = checked(process(row(call("c", "GoTo"))), library=Library([ROOT / "models" / "library"]))
+    assert [str(one.text) for one in found] == [
+        f"GoTo reads `{name}`, which nothing sets" for name in ("x_goal", "y_goal")
+    ]
 
 
 def test_a_called_process_with_a_mapping_gets_what_that_names() -> None:

@@ -6,6 +6,7 @@ that begins by itself, with all that it calls. Who is at the other end of a robo
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -222,10 +223,17 @@ def _alone(subject: Subject, public: Table) -> Iterator[Finding]:
         drawn = next((end for end in ends if end.topic is not None), None)
         if drawn is None or (throws and catches) or (space in robots and name.count("/") > 1):
             continue
-        if throws:
-            yield drawn.finding(level, f"throws {name}, which nobody in {_file(subject)} catches")
-        else:
-            yield drawn.finding(level, f"waits for {name}, which nobody in {_file(subject)} throws")
+        does, other = ("throws", "catches") if throws else ("waits for", "throws")
+        text = f"{does} {name}, which nobody in {_file(subject)} {other}{_similar(name, ends, public)}"
+        yield drawn.finding(level, text)
+
+
+def _similar(name: str, ends: Sequence[End], topics: Table) -> str:
+    """A topic whose other end may be meant: of nearly that name, and likewise with one end only."""
+    throws = ends[0].throws
+    lonely = {one.casefold(): one for one, its in topics.items() if all(end.throws != throws for end in its)}
+    found = difflib.get_close_matches(name.casefold(), sorted(lonely), 1, 0.8)
+    return f"; did you mean {lonely[found[0]]}?" if found else ""
 
 
 def _file(subject: Subject) -> str:
