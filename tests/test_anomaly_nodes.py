@@ -132,6 +132,20 @@ def test_a_topic_that_stops_is_said_and_goes_on():
     assert "goes on" in arm.texts[1]
 
 
+def test_a_topic_that_stops_while_it_is_recorded_is_said():
+    arm = Arm()
+    node = Collect(arm.middleware, arm.scheduler, Collector(1, "count", cycle=9), report=arm.texts.append)
+    arm.scheduler.run(2 * SECOND)
+    arm.play(np.ones((2, 6)))
+    arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
+    node.close()
+    arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
+    assert arm.texts == [
+        "/joint_states is silent: nothing in the first 1 s; run 0 waits for it",
+        "/joint_states has stopped: nothing for 1 s; run 0 waits for it",
+    ]
+
+
 @needs_data
 def test_collecting_stops_after_the_runs_that_are_wanted():
     arm = Arm()

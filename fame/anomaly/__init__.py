@@ -17,6 +17,7 @@
     learn        the table of classifiers, the best of them stored
     model        a stored model: scores points, quickly
     live         scores a run while it goes on
+    watch        says when a topic is silent
     collect      the node that records, `operate` the node that watches
     cli          `fame adm`
 

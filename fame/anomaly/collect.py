@@ -14,6 +14,7 @@ from fame.anomaly.live import WHOLE, Cutter, Rule
 from fame.anomaly.operate import EMPTY, END, START
 from fame.anomaly.recording import Recording
 from fame.anomaly.runs import NEAR
+from fame.anomaly.watch import Watch
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware.interface import SENSOR_DATA, Middleware
@@ -132,16 +133,19 @@ class Collect:
         self._last: list[float] = []
         self.node = middleware.node("anomaly_collection", namespace)
         self.topic = self.node.subscription(topic, TYPE, self._heard, SENSOR_DATA).topic
+        self._watch = Watch(scheduler, self.topic, report, lambda: f"run {collector.complete}")
         self.node.subscription(START, EMPTY, lambda _: collector.begin())
         self.node.subscription(END, EMPTY, lambda _: self._count(collector.end))
 
     def close(self) -> None:
         """Leave."""
+        self._watch.close()
         self.node.close()
 
     def _heard(self, message: Any) -> None:
         if self.collector.done:
             return
+        self._watch.heard()
         try:
             values = values_of(message, self.collector.joints, self._field)
             self._last = refuse_dropout(values, self._last)

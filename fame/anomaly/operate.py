@@ -18,15 +18,13 @@ from typing import Any
 from fame.anomaly.joints import TYPE, Unusable, refuse_dropout, stamp_of, values_of
 from fame.anomaly.live import Point, Rule, RunMonitor, RunReport
 from fame.anomaly.model import Model
-from fame.clock import SECOND, Entry, Scheduler
+from fame.anomaly.watch import SILENCE, Watch
+from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import SENSOR_DATA, Middleware
 
 SIGNAL_TYPE = TYPE
 EMPTY = "std_msgs/msg/Empty"
-SILENCE = 1.0
-"""A topic without a message for so long (s) has stopped."""
-
 START, END, ALARM = "/task_start", "/task_end", "/anomaly"
 
 
@@ -52,8 +50,6 @@ class Operate:
         self.monitor = RunMonitor(model, threshold, rule, cycle)
         self.alarms: list[Point] = []
         self.scheduler, self._field, self._report, self._on_point = scheduler, field, report, on_point
-        self._silence, self._stopped = round(silence * SECOND), False
-        self._watch: Entry | None = None
         self._said: set[str] = set()
         self._last: list[float] = []
         self.node = node = middleware.node("anomaly_detection", namespace)
@@ -61,6 +57,7 @@ class Operate:
         self._point = node.publisher("anomaly_point", "std_msgs/msg/Bool")
         self._alarm = node.publisher(ALARM, SIGNAL_TYPE)
         self.topic = node.subscription(topic, TYPE, self._heard, SENSOR_DATA).topic
+        self._watch = Watch(scheduler, self.topic, report, lambda: f"run {self.monitor.run}", silence)
         if rule == "signal":
             node.subscription(START, EMPTY, lambda _: self._told(self.monitor.begin))
             node.subscription(END, EMPTY, lambda _: self._told(self.monitor.end))
@@ -73,13 +70,12 @@ class Operate:
 
     def close(self) -> None:
         """Leave; the run that goes on is judged as far as it got."""
-        if self._watch is not None:
-            self._watch.cancel()
+        self._watch.close()
         self._told(self.monitor.end)
         self.node.close()
 
     def _heard(self, message: Any) -> None:
-        self._wait()
+        self._watch.heard()
         try:
             values = values_of(message, self.monitor.model.joints, self._field)
             self._last = refuse_dropout(values, self._last)
@@ -111,20 +107,6 @@ class Operate:
         for report in self.runs[self._reported :]:
             self._report(report.text)
         self._reported = len(self.runs)
-
-    def _wait(self) -> None:
-        """A message has come: the next is expected in time."""
-        if self._stopped:
-            self._stopped = False
-            self._report(f"{self.topic} goes on")
-        if self._watch is not None:
-            self._watch.cancel()
-        self._watch = self.scheduler.after(self._silence, self._silent)
-
-    def _silent(self) -> None:
-        self._stopped = True
-        seconds = self._silence / SECOND
-        self._report(f"{self.topic} has stopped: nothing for {seconds:g} s; run {self.monitor.run} waits for it")
 
     def _once(self, text: str) -> None:
         if text not in self._said:

@@ -1,0 +1,46 @@
+"""Watch: says when a topic is silent, and when it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fame.clock import SECOND, Entry, Scheduler
+
+SILENCE = 1.0
+"""A topic without a message for so long (s) has stopped."""
+
+
+class Watch:
+    """Expects a message on `topic` within `silence` (s), again and again; `waits` tells what waits for it meanwhile."""
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        topic: str,
+        report: Callable[[str], object],
+        waits: Callable[[], str],
+        silence: float = SILENCE,
+    ) -> None:
+        self._scheduler, self._topic, self._report, self._waits = scheduler, topic, report, waits
+        self._silence, self._stopped, self._heard = silence, False, False
+        self._entry: Entry = self._expect()
+
+    def heard(self) -> None:
+        """A message has come: the next is expected in time."""
+        if self._stopped and self._heard:
+            self._report(f"{self._topic} goes on")
+        self._stopped, self._heard = False, True
+        self._entry.cancel()
+        self._entry = self._expect()
+
+    def close(self) -> None:
+        """Expect nothing more."""
+        self._entry.cancel()
+
+    def _expect(self) -> Entry:
+        return self._scheduler.after(round(self._silence * SECOND), self._silent)
+
+    def _silent(self) -> None:
+        self._stopped = True
+        found = "has stopped: nothing for" if self._heard else "is silent: nothing in the first"
+        self._report(f"{self._topic} {found} {self._silence:g} s; {self._waits()} waits for it")
