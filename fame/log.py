@@ -33,6 +33,10 @@ COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "wha
 """Of a table, and the keys of a JSON line (where those without a value are left out)."""
 
 
+_BUFFER = 1 << 16
+"""Bytes that are written at a time."""
+
+
 class Named(NamedTuple):
     """What a log says of an element: its name on one line, its BPMN tag, and whether it is an activity."""
 
@@ -56,7 +60,7 @@ def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Obser
         raise ConfigError(f"found the ending {path.suffix!r}; {', '.join(_FORMS)} would be right", file=str(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        stream = path.open("wb")
+        stream = path.open("wb", buffering=_BUFFER)
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
     with stream, form(stream, names(files)) as write:
