@@ -156,3 +156,13 @@ def test_what_cannot_be_read_is_said(option: str, text: str, right: str, capsys:
 def test_both_need_everything_in_one_process(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(EXAMPLE), "--middleware", "dds", "--robots", "Tractor=2"]) == 2
     assert "--robots needs --middleware local" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("time", "behaviour"), [(5.0, "Turn"), (25.0, "GoTo")])
+def test_a_car_that_stands_still_is_blocked_whatever_it_is_at(time: float, behaviour: str) -> None:
+    cars = Scenario.load(EXAMPLE.parent / "ground_vehicles.yaml", faults=[Fault("REX", time, "wheels")])
+    result = cars.run()
+    assert result.status == "failed"
+    assert result.simulated < time + 60
+    error = next(error for robot in result.robots for error in robot.errors)
+    assert (error.code, Path(error.file).stem) == ("blocked", behaviour)
