@@ -467,3 +467,32 @@ def test_after_a_thousand_redeployments_everything_is_as_after_ten():
     after_many = redeploy(1000)
     assert after_many[:4] == after_ten[:4]
     assert after_many[4] <= after_ten[4] + 50
+
+
+class HardOfHearing(Deployment):
+    """It does not hear the first answer of each robot: on the status topic a newer report took its place."""
+
+    lost: tuple[str, ...] = ()
+
+    def _heard(self, robot, message):
+        report = Report.from_json(message.data)
+        if report.answer and report.deployment == self.id and robot not in self.lost:
+            self.lost = (*self.lost, robot)
+        else:
+            super()._heard(robot, message)
+
+
+@pytest.mark.parametrize("newer", [True, False])
+def test_who_misses_an_answer_asks_again_and_ends_with_the_truth(newer):
+    field = Field("A", "B")
+    options = {"scheduler": field.scheduler, "middleware": field.middleware, "ended": lambda deployment: None}
+    older = HardOfHearing(read_text(TEAM, file="team.bpmn"), id="d1", sequence=1, **options)
+    older.begin()
+    if newer:
+        assert not field.deploy(TEAM, id="d2", sequence=2).failed
+    else:
+        field.pass_time(12)
+    assert older.lost == ("A", "B") or older.lost == ("B", "A")
+    assert (older.done, older.failed) == (True, newer)
+    assert ("superseded" in {each.state for each in older.standings.values()}) is newer
+    assert {engine.deployed for engine in field.engines.values()} == {"d2" if newer else "d1"}

@@ -36,6 +36,13 @@ THROW = '<intermediateThrowEvent id="{0}"><signalEventDefinition signalRef="{1}"
 CATCH = '<intermediateCatchEvent id="{0}"><signalEventDefinition signalRef="{1}"/></intermediateCatchEvent>'
 
 
+@pytest.fixture(autouse=True, scope="module")
+def bytecode(tmp_path_factory) -> None:
+    """Each process finds what the first has compiled, as if FAME were installed: that halves its start."""
+    ENVIRONMENT.pop("PYTHONDONTWRITEBYTECODE", None)
+    ENVIRONMENT["PYTHONPYCACHEPREFIX"] = str(tmp_path_factory.mktemp("bytecode"))
+
+
 def flows(prefix: str, *ids: str) -> str:
     return "".join(
         f'<sequenceFlow id="{prefix}{n}" sourceRef="{a}" targetRef="{b}"/>' for n, (a, b) in enumerate(pairwise(ids))
