@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from fame.engine.state import Node, Scope, scopes_of
+from fame.engine.state import Node, joins_reached
 from fame.middleware.interface import resolve
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
     """See `RobotNode.waits`. `seen` is kept from call to call: when each resting token was seen first (ns)."""
     now, heard = robot.scheduler.now, _publishers_heard(robot)
     rests = [rest for instance in robot.engine.instances.values() for rest in instance.rests()]
-    joins = [found for instance in robot.engine.instances.values() for found in _at_joins(instance.root)]
+    joins = [found for instance in robot.engine.instances.values() for found in joins_reached(instance.root)]
     keys = [*(rest.key for rest in rests), *((scope.key, join.id) for scope, join, _ in joins)]
     known = {key: seen.get(key, now) for key in keys}
     seen.clear()
@@ -50,14 +50,6 @@ def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
             text, topics = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
             found.extend(Wait(robot.name, node.id, text, topics=topics) for node in nodes)
     return found
-
-
-def _at_joins(root: Scope) -> Iterator[tuple[Scope, Node, list[int]]]:
-    """Joins that some flows have reached and others not, with how many tokens each flow has brought."""
-    for scope in scopes_of(root):
-        for join, counts in (scope.joins or {}).items():
-            if any(held := counts[: join.need]):
-                yield scope, join, held
 
 
 def _join_text(join: Node, held: list[int]) -> str:

@@ -281,8 +281,9 @@ class Instance:
 
     @property
     def waiting(self) -> Sequence[str]:
-        """Ids of the elements that hold a token at rest."""
-        return [rest.node.id for rest in self.rests()]
+        """Ids of the elements that hold a token: those at which one rests, then joins that wait for others."""
+        joins = joins_reached(self.root) if self.status == "running" else ()
+        return [*(rest.node.id for rest in self.rests()), *(join.id for _, join, _ in joins)]
 
 
 class Departure:
@@ -301,3 +302,11 @@ def scopes_of(root: Scope) -> Iterator[Scope]:
         scope = stack.pop()
         yield scope
         stack.extend(child for child in reversed(tuple(scope.children)) if isinstance(child, Scope))
+
+
+def joins_reached(root: Scope) -> Iterator[tuple[Scope, Node, list[int]]]:
+    """Joins that some flows have reached and others not, with how many tokens each flow has brought."""
+    for scope in scopes_of(root):
+        for join, counts in (scope.joins or {}).items():
+            if any(held := counts[: join.need]):
+                yield scope, join, held
