@@ -17,10 +17,6 @@ FLOORS = (
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
     (
-        "fame.asking",
-        "fame.mission",
-        "fame.timers",
-        "fame.waits",
         "fame.library",
         "fame.units",
         "fame.node",

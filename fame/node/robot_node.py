@@ -1,4 +1,5 @@
-"""One robot's engine node: the world of an engine, made of a middleware node, a scheduler and scripts.
+"""The robot's node: host of one engine, with the endpoints, scripts and timers that the process needs.
+
 
 `RobotNode` is the host of one engine. Endpoints of every topic that the process and its scripts name are made at load,
 before the first token moves. A message that comes in is one stimulus; a script's step is one; a timer is one. What
@@ -16,7 +17,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from fame.asking import ask, asking_task
 from fame.bpmn.model import CallActivity, Expression, Process, Task
 from fame.bpmn.topics import TopicUse
 from fame.clock import Scheduler, WallScheduler
@@ -26,24 +26,23 @@ from fame.engine.state import Trail
 from fame.errors import MessageError, MissionError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, Middleware, Publisher, Subscription, resolve
-from fame.mission import Mission, Service, mission
+from fame.node.asking import ask, asking_task
+from fame.node.mission import Mission
+from fame.node.timers import Timers
+from fame.node.waits import Wait, waits_of
 from fame.observation import Event, Observer, by_trails
 from fame.scripting import (
-    Log,
     Robot,
     Runner,
     another,
     compile_expression,
     compile_script,
     error_line,
-    error_text,
     interface,
     script_topics,
 )
 from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
-from fame.timers import Timers
 from fame.units import Around, Make, living
-from fame.waits import Wait, waits_of
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 """The date of simulated second 0, as in ROS."""
@@ -427,6 +426,3 @@ class RobotNode:
 
     def _script_report(self, key: int, text: str) -> None:
         self.report("", text)
-
-
-__all__ = ["EPOCH", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]

@@ -10,7 +10,7 @@ from fame.engine.state import Node, joins_reached
 from fame.middleware.interface import resolve
 
 if TYPE_CHECKING:
-    from fame.node import RobotNode
+    from fame.node.robot_node import RobotNode
 
 
 @dataclass(frozen=True, slots=True)

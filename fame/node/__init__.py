@@ -1,0 +1,18 @@
+"""One robot's engine node: the world of an engine, made of a middleware node, a scheduler and scripts.
+
+robot_node  the node: host of one engine
+mission     what it is to do
+asking      service tasks that ask ROS services and actions
+timers      timers of ISO 8601 on the scheduler
+waits       what its tokens wait for
+"""
+
+from __future__ import annotations
+
+from fame.node.mission import Mission, Service, mission
+from fame.node.robot_node import EPOCH, RobotNode
+from fame.node.waits import Wait
+from fame.observation import Event
+from fame.scripting import Log, error_text
+
+__all__ = ["EPOCH", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]
