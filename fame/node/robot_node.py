@@ -1,6 +1,5 @@
 """The robot's node: host of one engine, with the endpoints, scripts and timers that the process needs.
 
-
 `RobotNode` is the host of one engine. Endpoints of every topic that the process and its scripts name are made at load,
 before the first token moves. A message that comes in is one stimulus; a script's step is one; a timer is one. What
 the robot publishes itself is heard by its own catchers inside the engine, since the middleware drops own samples.
