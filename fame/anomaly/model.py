@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Model:
         return self.joints[worst], float(apart[worst])
 
 
-class Scorer:
+class Scorer(Protocol):
     """Judges points one by one."""
 
     def reset(self) -> None:
@@ -81,15 +81,17 @@ class Scorer:
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         """One point: values of the joints in the model's order, and its time (s) if known."""
-        raise NotImplementedError
 
 
-class PointScorer(Scorer):
+class PointScorer:
     """For classifiers to which every point stands for itself."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self._benign = _decision(model)
+
+    def reset(self) -> None:
+        """Nothing is kept from point to point."""
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         point = np.asarray(values, dtype=np.float64)
@@ -99,13 +101,15 @@ class PointScorer(Scorer):
         return Verdict(True, apart, "rad", joint)
 
 
-class PathScorer(Scorer):
+class PathScorer:
     """For the detector in task space."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self._tracker = model.estimator.tracker()
-        self.reset = self._tracker.reset  # type: ignore[method-assign]
+
+    def reset(self) -> None:
+        self._tracker.reset()
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         reading = self._tracker.step(values, stamp)

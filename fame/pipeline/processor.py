@@ -128,7 +128,10 @@ _TYPES: dict[str, type] = {"float": float, "int": int, "bool": bool, "str": str,
 
 
 class Processor:
-    """A convenient base: takes its parameters by keyword and keeps each as an attribute. Raises ConfigError."""
+    """A convenient base of what `Executes`: takes its parameters by keyword and keeps each as an attribute.
+
+    Raises ConfigError.
+    """
 
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     outputs: ClassVar[tuple[str, ...]] = ()
@@ -139,10 +142,6 @@ class Processor:
             setattr(self, parameter.name, parameter.convert(parameter.default))
         for name, value in values.items():
             setattr(self, name, _declared(self, name).convert(value))
-
-    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        """See `Executes`."""
-        raise NotImplementedError
 
 
 def declared(processor: Any) -> Sequence[Parameter]:

@@ -7,6 +7,7 @@ and reported.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
@@ -91,9 +92,9 @@ class _Windowed(Processor):
         windows = windower.feed(samples, self.size, self.stride, self.rate, self.report)
         return windows.replace(values=self.tell(windows.values)) if len(windows) else windows
 
+    @abstractmethod
     def tell(self, windows: Floats) -> Floats:
         """(k, size, ...) to (k, ...)."""
-        raise NotImplementedError
 
 
 class Window(_Windowed):
