@@ -1,8 +1,8 @@
 """FAME beside other engines: the same models, in turns, each engine in a process of its own.
 
-A model is tried in a hundredth of its size, a tenth and whole; an engine is out of it at the first size that it does
-not finish in its time, or whose result is wrong, and is compared at the last one that it does. What is counted are the
-elements that a run completes, which are the same for all.
+A model is tried in a hundredth, a twentieth, a tenth of its size and whole; an engine is out of it at the first size
+that it does not finish in its time, or whose result is wrong, and is compared at the last one that it does. What is
+counted are the elements that a run completes, which are the same for all.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ class Comparison:
     def one(self, case: Case, take: Callable[..., Any], rounds: int) -> Iterator[dict[str, Any]]:
         """One case in all sizes, as long as another engine is in it."""
         own, *others = self.engines
-        for size in (max(2, case.size // 100), case.size // 10, case.size):
+        for size in (max(2, case.size // 100), case.size // 20, case.size // 10, case.size):
             if not others:
                 return
             elements = elements_of(case, size)
