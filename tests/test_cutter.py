@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
 from grounds import Ground
 
+from fame.errors import UnavailableError
 from robots.arm.cutter import programmed
 from robots.arm.mh5 import MH5
 from robots.arm.task import TRIANGLE, find_cut
@@ -115,3 +117,9 @@ def test_broken_encoders_say_nothing() -> None:
     cell.world.fault("Arm", "encoders")
     cell.run(2)
     assert len(cell.states) == count
+
+
+def test_without_scipy_the_world_says_so_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "scipy.interpolate", None)
+    with pytest.raises(UnavailableError, match=r"scipy.*pip install 'fame-robots\[ml\]'"):
+        Cell()

@@ -5,6 +5,7 @@
     recording    joint states over time, cut into runs: what is learned from and scored
     files        recordings as CSV; joining them
     bags         recordings from bags
+    packages     scipy, where it is used
     runs         where one run of the task ends and the next begins
     config       the learning file
     process      DataProcess: splitting columns, scaling, principal components

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.anomaly.chain import Chain
+from fame.anomaly.packages import scipy
 from fame.anomaly.recording import Floats, Recording
 from fame.errors import ConfigError
 
@@ -191,10 +192,10 @@ class Tracker:
     """Follows a run point by point. `reset` begins the next."""
 
     def __init__(self, chain: Chain, paths: Paths, limits: Floats, period: float) -> None:
-        from scipy.spatial import cKDTree  # type: ignore[import-untyped,unused-ignore]
-
         self._chain, self._period = chain, period
-        self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, LAG * paths.times[:, None]]))
+        self._tree = scipy("spatial").cKDTree(
+            np.hstack([paths.places, TURN * paths.directions, LAG * paths.times[:, None]])
+        )
         self._places, self._directions, self._times = paths.places, paths.directions, paths.times
         self._limits, self._arrival = limits.tolist(), paths.arrival
         self.reset()

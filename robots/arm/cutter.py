@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from fame.anomaly.packages import scipy
 from fame.errors import ConfigError
 from robots.arm.mh5 import MH5
 from robots.arm.noise import simulated
@@ -61,6 +62,7 @@ class Cutter:
 
     def __init__(self, config: RobotConfig, world: Surroundings) -> None:
         p: CutterParameters = config.parameters
+        scipy("interpolate")  # which its runs need: said now, before anything moves
         self.name, self.type = config.name, config.type
         self.outline = rectangle(p.base, p.base)
         self.body, _ = body_of(world.space, Pose(*config.at, config.heading), self.outline, p.mass)

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from fame.anomaly.chain import Chain
+from fame.anomaly.packages import scipy
 from fame.anomaly.recording import Floats, Recording
 
 LATE, LATEST = 0.03, 0.5
@@ -31,11 +32,9 @@ def simulated_runs(recorded: Recording, count: int, seed: int, chain: Chain) -> 
 
 def simulated(run: Floats, random: np.random.Generator, chain: Chain) -> Floats:
     """One new run along a recorded one (points, joints)."""
-    from scipy.interpolate import CubicSpline  # type: ignore[import-untyped,unused-ignore]
-
     count = len(run) - 1
     late = np.where(random.random(count) < LATE, LATEST * random.random(count), 0.0)
     times = np.clip(np.arange(count) + random.random() + late, 0, count)
     steps = 2 * math.pi / np.array(chain.steps)
     jitter = random.normal(0.0, JITTER, (count, len(steps))) * steps
-    return chain.quantised(CubicSpline(np.arange(count + 1), run)(times) + jitter)
+    return chain.quantised(scipy("interpolate").CubicSpline(np.arange(count + 1), run)(times) + jitter)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.anomaly.chain import Chain
+from fame.anomaly.packages import scipy
 from fame.anomaly.recording import Floats
 from fame.errors import ConfigError
 from robots.arm.inverse import inverse
@@ -137,9 +138,7 @@ def _resampling(places: Floats, moved: Floats) -> Floats:
 
 def _at(places: Floats, index: Floats) -> Floats:
     """The path at fractional samples: a cubic spline through the samples, so that at whole ones nothing changes."""
-    from scipy.interpolate import CubicSpline  # type: ignore[import-untyped,unused-ignore]
-
-    return np.asarray(CubicSpline(np.arange(len(places)), places)(index))
+    return np.asarray(scipy("interpolate").CubicSpline(np.arange(len(places)), places)(index))
 
 
 def _across(places: Floats, shift: Floats) -> Floats:
