@@ -8,6 +8,7 @@ classifier learned from, with seeds of their own, and say so. All thresholds are
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from fame.anomaly.plots import deviations, joint_space, matrices
 from fame.anomaly.process import DataProcess
 from fame.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs
 from fame.anomaly.table import render
+from fame.errors import FameError
 from robots.arm.envelope import envelope
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.noise import simulated_runs
@@ -184,4 +186,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except FameError as error:
+        print(f"{Path(__file__).name}: error: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)

@@ -11,12 +11,14 @@ joints, the largest of them, and with one per joint. The model goes to `models/r
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from fame.anomaly.recording import Floats
+from fame.errors import FameError
 from fame.pipeline import offline
 from fame.pipeline.filters import LowPass
 from fame.pipeline.model import TrainedModel
@@ -103,4 +105,8 @@ def tell(model: TrainedModel, found: dict[Scenario, Losses]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except FameError as error:
+        print(f"{Path(__file__).name}: error: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
