@@ -54,7 +54,7 @@ MODELS = {
         2,
         ("mission.bpmn:3", "b", "gone"),
     ),
-    "a process that calls itself": Bad(task("", "callActivity", 'calledElement="P"'), 1, ("t", "deep")),
+    "a process that calls itself": Bad(task("", "callActivity", 'calledElement="P"'), 2, ("t", "without end")),
     "a called process that is not there": Bad(
         task("", "callActivity", 'calledElement="Fly"'), 2, ("mission.bpmn:3", "t", "Fly", "library")
     ),
@@ -62,7 +62,7 @@ MODELS = {
     "an unknown language": Bad(
         task("<script>1</script>", attributes='scriptFormat="cobol"'), 2, ("mission.bpmn:3", "t", "cobol", "python")
     ),
-    "a payload that does not fit": Bad(throw("{x: 1}"), 1, ("P", "t", "std_msgs/msg/Bool")),
+    "a payload that does not fit": Bad(throw("{x: 1}"), 2, ("mission.bpmn:3", "t", "std_msgs/msg/Bool")),
     "an unknown message type": Bad(throw("1").replace("/Bool", "/Bolo"), 2, ("std_msgs/msg/Bolo",)),
     "a script that raises": Bad(script("x = 1\nx / 0"), 1, ("P: t", "mission.bpmn:4", "ZeroDivisionError")),
     "an error nobody catches": Bad(script("raise BpmnError('blade_blocked')"), 1, ("P", "t", "blade_blocked")),

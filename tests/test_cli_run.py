@@ -132,7 +132,7 @@ def test_strict_makes_an_undefined_name_in_a_payload_an_error(tmp_path: Path, ca
     )
     assert main(["run", str(model)]) == 0
     assert "nobody_set_it" in capsys.readouterr().err
-    assert main(["run", str(model), "--strict"]) == 1
+    assert main(["run", str(model), "--strict"]) == 2
     assert "nobody_set_it" in capsys.readouterr().err
 
 

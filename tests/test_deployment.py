@@ -42,6 +42,7 @@ def patrol(mark: int) -> str:
     )
 
 
+LATE = "<timerEventDefinition><timeDuration>5s</timeDuration></timerEventDefinition>"
 TEAM = definitions(
     '<signal id="S" name="go"/><collaboration id="c"><participant id="A" name="A" processRef="pa"/>'
     '<participant id="B" name="B" processRef="pb"/></collaboration>',
@@ -156,6 +157,10 @@ def test_a_topic_whose_other_end_does_not_come_is_named():
         ("<definitions", "XML"),
         (f'<!DOCTYPE x [<!ENTITY a "b">]>{patrol(2)}', "DOCTYPE"),
         (patrol(2).replace("mark = 2", "mark = = 2"), "syntax"),
+        (
+            patrol(2).replace('<signalEventDefinition signalRef="S"/>', LATE),
+            "c: timer duration: '5s' is not an ISO 8601",
+        ),
     ],
 )
 def test_a_model_that_does_not_check_leaves_the_old_one_running_and_says_so(text, reason):
@@ -168,6 +173,25 @@ def test_a_model_that_does_not_check_leaves_the_old_one_running_and_says_so(text
     assert (refusal.answer, refusal.state) == ("refused", "running")
     assert reason.casefold() in refusal.reason.casefold()
     assert field.variables("A") == {"mark": 1}
+
+
+def test_a_sender_does_not_send_what_is_known_to_be_wrong():
+    field = Field("A")
+    with pytest.raises(fame.ModelError, match=r"^team\.bpmn:1: c: timer duration: '5s' is not an ISO 8601"):
+        field.deploy(patrol(2).replace('<signalEventDefinition signalRef="S"/>', LATE), robots=["p"])
+    assert field.answers() == []
+
+
+def test_a_message_type_that_the_sender_does_not_know_is_for_the_robots_to_judge():
+    field = Field("A", "B")
+    kind = '<extensionElements><c:properties xmlns:c="http://camunda.org/schema/1.0/bpmn"><c:property name="type" '
+    kind += 'value="my_robots/msg/Mood"/></c:properties></extensionElements>'
+    opening = '<intermediateThrowEvent id="throw">'
+    sent = field.deploy(TEAM.replace(opening, opening + kind))
+    assert sent.failed
+    reasons = [standing.reason for standing in sent.standings.values() if standing.state == "refused"]
+    assert reasons
+    assert all("my_robots/msg/Mood: there is no such message type" in reason for reason in reasons)
 
 
 def test_a_new_model_takes_the_place_of_the_old_one():

@@ -37,7 +37,7 @@ def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: s
 def publish_findings(unit: Unit) -> Iterator[Finding]:
     """Of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts: names of fields, and literal values."""
     for node in unit.process.body.walk():
-        if isinstance(node, Task) and node.script is not None and node.script.language == "python":
+        if isinstance(node, Task) and node.script is not None and _publishes(node.script):
             try:
                 tree = parse_python(node.script)
             except ModelError:  # the compiler tells
@@ -45,6 +45,10 @@ def publish_findings(unit: Unit) -> Iterator[Finding]:
             for call in ast.walk(tree):
                 if isinstance(call, ast.Call) and ast.unparse(call.func) == "robot.publish" and len(call.args) == 2:
                     yield from _publish(unit, node, call)
+
+
+def _publishes(script: Expression) -> bool:
+    return script.language == "python" and "publish" in script.text
 
 
 def _publish(unit: Unit, node: FlowNode, call: ast.Call) -> Iterator[Finding]:

@@ -49,14 +49,23 @@ Table = Mapping[str, list[End]]
 
 def topic_findings(subject: Subject) -> Iterator[Finding]:
     """Of every topic and ROS service that the processes name."""
+    yield from fit_findings(subject)
     public = {name: ends for name, ends in table(subject.units).items() if not name.startswith("~/")}
-    for unit in subject.units:
-        yield from _services(unit)
-        yield from publish_findings(unit)
-    yield from _judged(public)
-    for root in subject.roots:
-        yield from _judged({name: ends for name, ends in table(root.closure()).items() if name.startswith("~/")})
     yield from _alone(subject, public)
+
+
+def fit_findings(subject: Subject, *, sent: bool = False) -> Iterator[Finding]:
+    """The same without who is at the other end: types, and whether what is sent and taken fits them.
+
+    `sent`: the processes run elsewhere, where message types may be known that are not known here.
+    """
+    ends = {unit: list(_ends(unit)) for unit in subject.units}
+    for unit in subject.units:
+        yield from _services(unit, sent)
+        yield from publish_findings(unit)
+    yield from _judged(_by_name(subject.units, ends, private=False), sent)
+    for root in subject.roots:
+        yield from _judged(_by_name(root.closure(), ends, private=True), sent)
 
 
 def types_of(subject: Subject) -> Mapping[str, str]:
@@ -104,10 +113,23 @@ def table(units: Iterable[Unit]) -> Table:
     """All topics of some processes: of their events, their tasks, and what scripts name literally."""
     found: dict[str, list[End]] = {}
     for unit in units:
-        for node in unit.process.body.walk():
-            for end in (*_drawn(unit, node), *_scripted(unit, node)):
-                found.setdefault(end.name, []).append(end)
+        for end in _ends(unit):
+            found.setdefault(end.name, []).append(end)
     return found
+
+
+def _by_name(units: Iterable[Unit], ends: Mapping[Unit, Sequence[End]], *, private: bool) -> Table:
+    """The topics of some processes that are public, or those that are the robot's own."""
+    found: dict[str, list[End]] = {}
+    for end in (end for unit in units for end in ends[unit] if end.name.startswith("~/") == private):
+        found.setdefault(end.name, []).append(end)
+    return found
+
+
+def _ends(unit: Unit) -> Iterator[End]:
+    for node in unit.process.body.walk():
+        yield from _drawn(unit, node)
+        yield from _scripted(unit, node)
 
 
 def _drawn(unit: Unit, node: FlowNode) -> Iterator[End]:
@@ -133,11 +155,12 @@ def _scripted(unit: Unit, node: FlowNode) -> Iterator[End]:
 # ---- types -----------------------------------------------------------------------------------------------------------
 
 
-def _judged(topics: Table) -> Iterator[Finding]:
+def _judged(topics: Table, sent: bool) -> Iterator[Finding]:
     for name, ends in topics.items():
         type = said_type(ends)
         yield from _names(name, ends)
         yield from _types(name, ends)
+        yield from () if sent else _unknown(ends)
         for end in ends:
             if end.payload is not None and type is None:
                 text = f"topic {name} has a payload and no type: give one of its events property type"
@@ -165,11 +188,15 @@ def _types(name: str, ends: Sequence[End]) -> Iterator[Finding]:
             there = f"{said[0].node.id} says {said[0].type}"
             text = f"topic {name} has type {end.type} here, but {there}: a topic has one type"
             yield end.finding("error", text)
-    for end in said:
-        try:
-            messages.fields(end.type or "")
-        except MessageError as error:
-            yield end.finding("error", f"type {error}")
+
+
+def _unknown(ends: Sequence[End]) -> Iterator[Finding]:
+    for end in ends:
+        if end.type is not None:
+            try:
+                messages.fields(end.type)
+            except MessageError as error:
+                yield end.finding("error", f"type {error}")
 
 
 def _taking(end: End, topic: Topic, type: str | None) -> Iterator[Finding]:
@@ -189,7 +216,7 @@ def _taking(end: End, topic: Topic, type: str | None) -> Iterator[Finding]:
         yield end.finding("warning", text)
 
 
-def _services(unit: Unit) -> Iterator[Finding]:
+def _services(unit: Unit, sent: bool) -> Iterator[Finding]:
     """The ROS services and actions that service tasks call."""
     for node in unit.process.body.walk():
         service = node.topic if isinstance(node, Task) and node.kind == "service" else None
@@ -197,7 +224,8 @@ def _services(unit: Unit) -> Iterator[Finding]:
             try:
                 request = messages.goal_type(service.type) or messages.service(service.type)[0]
             except MessageError as error:
-                yield unit.finding("error", f"type {error}", node)
+                if not sent:
+                    yield unit.finding("error", f"type {error}", node)
             else:
                 if service.payload is not None:
                     yield from payload_findings(unit, node, service.payload, request)

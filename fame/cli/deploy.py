@@ -37,12 +37,17 @@ def add(commands: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Deploy, and print how each robot answered; then stay, if that is wanted."""
     from fame.bpmn.reader import read
+    from fame.check.refusing import refuse_errors
     from fame.library import Library
     from fame.remote import Sending
     from fame.signing import read_private
+    from fame.splitter import plays, pools_of
 
     definitions, library = read(arguments.model), Library(arguments.library)
     key = read_private(arguments.key) if arguments.key is not None else None
+    names, pools = arguments.to, pools_of(definitions)
+    sent = [pool.process for pool in pools if not names or any(plays(robot, pool) for robot in names)]
+    refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
     with connected(arguments) as (scheduler, middleware):
         sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)
         deployment = sending.deploy(arguments.to, arguments.wait)

@@ -20,14 +20,18 @@ def load(
 ) -> RobotNode:
     """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
 
-    Raises ModelError, MessageError, ConfigError.
+    Raises ModelError, MessageError, ConfigError: also for what would fail only when a token gets there.
     """
     from fame.bpmn.reader import read_text
+    from fame.check.refusing import refuse_literals
     from fame.simulation import choose_process
+
+    library = library or Library()
 
     definitions = read_text(model, file=f"{robot}.bpmn")
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
+    refuse_literals(definitions, [process], library)
     node = RobotNode(
         robot, mission(definitions, process, library=library, services=services), keep=KEPT, units=UNITS, **options
     )

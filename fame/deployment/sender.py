@@ -67,11 +67,15 @@ class Deployment:
         key: Any = None,
         wall_time: Callable[[], float] = time.time,
     ) -> None:
+        from fame.check.refusing import refuse_errors
+
         self._key, self._wall_time = key, wall_time
         self.id, self.sequence, self.scheduler, self.middleware = id, sequence, scheduler, middleware
         self._ended, self._patience = ended, patience
         library = library or Library()
         cast = cast_of(definitions, engines(middleware) if robots is None else robots, found=robots is None, only=only)
+        sent = [pool.process for robot, pool in cast.items() if not only or robot in only]
+        refuse_errors(definitions, sent, library, sent=True)
         parts = {part.name: part.source.decode() for part in split(definitions, library)}
         promised = promises(definitions, cast, library)
         self.standings = {

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fame.check.refusing import refuse_errors
 from fame.clock import SECOND, Kind
 from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.interface import LATCHED
@@ -69,6 +70,7 @@ class Team:
 
     `watch` is told how things stand, `hear` every line that a process says. A world goes `speed` times as fast as
     reality (1, in `lockstep` as fast as it can), and all engines with it. `types` are folders of message types.
+    Raises ModelError for what is known to be wrong before anything is started.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class Team:
         lockstep: bool = False,
         types: Sequence[Path] = (),
     ) -> None:
+        refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
         self.scenario, self.backend, self._watch = scenario, backend, watch
         self._speed, self._lockstep = speed, lockstep
         self._types = [word for place in types for word in ("--types", str(place.resolve()))]

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from fame.check.refusing import refuse_literals
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
@@ -44,6 +45,7 @@ class Run:
         on_interrupt: Callable[[], object] | None = None,
     ) -> None:
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
+        refuse_literals(scenario.definitions, scenario.processes(), scenario.library, strict=strict)
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
         self.interrupted = self._stuck = False

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from fame.bpmn.model import Definitions
+from fame.bpmn.model import Definitions, Process
 from fame.errors import ConfigError
 from fame.library import Library
 from fame.node import Event
@@ -94,6 +94,10 @@ class Scenario:
             duration=said.duration if duration is None else duration,
             faults=tuple(faults),
         )
+
+    def processes(self) -> list[Process]:
+        """Those that the robots run, each once."""
+        return list({pool.process.id: pool.process for pool in self.cast.values()}.values())
 
     def closures(self) -> list[Definitions]:
         """The files of all that runs: that of the model first, then those of called processes."""

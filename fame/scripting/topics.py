@@ -6,6 +6,7 @@ import ast
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from fame.bpmn.model import Expression
@@ -47,6 +48,7 @@ class ScriptTopic:
     line: int = 0
 
 
+@lru_cache(maxsize=1024)
 def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
     """All of them in the order of the text, each once. A signal's topic is everyone's: ``signal("done")`` is ``/done``.
 
