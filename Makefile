@@ -23,7 +23,7 @@ test: $(VENV)/dev.installed
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy --strict fame
+	$(BIN)/mypy --strict fame robots sim2d
 
 clean:
 	rm -rf $(VENV) out dist

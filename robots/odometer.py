@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
@@ -94,7 +94,8 @@ def _maker(
     covariances = {"pose": {"covariance": _covariance(sigma)}, "twist": {"covariance": _covariance(speed_sigma)}}
     like = messages.create(ODOMETRY, covariances)
     sure_of_pose, sure_of_twist = like.pose.covariance, like.twist.covariance
-    odometry, pose_of, twist_of = type(like), type(like.pose), type(like.twist)
+    odometry: Any = type(like)
+    pose_of, twist_of = type(like.pose), type(like.twist)
     pose, twist, point = type(like.pose.pose), type(like.twist.twist), type(like.pose.pose.position)
     quaternion, vector = type(like.pose.pose.orientation), type(like.twist.twist.linear)
 

@@ -312,7 +312,7 @@ def test_callbacks_and_timers_end_with_their_process() -> None:
     Peer(simulation).say("odom", ODOMETRY, *odometry(*range(8)))
     (instance,) = simulation.run().instances
     assert instance.variables == {"count": 2}
-    assert simulation.node.javascript.realms == []
+    assert simulation.node.scripts.javascript.realms == []
     assert simulation.now == 8.0
 
 

@@ -18,8 +18,9 @@ from fame.bpmn.model import DataObject, Process, SubProcess, Task, Topic
 from fame.engine.data import match, variable_name
 from fame.engine.host import BpmnError, Compiled
 from fame.engine.variables import UNDEFINED
-from fame.errors import MessageError
+from fame.errors import MessageError, ModelError
 from fame.middleware.messages import is_action
+from fame.scripting import Inbox
 from fame.scripting.requests import Act, Call, Request
 
 
@@ -32,10 +33,17 @@ def asking_task(processes: Iterable[Process], element: str) -> tuple[Process, Ta
     return None
 
 
-def ask(process: Process, task: Task, request: Compiled | None) -> Callable[[dict[str, Any]], Any]:
-    """A function of the variables that gives a coroutine: it asks the service, and hands over the response."""
+def ask(
+    process: Process, task: Task, *, file: str, inbox: Inbox, compile: Callable[..., Compiled]
+) -> Callable[[dict[str, Any]], Any]:
+    """A function of the variables that gives a coroutine: it asks the service, and hands over the response.
+
+    The client is made now, so that discovery is over in time. Raises ModelError if the task's type is none, or unknown.
+    """
     topic = task.topic
     assert topic is not None
+    _open(task, topic, file, inbox)
+    request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
     objects = _objects(process, task)
 
     async def wait(variables: dict[str, Any], fields: Any) -> None:
@@ -50,6 +58,16 @@ def ask(process: Process, task: Task, request: Compiled | None) -> Callable[[dic
         return wait(variables, None if fields is UNDEFINED else fields)
 
     return begin
+
+
+def _open(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
+    if topic.type is None:
+        text = f"asks the service {topic.name!r} of no type: give it property type, pkg/srv/Name"
+        raise ModelError(text, file=file, element=task.id)
+    try:
+        (inbox.action if is_action(topic.type) else inbox.client)(topic.name, topic.type)
+    except MessageError as error:
+        raise ModelError(str(error), file=file, element=task.id) from error
 
 
 def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -> Request:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -17,30 +16,25 @@ from types import MappingProxyType
 from typing import Any
 
 from fame.bpmn.model import CallActivity, Expression, Process, Task
-from fame.bpmn.topics import TopicUse
 from fame.clock import Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
-from fame.errors import MessageError, MissionError, ModelError
-from fame.middleware import messages, qos
-from fame.middleware.interface import SIGNAL, Middleware, Publisher, Subscription, resolve
+from fame.errors import MissionError, ModelError
+from fame.middleware import messages
+from fame.middleware.interface import Middleware, resolve
 from fame.node.asking import ask, asking_task
+from fame.node.ends import Ends
 from fame.node.mission import Mission
+from fame.node.scripts import Scripts
 from fame.node.timers import Timers
 from fame.node.waits import Wait, waits_of
 from fame.observation import Event, Observer, by_trails
 from fame.scripting import (
-    Robot,
-    Runner,
-    another,
     compile_expression,
     compile_script,
     error_line,
-    interface,
-    script_topics,
 )
-from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
 from fame.units import Around, Make, living
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -93,22 +87,11 @@ class RobotNode:
         self._keep, self._on_end, self._units = keep, on_end, units
         self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
         self._timers = Timers(scheduler, epoch, self._fire)
-        self._publishers: dict[str, Publisher] = {}  # by full name
-        self._throws: dict[str, Publisher] = {}  # of events, by qualified name
-        self._subscriptions: list[Subscription] = []
+        self._ends = Ends(self.node, mission.types, middleware)
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
-        self._own: dict[str, str] = {}  # full name -> qualified name, of topics that own events catch
-        self.runner = Runner(
-            scheduler,
-            self.node,
-            self._script_ended,
-            stepped=self._stepped,
-            report=self._script_report,
-            types=self._type,
-        )
-        self.javascript = self._surroundings()
-        self._interface = self._in_scope()
-        self.engine = Engine(self._compile(), self, self._variables)
+        self.scripts = Scripts(self, self._ends)
+        self.runner = self.scripts.runner
+        self.engine = Engine(self._compile(), self, self.scripts.variables)
         if isinstance(scheduler, WallScheduler):
             self.engine.at_once = True  # all that happens has a time of its own
 
@@ -133,48 +116,15 @@ class RobotNode:
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
-        for name, use in self.mission.types.items():
-            try:
-                self._open_ends(name, use)
-            except MessageError as error:
-                end = (*use.throws, *use.catches)[0]
-                raise ModelError(str(error), file=end.file, line=end.node.line, element=end.node.id) from error
-        for script in self._scripts():
-            for topic in script_topics(script):
-                with suppress(*([MessageError] if script.language == "javascript" else [])):  # it will say so itself
-                    self._open(topic.name, topic.direction, topic.type)
+        self._ends.open(self._heard)
+        self._ends.open_named(self._all_scripts(), self.runner.inbox)
 
-    def _open_ends(self, name: str, use: TopicUse) -> None:
-        """The endpoints of a topic that events name."""
-        full = resolve(name, self.namespace)
-        profile = qos.parse(use.qos) if use.qos else SIGNAL
-        if use.throws:
-            self._throws[name] = self._publisher(full, use.type, profile)
-        if use.catches:
-            self._own[full] = name
-            self._subscriptions.append(self.node.subscription(full, use.type, partial(self._heard, name), profile))
-
-    def _scripts(self) -> Iterator[Expression]:
+    def _all_scripts(self) -> Iterator[Expression]:
         mission = self.mission
         for _, process in mission.library.closure(mission.definitions, mission.process):
             for node in process.body.walk():
                 if isinstance(node, Task) and node.script is not None:
                     yield node.script
-
-    def _open(self, topic: str, direction: str, type: str | None) -> None:
-        """The endpoint of a topic that a script names, if its type is known now."""
-        if direction in ("call", "act"):
-            with suppress(MessageError):  # the script will say so itself
-                (self.runner.inbox.client if direction == "call" else self.runner.inbox.action)(topic, type or "")
-            return
-        full = resolve(topic, self.namespace)
-        known = type or self._type(full)
-        if known is None:
-            return
-        if direction == "publish":
-            self._publisher(full, known)
-        elif direction == "subscribe":
-            self.runner.inbox.listen(full, known)
 
     def start(self, variables: Mapping[str, Any] | None = None) -> None:
         """Let the process begin; `variables` are those of the instance that starts by itself."""
@@ -195,8 +145,7 @@ class RobotNode:
 
     def close(self) -> None:
         """Leave: scripts are closed, timers forgotten, endpoints gone."""
-        self.javascript.close()
-        self.runner.close()
+        self.scripts.close()
         self._timers.close()
         self.node.close()
 
@@ -234,12 +183,6 @@ class RobotNode:
         self.engine.timer_fired(key, last=last)
         self.runner.poll()
 
-    def _script_ended(self, key: int, error: BaseException | None) -> None:
-        self.engine.script_ended(key, error)
-
-    def _stepped(self, key: int) -> None:
-        self.engine.stepped()
-
     # ---- the host ------------------------------------------------------------------------------------------------
 
     def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
@@ -258,10 +201,10 @@ class RobotNode:
             return living(self._units[operation], self._around(element))
         closure = mission.library.closure(mission.definitions, mission.process)
         found = asking_task((process for home, process in closure if home.file == file), element)
-        if found is None:
-            known = ", ".join(sorted(services) or sorted(self._units)) or "none"
-            raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
-        return self._asking(*found, file)
+        if found is not None:
+            return ask(*found, file=file, inbox=self.runner.inbox, compile=self.compile)
+        known = ", ".join(sorted(services) or sorted(self._units)) or "none"
+        raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
 
     def _around(self, element: str) -> Around:
         return Around(
@@ -274,26 +217,9 @@ class RobotNode:
             changed=self.runner.poll,
         )
 
-    def _asking(self, process: Process, task: Task, file: str) -> Compiled:
-        """A service task that asks a ROS service or action. Its client is made now: discovery is over in time."""
-        topic = task.topic
-        assert topic is not None
-        if topic.type is None:
-            text = f"asks the service {topic.name!r} of no type: give it property type, pkg/srv/Name"
-            raise ModelError(text, file=file, element=task.id)
-        try:
-            inbox = self.runner.inbox
-            (inbox.action if messages.is_action(topic.type) else inbox.client)(topic.name, topic.type)
-        except MessageError as error:
-            raise ModelError(str(error), file=file, element=task.id) from error
-        request = self.compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
-        return ask(process, task, request)
-
     def publish(self, topic: str, value: Any) -> Any:
-        publisher = self._throws[topic]
-        message = messages.create(publisher.type, value)
-        publisher.publish(message)
-        self.runner.inbox.deliver(publisher.topic, message)
+        full, message = self._ends.throw(topic, value)
+        self.runner.inbox.deliver(full, message)
         return message
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
@@ -311,7 +237,7 @@ class RobotNode:
     def make_safe(self, reason: str) -> None:
         for topic, type, fields in self.safe_suspended if reason == "suspended" else self.safe_state:
             full = resolve(topic, self.namespace)
-            self._publisher(full, type).publish(messages.create(type, fields))
+            self._ends.publisher(full, type).publish(messages.create(type, fields))
 
     def observe(self, trail: Trail) -> None:
         if self._hear is not None:
@@ -322,6 +248,13 @@ class RobotNode:
         self.instances.append(instance)
         if self._keep is not None:
             del self.instances[: -self._keep]
+
+    def tell(self, event: Event) -> None:
+        """Something that is no step of a token: for reports, and for whoever observes."""
+        self._on_report(event)
+        if self._observer is not None:
+            self.engine.observe()
+            self._observer(event)
 
     def report(self, element: str, text: str) -> None:
         self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
@@ -336,12 +269,10 @@ class RobotNode:
             )
             located.__cause__ = error.__cause__
             instance.error = located
-        self.javascript.sweep()
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
         self._on_end(instance)
-        if not self.javascript.realms:  # the instance is kept, for its variables; what its scripts had in scope is not
-            instance.root_variables.pop("__builtins__", None)
+        self.scripts.forget(instance.root_variables)
 
     def _script_line(self, error: MissionError) -> tuple[str, int]:
         """Where in which file a script raised the error; else the line of the element."""
@@ -352,76 +283,3 @@ class RobotNode:
                 if line:
                     return file, line
         return error.file, error.line
-
-    # ---- scripts -------------------------------------------------------------------------------------------------
-
-    def _variables(self) -> dict[str, Any]:
-        return {"__builtins__": another(self._interface)}
-
-    def _in_scope(self) -> dict[str, Any]:
-        """What scripts find besides their variables."""
-        robot = Robot(self.name, self.namespace, self._script_publish, self.runner.inbox)
-        return interface(robot=robot, signal=self._script_signal, log=self._log) | {SURROUNDINGS: self.javascript}
-
-    def _surroundings(self) -> Surroundings:
-        """What scripts in JavaScript have around them."""
-        return Surroundings(
-            name=self.name,
-            namespace=self.namespace,
-            epoch=self.epoch.timestamp() * 1000,
-            scheduler=self.scheduler,
-            inbox=self.runner.inbox,
-            advertise=lambda topic, type: self._publisher(resolve(topic, self.namespace), type),
-            publish=self._script_publish,
-            log=self._log,
-            report=self.report,
-            stepped=self._called_back,
-            failed=lambda variables, element, error: aftermath.fail(self.engine, variables, element, error),
-            alive=lambda variables: aftermath.is_alive(self.engine, variables),
-        )
-
-    def _called_back(self) -> None:
-        self.engine.stepped()
-        self.runner.poll()
-
-    def _log(self, level: str, text: str) -> None:
-        event = Event(self.scheduler.now, self.name, 0, 0, "", "log", f"{level}: {text}" if level != "info" else text)
-        self._on_report(event)
-        if self._observer is not None:
-            self.engine.observe()
-            self._observer(event)
-
-    def _script_signal(self, name: str, payload: Any = None) -> None:
-        """``signal("done", True)`` in a script."""
-        full = resolve(name if name.startswith(("/", "~/")) else f"/{name}", self.namespace)
-        known = self._type(full)
-        if known is None and payload is not None:
-            raise MessageError(f"topic {full}: nobody says its type; use robot.publish, which names one")
-        self._emit(full, known or "std_msgs/msg/Empty", payload)
-
-    def _script_publish(self, topic: str, type: str, fields: Any) -> None:
-        self._emit(resolve(topic, self.namespace), type, fields)
-
-    def _emit(self, full: str, type: str, value: Any) -> None:
-        publisher = self._publisher(full, type)
-        message = messages.create(type, value)
-        publisher.publish(message)
-        if full in self._own:
-            self.engine.post(self._own[full], message)
-        self.runner.inbox.deliver(full, message)
-
-    def _publisher(self, full: str, type: str, profile: Any = SIGNAL) -> Publisher:
-        if full not in self._publishers:
-            self._publishers[full] = self.node.publisher(full, type, profile)
-        return self._publishers[full]
-
-    def _type(self, full: str) -> str | None:
-        """The type of a topic, from the model, else from whoever is at its other end."""
-        for name, use in self.mission.types.items():
-            if use.declared and resolve(name, self.namespace) == full:
-                return use.declared
-        info = next((item for item in self.middleware.graph() if item.name == full), None)
-        return info.types[0] if info is not None and info.types else None
-
-    def _script_report(self, key: int, text: str) -> None:
-        self.report("", text)

@@ -39,7 +39,7 @@ def sampled(times: Floats, positions: Floats, begin: Floats, period: float) -> M
         for part in (positions, velocities, accelerations)
         for side in (piece, piece + 1)
     ]  # fmt: skip
-    scale = (1.0, 1.0, span, span, span**2, span**2)
+    scale: list[float | Floats] = [1.0, 1.0, span, span, span**2, span**2]
     given = np.stack([end * factor for end, factor in zip(ends, scale, strict=True)], axis=2)  # (cycles, joints, 6)
     weights = given @ _QUINTIC.T
     rates = np.arange(1, 6) * powers[:, :, :5]
