@@ -14,11 +14,14 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from io import StringIO
+from fcntl import LOCK_EX, LOCK_NB, flock
+from io import BufferedWriter, FileIO, StringIO
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, BinaryIO, NamedTuple, TextIO
 
 from fame.bpmn.model import Activity, Definitions, Element, Gateway, SubProcess, Task
@@ -52,19 +55,48 @@ UNNAMED = Named("", "", False)
 def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Observer]:
     """A function that writes an event to the log `path`. `files` are the models that name its elements.
 
-    Raises ConfigError for an ending that is no log's, and for a file that cannot be written.
+    What stood in the file is gone. Raises ConfigError for an ending that is no log's, for a file that another run (or
+    another log of this one) writes, and for one that cannot be written, also later on.
     """
     path = Path(path)
     form = _FORMS.get(path.suffix.lower())
     if form is None:
         raise ConfigError(f"found the ending {path.suffix!r}; {', '.join(_FORMS)} would be right", file=str(path))
+    with BufferedWriter(_opened(path), _BUFFER) as stream, form(stream, names(files)) as write:
+        yield write
+
+
+class _File(FileIO):
+    """A file that says which one it is when it cannot be written."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            raise ConfigError(f"cannot be written: {error.strerror}", file=str(self.name)) from None
+
+
+def _opened(path: Path) -> _File:
+    """The file, emptied, and kept from other runs as long as it is open."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        stream = path.open("wb", buffering=_BUFFER)
+        file = _File(path, "ab")  # not emptied before it is ours
+    except FileExistsError:
+        raise ConfigError(f"cannot be written: {path.parent} is no folder", file=str(path)) from None
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
-    with stream, form(stream, names(files)) as write:
-        yield write
+    if S_ISREG(os.fstat(file.fileno()).st_mode):
+        try:
+            flock(file, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise ConfigError(
+                "is written already, by another run or as another log of this one", file=str(path)
+            ) from None
+        except OSError:  # some network file systems know no locks
+            pass
+        file.truncate(0)
+    return file
 
 
 # ---- names -----------------------------------------------------------------------------------------------------------

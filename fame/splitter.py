@@ -18,12 +18,14 @@ from fame.library import Library
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """A pool with a process: who is to run it."""
+    """A pool with a process: who is to run it. `minimum` and `maximum`: as of `fame.bpmn.model.Participant`."""
 
     name: str
     process: Process
     multi_instance: bool = False
     line: int = 0
+    minimum: int = 1
+    maximum: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,8 @@ def pools_of(definitions: Definitions) -> list[Pool]:
             raise ModelError("the pool has no name; name it like the robot that plays it", **where)  # type: ignore[arg-type]
         if any(pool.name.casefold() == name.casefold() for pool in pools):
             raise ModelError(f"there are two pools {name!r} (case does not count)", **where)  # type: ignore[arg-type]
-        pools.append(Pool(name, process, participant.multi_instance, participant.line))
+        numbers = participant.minimum, participant.maximum
+        pools.append(Pool(name, process, participant.multi_instance, participant.line, *numbers))
     if not definitions.participants and len(definitions.processes) == 1:
         process = definitions.processes[0]
         pools.append(Pool(process.name or process.id, process, line=process.line))

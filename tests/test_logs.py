@@ -17,6 +17,7 @@ from bpmn_text import process
 import fame
 from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
+from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import COLUMNS, kind, logging_to, names, visits
 from fame.node import Event
@@ -150,6 +151,40 @@ def test_the_file_is_whole_when_the_run_breaks_off(ending: str, tmp_path: Path) 
 
 def test_a_log_in_a_folder_that_is_not_there_makes_it(tmp_path: Path) -> None:
     logged(tmp_path / "deep" / "down" / "run.CSV")
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "xes"])
+def test_a_file_has_one_writer_at_a_time_and_is_new_each_time(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run.{ending}"
+    with logging_to(path, ()):
+        pass
+    first = path.read_bytes()
+    path.write_bytes(b"what stood there before, and is longer" * 100)
+    with (
+        logging_to(path, ()),
+        pytest.raises(ConfigError, match="is written already, by another run"),
+        logging_to(tmp_path / "." / path.name, ()),
+    ):
+        raise AssertionError("two at a time")
+    assert path.read_bytes() == first
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "xes"])
+def test_a_log_on_a_full_disk_is_named(ending: str, tmp_path: Path, capsys) -> None:
+    path = tmp_path / f"full.{ending}"
+    path.symlink_to("/dev/full")
+    mission = tmp_path / "mission.bpmn"
+    mission.write_text(SMALL)
+    assert main(["run", str(mission), "--duration", "1", "--log", str(path)]) == 2
+    assert capsys.readouterr().err == f"fame: error: {path}: cannot be written: No space left on device\n"
+
+
+def test_a_log_where_no_file_can_be_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.csv").mkdir()
+    for path, why in (("file/run.csv", f"{tmp_path / 'file'} is no folder"), ("folder.csv", "Is a directory")):
+        with pytest.raises(ConfigError, match=f"{path}: cannot be written: {why}"), logging_to(tmp_path / path, ()):
+            raise AssertionError("it was opened")
 
 
 def test_an_unknown_ending_is_refused_before_anything_is_written(tmp_path: Path) -> None:

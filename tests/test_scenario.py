@@ -151,6 +151,34 @@ def test_a_model_alone_runs_its_robots_as_engines_without_a_world():
     assert any(message.startswith("REX waits at") for message in result.messages)
 
 
+def many(tmp_path, multiplicity):
+    """A model alone with a pool of many robots."""
+    path = tmp_path / "ants.bpmn"
+    path.write_text(
+        '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"><collaboration id="c">'
+        f'<participant id="A" name="Ant" processRef="p"><participantMultiplicity {multiplicity}/></participant>'
+        '</collaboration><process id="p"><startEvent id="s"/></process></definitions>'
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("multiplicity", "number"),
+    [("", 1), ('minimum="2"', 2), ('minimum="3" maximum="4"', 3), ('minimum="0" maximum="*"', 1), ('maximum="9"', 1)],
+)
+def test_a_model_alone_has_as_many_robots_as_its_multiplicity_has_at_least(tmp_path, multiplicity, number):
+    scenario = Scenario.load(many(tmp_path, multiplicity))
+    assert list(scenario.cast) == [f"Ant_{n}" for n in range(1, number + 1)]
+    assert scenario.run().status == "completed"
+
+
+def test_how_many_robots_there_are_is_for_who_runs_it_to_say_up_to_the_maximum(tmp_path):
+    path = many(tmp_path, 'minimum="2" maximum="3"')
+    assert [len(Scenario.load(path, robots={"Ant": number}).cast) for number in (0, 1, 3)] == [0, 1, 3]
+    with pytest.raises(fame.ConfigError, match=r"found 4 robots for pool 'Ant'; its .* has maximum=3"):
+        Scenario.load(path, robots={"Ant": 4})
+
+
 @pytest.mark.parametrize("wrong", [{"seed": -1}, {"duration": 0}, {"duration": float("nan")}])
 def test_a_seed_or_a_duration_that_cannot_be_is_refused(wrong):
     with pytest.raises(fame.ConfigError, match="would be right"):

@@ -406,10 +406,15 @@ class Process(Element):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Participant(Element):
-    """A pool: a robot, or (`multi_instance`) as many robots as there are. No `process`: a black box."""
+    """A pool: a robot, or (`multi_instance`) as many robots as there are. No `process`: a black box.
+
+    `minimum` and `maximum` say how many a run shall have: so many if nobody says more, and never more (None: no bound).
+    """
 
     process: str = ""
     multi_instance: bool = False
+    minimum: int = 1
+    maximum: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

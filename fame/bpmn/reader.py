@@ -18,7 +18,7 @@ or has no effect, is a note of the model.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -152,8 +152,8 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
     if reference and process is None:
         raise context.error(element, f"the pool's process is {reference!r}: the file has no such process")
     found = extensions_of(context, element)
-    marked = any(_is_many(one) for one in element.iterdescendants())
-    marked = marked or any(_MARKER.search(name) for name in found.properties)
+    marks = [one for one in element.iterdescendants() if _is_many(one)]
+    marked = bool(marks) or any(_MARKER.search(name) for name in found.properties)
     return Participant(
         id=context.claim(element),
         name=element.get("name", ""),
@@ -161,6 +161,8 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
         documentation=documentation(element),
         process=process.id if process is not None else "",
         multi_instance=marked,
+        minimum=max([1, *_numbers(marks, "minimum")]),
+        maximum=min(_numbers(marks, "maximum"), default=None),
         properties=found.rest(),
     )
 
@@ -168,6 +170,12 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
 def _is_many(element: Node) -> bool:
     """Whether it marks a pool as many robots; a multiplicity that says one does not."""
     return _MARKER.search(local(element)) is not None and element.get("maximum", "").strip() not in ("0", "1")
+
+
+def _numbers(marks: Sequence[Node], attribute: str) -> list[int]:
+    """What marks say of how many; ``unbounded`` and the like say nothing."""
+    texts = [one.get(attribute, "").strip() for one in marks]
+    return [int(text) for text in texts if re.fullmatch("[0-9]{1,9}", text)]
 
 
 def _message_flow(context: Context, element: Node) -> MessageFlow:

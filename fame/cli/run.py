@@ -65,7 +65,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
     parser.add_argument(
         "--log", action="append", default=[], type=Path, metavar="FILE",
-        help="write the events to a .jsonl, .csv or .xes file; may be given several times",
+        help="write the events to a new .jsonl, .csv or .xes file, in place of an old one; may be given several times",
     )  # fmt: skip
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the ways of the robots")
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")

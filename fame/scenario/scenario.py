@@ -49,8 +49,8 @@ class Scenario:
         """A scenario file (.yaml), or a model (.bpmn), whose robots then are engines without a world.
 
         `seed`, `duration` (simulated s) and `semantics` override what the files say; `library` adds folders; `robots`
-        is how many shall play a multi-instance pool, by its name: more than the file has are copies of its last one,
-        placed by the seed; `faults` break what they name.
+        is how many shall play a multi-instance pool, by its name (a model alone: else the minimum of its multiplicity):
+        more than the file has are copies of its last one, placed by the seed; `faults` break what they name.
         Raises ConfigError and ModelError: file, line, what was found, what would be right.
         """
         from fame.bpmn.reader import read
@@ -80,6 +80,7 @@ class Scenario:
         bodies = [robot.name for robot in world.robots] if world is not None else []
         names = [*bodies, *said.computers] if world is not None or said.computers else _names(pools, counts)
         cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
+        _check_numbers(pools, cast, str(path))
         for fault in faults:
             if fault.robot not in cast:
                 text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
@@ -160,9 +161,20 @@ def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
     """The robots of a scenario without a world."""
     names = []
     for pool in pools:
-        numbers = range(1, counts.get(pool.name, 1) + 1)
+        numbers = range(1, counts.get(pool.name, pool.minimum) + 1)
         names += [f"{pool.name}_{number}" for number in numbers] if pool.multi_instance else [pool.name]
     return names
+
+
+def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -> None:
+    """Raises ConfigError for more robots of a multi-instance pool than its model allows."""
+    for pool in pools:
+        found = sum(played.name == pool.name for played in cast.values())
+        if pool.multi_instance and pool.maximum is not None and found > pool.maximum:
+            text = (
+                f"found {found} robots for pool {pool.name!r}; its participantMultiplicity has maximum={pool.maximum}"
+            )
+            raise ConfigError(text, file=file)
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
