@@ -44,12 +44,17 @@ def command(
     commands: Commands, name: str, function: Callable[[argparse.Namespace], int], *, help: str, examples: Sequence[str]
 ) -> Parser:
     """Add a command that calls `function`. `help` is a sentence, `examples` are whole command lines."""
-    lines = "\n".join(f"  {example}" for example in examples)
-    made = commands.add_parser(
-        name, help=help, description=f"{help[0].upper()}{help[1:]}.", epilog=f"examples:\n{lines}"
-    )
+    made = group(commands, name, help=help, examples=examples)
     made.set_defaults(command=function)
     return made
+
+
+def group(commands: Commands, name: str, *, help: str, examples: Sequence[str]) -> Parser:
+    """Add a command that is to have parts, each of which is a command."""
+    lines = "\n".join(f"  {example}" for example in examples)
+    return commands.add_parser(
+        name, help=help, description=f"{help[0].upper()}{help[1:]}.", epilog=f"examples:\n{lines}"
+    )
 
 
 def natural(text: str) -> int:

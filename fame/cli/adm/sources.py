@@ -1,0 +1,129 @@
+"""Where `fame adm` takes joint states from: topics, or a bag that is played on topics within this process."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from fame.cli.arguments import Parser, natural
+from fame.cli.network import connected
+from fame.errors import ConfigError, MissionError
+
+if TYPE_CHECKING:
+    from fame.clock import Scheduler
+    from fame.middleware.interface import Middleware
+
+    Make: TypeAlias = Callable[[Middleware, Scheduler], Any]
+    """What makes the node that listens; it has a `close`."""
+
+FIELDS, RULES = ("position", "velocity", "effort"), ("home", "signal", "count")
+
+
+def add_published(parser: Parser, metavar: str, types: Mapping[str, Callable[[str], Any]]) -> None:
+    """The arguments of the published module, which has no options: all of them by place, or none."""
+    parser.add_argument("published", nargs="*", metavar=metavar, help="the same without options, as published")
+    parser.set_defaults(published_types=types)
+
+
+def add_source(parser: Parser) -> None:
+    """Which joint states, and what of them is a run."""
+    parser.add_argument("--topic", default="/joint_states", help="default: /joint_states")
+    parser.add_argument("--field", choices=FIELDS, default="position")
+    parser.add_argument("--bag", type=Path, metavar="BAG", help="read a bag instead of listening")
+    parser.add_argument("--rule", choices=RULES, default="home", help="what delimits a run (default: home)")
+    parser.add_argument(
+        "--points", type=natural, default=0, metavar="N",
+        help="with --rule count: points of a run (operate: as learned)",
+    )  # fmt: skip
+    parser.add_argument("--runs", type=natural, default=0, metavar="N", help="stop after N runs")
+
+
+def settle(arguments: Namespace, *required: str) -> None:
+    """Put what was given by place where the options are. Raises ConfigError for what is missing or wrong."""
+    types: Mapping[str, Callable[[str], Any]] = arguments.published_types
+    words = arguments.published
+    if words and len(words) != len(types):
+        raise ConfigError(f"found {len(words)} arguments by place; {', '.join(types)} would be right, or options")
+    for (name, convert), text in zip(types.items(), words, strict=bool(words)):
+        try:
+            setattr(arguments, name, convert(text))
+        except ValueError:
+            raise ConfigError(f"found {text!r} as {name}; a number would be right") from None
+    missing = [name for name in required if getattr(arguments, name) is None]
+    if missing:
+        raise ConfigError(f"needs --{missing[0]} (see --help)")
+    threshold = getattr(arguments, "threshold", None)
+    if threshold is not None and not 0 <= threshold < 1:
+        raise ConfigError(f"found the threshold {threshold:g}; a number from 0 to 1 would be right")
+    if getattr(arguments, "label", 1) not in (1, -1):
+        raise ConfigError(f"found the label {arguments.label}; 1 (benign) or -1 (anomalous) would be right")
+
+
+def writable(path: Path) -> None:
+    """Make the folder that a result will be written to, before hours are spent on it. Raises ConfigError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+    if path.is_dir():
+        raise ConfigError("is a folder; the name of a file would be right", file=str(path))
+
+
+def say(text: str) -> None:
+    """A word on how it goes."""
+    print(text, file=sys.stderr)
+
+
+def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
+    """Make the node and let it work: until the bag ends or is enough, else until its work is done or interrupted."""
+    if arguments.bag is not None:
+        _play(arguments, make, enough)
+        return
+    with connected(arguments) as (scheduler, middleware):
+        node = make(middleware, scheduler)
+        try:
+            scheduler.run()
+        except KeyboardInterrupt:
+            say("interrupted: what has come so far counts")
+        finally:
+            node.close()
+
+
+def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
+    """A bag on topics within this process, in the time of the bag."""
+    from fame.anomaly.bags import read_bag
+    from fame.anomaly.joints import TYPE
+    from fame.anomaly.operate import EMPTY, END, START
+    from fame.clock import SECOND, Kind, Scheduler
+    from fame.middleware import messages
+    from fame.middleware.interface import SENSOR_DATA
+    from fame.middleware.local import LocalMiddleware
+
+    scheduler = Scheduler()
+    middleware = LocalMiddleware(scheduler)
+    node = make(middleware, scheduler)
+    player = middleware.node("bag")
+    joints = player.publisher(arguments.topic, TYPE, SENSOR_DATA)
+    signals = {topic: player.publisher(topic, EMPTY) for topic in (START, END) if arguments.rule == "signal"}
+    first, empty = None, True
+    for time, topic, message in read_bag(arguments.bag, {arguments.topic: TYPE} | dict.fromkeys(signals, EMPTY)):
+        first = time if first is None else first
+        due = round((time - first) * SECOND)
+        if topic in signals:
+            scheduler.at(due, partial(signals[topic].publish, messages.create(EMPTY)), Kind.WORLD)
+        else:
+            header = {"stamp": {"sec": message.header.stamp.sec, "nanosec": message.header.stamp.nanosec}}
+            content = {name: list(getattr(message, name)) for name in ("name", *FIELDS)}
+            sent = messages.create(TYPE, {"header": header, **content})
+            scheduler.at(due, partial(joints.publish, sent), Kind.WORLD)
+            empty = False
+        scheduler.run(due)
+        if enough():
+            break
+    if empty:
+        raise MissionError(f"{arguments.bag}: {arguments.topic} holds no messages")
+    node.close()
