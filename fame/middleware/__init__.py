@@ -11,6 +11,7 @@
     ros               the backend inside a ROS 2 system: rclpy
     messages          making messages from mappings and values, and plain data from messages
     codec             messages on the wire of ROS 2, and type hashes
+    basics            the few types that are known without rosbags
     qos               policies as models write them; which ends understand each other
     classes           the class of each message type
     typesystem        which types there are

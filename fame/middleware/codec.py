@@ -12,7 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, cast
 
 from fame.errors import MessageError
-from fame.middleware import typesystem
+from fame.middleware import basics, typesystem
 from fame.middleware.classes import Message, message_class
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.primitives import DTYPES
@@ -26,14 +26,18 @@ _lock = threading.Lock()
 def serialize(message: Message) -> bytes:
     """The message as CDR: 4 bytes of encapsulation header, then the fields, without padding at the end."""
     name = message.__msgtype__
+    if name == basics.STRING:
+        return basics.pack_text(message.data)
     return bytes(typestore(name).serialize_cdr(message, name, little_endian=True))
 
 
 def deserialize(data: bytes | memoryview, type: str) -> Message:
     """The message that CDR `data` holds; its arrays are views of `data`. Raises MessageError if the data do not fit."""
+    name = typesystem.definition(type).name
+    if name == basics.STRING:
+        return message_class(name)(basics.unpack_text(data))  # type: ignore[call-arg]
     from rosbags.serde import SerdeError
 
-    name = typesystem.definition(type).name
     try:
         message: Any = typestore(name).deserialize_cdr(data, name)
     except SerdeError as error:
@@ -44,10 +48,12 @@ def deserialize(data: bytes | memoryview, type: str) -> Message:
 @cache
 def type_hash(type: str) -> str:
     """``RIHS01_...``, the hash of the description of a type."""
+    name = typesystem.definition(type).name
+    if name in basics.HASHES:
+        return basics.HASHES[name]
     from rosbags.typesys.store import Typestore
 
     store = Typestore()
-    name = typesystem.definition(type).name
     _describe(store, name, {})
     return store.hash_rihs01(name)
 

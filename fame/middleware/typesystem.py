@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.errors import MessageError
+from fame.middleware import basics
 from fame.middleware.definitions import Definition, from_rosbags, from_text
 
 _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
@@ -35,10 +36,12 @@ _lock = threading.RLock()
 
 def definition(name: str) -> Definition:
     """The definition of ``pkg/msg/Type``; ``msg/`` may be left out. Raises MessageError that suggests similar names."""
-    known = _table()
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/msg/")
+    if full in basics.DEFINITIONS:
+        return basics.DEFINITIONS[full]
+    known = _table()
     if full in known or _sourced(full):
         return known[full]
     if f"{full}_Request" in known:

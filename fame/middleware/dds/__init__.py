@@ -9,6 +9,7 @@ the package raises UnavailableError where Cyclone is not installed.
     nodes             nodes, publishers and subscriptions
     services          services and clients, as rmw_cyclonedds writes them
     discovery         who is there: endpoints, and the nodes that they belong to
+    information       what a participant tells of its nodes
     reading           waiting for data
     scheduler         the wall clock that does so itself
     lockstep          messages that wait for their step, and come in the same order every time

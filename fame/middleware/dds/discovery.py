@@ -19,16 +19,16 @@ from cyclonedds.core import InstanceState
 from cyclonedds.sub import DataReader
 
 from fame.errors import MessageError
-from fame.middleware import messages
-from fame.middleware.dds import policies, wire
+from fame.middleware.basics import PARTICIPANT
+from fame.middleware.dds import information, policies, wire
 from fame.middleware.dds.entities import Entities
+from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.reading import Watch, delete
-from fame.middleware.interface import QoS, resolve
+from fame.middleware.interface import QoS
 
 UNKNOWN = "/_NODE_NAME_UNKNOWN_"
 """The node of an endpoint that no node claims (yet); what ROS tools show there too, without the slash."""
 
-INFO_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _INFO_TOPIC = "ros_discovery_info"
 _KEPT = QoS(durability="transient_local", depth=1)
 _HEARD = QoS(durability="transient_local", history="keep_all")
@@ -51,25 +51,6 @@ class Endpoint:
     type_hash: str
 
 
-@dataclass(frozen=True, slots=True)
-class NodeEntry:
-    """A node as its participant announces it. `namespace` has no slashes around it."""
-
-    name: str
-    namespace: str
-    readers: tuple[bytes, ...]
-    writers: tuple[bytes, ...]
-
-    @property
-    def full_name(self) -> str:
-        return resolve(self.name, self.namespace)
-
-    @property
-    def gids(self) -> frozenset[bytes]:
-        """Those of its endpoints."""
-        return frozenset((*self.readers, *self.writers))
-
-
 class Discovery:
     """The tables. `endpoints`: gid -> endpoint; `nodes`: gid of a participant -> its nodes.
 
@@ -82,9 +63,9 @@ class Discovery:
         self.endpoints: dict[bytes, Endpoint] = {}
         self.nodes: dict[bytes, tuple[NodeEntry, ...]] = {}
         self._lock = threading.RLock()
-        data = wire.type_hash(INFO_TYPE)
-        self._writer = entities.writer(_INFO_TOPIC, INFO_TYPE, _KEPT, data)
-        self._reader = entities.reader(_INFO_TOPIC, INFO_TYPE, _HEARD, data)
+        data = wire.type_hash(PARTICIPANT)
+        self._writer = entities.writer(_INFO_TOPIC, PARTICIPANT, _KEPT, data)
+        self._reader = entities.reader(_INFO_TOPIC, PARTICIPANT, _HEARD, data)
         self._participants = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsParticipant)
         self._ends = {
             True: builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication),
@@ -108,8 +89,8 @@ class Discovery:
     def announce(self) -> None:
         """Tell the domain which nodes this participant has: the whole list, each time."""
         with self._lock:
-            information = _information(self.participant, self.nodes[self.participant])
-            self._writer.write(self._writer.data_type(wire.encode(information)))
+            data = information.pack(self.participant, self.nodes[self.participant])
+            self._writer.write(self._writer.data_type(data))
 
     def refresh(self) -> tuple[list[Endpoint], list[Endpoint]]:
         """Bring the tables up to date; returns the endpoints that came and those that went."""
@@ -167,45 +148,13 @@ class Discovery:
     def _hear(self, data: bytes) -> None:
         """Note what a participant says of its nodes. What cannot be read is not from a ROS node, and means nothing."""
         try:
-            information = wire.decode(data, INFO_TYPE)
+            participant, nodes = information.unpack(data)
         except MessageError:
             return
-        participant = _bytes(information.gid)
         if participant != self.participant:
-            self.nodes[participant] = tuple(map(_entry, information.node_entities_info_seq))
+            self.nodes[participant] = nodes
 
 
 def _samples(reader: DataReader[Any]) -> Iterator[Any]:
     while samples := reader.take(_MANY):
         yield from samples
-
-
-def _entry(node: Any) -> NodeEntry:
-    return NodeEntry(
-        node.node_name,
-        node.node_namespace.strip("/"),
-        tuple(map(_bytes, node.reader_gid_seq)),
-        tuple(map(_bytes, node.writer_gid_seq)),
-    )
-
-
-def _information(participant: bytes, nodes: tuple[NodeEntry, ...]) -> Any:
-    return messages.create(
-        INFO_TYPE,
-        {
-            "gid": {"data": participant},
-            "node_entities_info_seq": [
-                {
-                    "node_namespace": f"/{node.namespace}",
-                    "node_name": node.name,
-                    "reader_gid_seq": [{"data": gid} for gid in node.readers],
-                    "writer_gid_seq": [{"data": gid} for gid in node.writers],
-                }
-                for node in nodes
-            ],
-        },
-    )
-
-
-def _bytes(gid: Any) -> bytes:
-    return bytes(gid.data)

@@ -7,10 +7,8 @@ opens the network. Then, and only then, CYCLONEDDS_URI is read too (peers where 
 
 from __future__ import annotations
 
-import ipaddress
 import os
 from weakref import WeakValueDictionary
-from xml.sax.saxutils import quoteattr
 
 from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain
@@ -63,7 +61,7 @@ def domain_id(given: int | None = None) -> int:
 
 def configuration(network: str | None) -> str:
     """Cyclone's configuration for loopback only (None), or for an interface: its name (``eth0``) or its address."""
-    own = _LOOPBACK if network is None else _NETWORK.format(f"{_attribute(network)}={quoteattr(network)}")
+    own = _LOOPBACK if network is None else _NETWORK.format(_interface(network))
     document = f"<CycloneDDS><Domain>{''.join((own + _SHARED).splitlines())}</Domain></CycloneDDS>"
     more = os.environ.get("CYCLONEDDS_URI", "") if network is not None else ""
     return f"{document},{more}" if more else document
@@ -93,9 +91,12 @@ def confined(number: int) -> bool:
     return _confined[number]
 
 
-def _attribute(network: str) -> str:
+def _interface(network: str) -> str:
+    import ipaddress
+    from xml.sax.saxutils import quoteattr
+
     try:
         ipaddress.ip_address(network)
     except ValueError:
-        return "name"
-    return "address"
+        return f"name={quoteattr(network)}"
+    return f"address={quoteattr(network)}"

@@ -11,7 +11,7 @@ from cyclonedds.core import DDSException
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.dds import wire
-from fame.middleware.dds.discovery import NodeEntry
+from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.services import DdsClient, DdsService
 from fame.middleware.interface import SIGNAL, Message, QoS, resolve
 from fame.middleware.primitives import describe
