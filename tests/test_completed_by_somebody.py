@@ -1,10 +1,11 @@
-"""A task of a running robot is completed over a topic: once, with its results, or refused by name."""
+"""Over a topic a task of a running robot is completed, an element of an ad-hoc sub-process begun: once, or refused."""
 
 import json
 
 import pytest
 
 from fame import deployment
+from fame.cli.status import rows
 from fame.clock import SECOND, Scheduler
 from fame.deployment import EngineNode, Report
 from fame.deployment.tasks import Asking, Done
@@ -16,6 +17,14 @@ MODEL = (
     '<startEvent id="s"/><userTask id="ask"/><manualTask id="lift"/>'
     '<sequenceFlow id="f" sourceRef="s" targetRef="ask"/><sequenceFlow id="g" sourceRef="ask" targetRef="lift"/>'
     "</process></definitions>"
+)
+
+
+AD_HOC = (
+    '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="t"><process id="p">'
+    '<startEvent id="s"/><adHocSubProcess id="chores"><userTask id="look"/><scriptTask id="photo"><script>photos = 1'
+    '</script></scriptTask></adHocSubProcess><sequenceFlow id="f" sourceRef="s" targetRef="chores"/></process>'
+    "</definitions>"
 )
 
 
@@ -41,8 +50,13 @@ class Floor:
         self.scheduler.run(self.scheduler.now + SECOND // 10)
 
     def complete(self, element: str, **values) -> list[Report]:
+        return self.ask(Done(id=f"request {element}", element=element, values=values))
+
+    def activate(self, element: str) -> list[Report]:
+        return self.ask(Done(id=f"begin {element}", element=element, act="activate"))
+
+    def ask(self, done: Done) -> list[Report]:
         answers: list[Report] = []
-        done = Done(id=f"request {element}", element=element, values=values)
         asking = Asking("REX", done, node=self.person, scheduler=self.scheduler, answered=answers.append)
         self.scheduler.run(self.scheduler.now + 2 * SECOND)
         asking.close()
@@ -94,6 +108,9 @@ def test_the_same_words_twice_are_one_completion_and_two_answers():
         "{}",
         '{"id": 1, "element": "ask", "values": {}}',
         '{"id": "a", "element": "ask", "values": {"__x": 1}}',
+        '{"id": "a", "element": "ask", "act": "dance"}',
+        '{"id": "a", "element": "ask", "act": "activate", "values": {"x": 1}}',
+        '{"id": "a", "element": "ask", "act": ["activate"]}',
     ],
 )
 def test_what_is_no_task_is_refused_and_touches_nothing(text):
@@ -116,3 +133,39 @@ def test_a_robot_that_hears_late_is_told_again():
     floor.say("bpmn_process", MODEL)
     floor.scheduler.run(floor.scheduler.now + SECOND)
     assert len(answers) == 1
+
+
+def test_an_element_of_an_ad_hoc_sub_process_is_activated_once_more():
+    floor = Floor(AD_HOC)
+    (answer,) = floor.activate("photo")
+    assert (answer.answer, answer.reason) == ("activated", "")
+    (instance,) = floor.engine.running.instances
+    assert instance.visits["photo"] == 2
+    floor.complete("look")
+    assert instance.status == "completed"
+
+
+def test_a_report_says_what_could_be_activated_as_long_as_the_sub_process_is_open():
+    floor = Floor(AD_HOC)
+    assert floor.reports[-1].offers == ["look", "photo"]
+    shown = [" ".join(cells).strip() for cells in rows("REX", floor.reports[-1])]
+    assert shown[-1] == "fame activate REX: look, photo"
+    floor.complete("look")
+    assert floor.reports[-1].offers == []
+
+
+def test_what_cannot_be_activated_is_refused_with_what_could():
+    floor = Floor(AD_HOC)
+    (answer,) = floor.activate("chores")
+    assert answer.answer == "refused"
+    assert answer.reason.endswith("what can: look, photo")
+    (answer,) = Floor(model="").activate("photo")
+    assert (answer.answer, answer.reason) == ("refused", "photo: the robot has no process yet")
+
+
+def test_the_same_words_twice_activate_once():
+    floor = Floor(AD_HOC)
+    said = Done(id="one", element="photo", act="activate").to_json()
+    floor.say("bpmn_task", said)
+    floor.say("bpmn_task", said)
+    assert floor.engine.running.instances[0].visits["photo"] == 2

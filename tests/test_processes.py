@@ -189,6 +189,14 @@ def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, field):
     assert said["robots"]["A"]["now"] >= wait["since"]
     code, said = fame("complete", "A", "first", "--value", "approved=true")
     assert (code, said["reason"]) == (1, "first: waits for nobody; what waits: second")
+    code, said = fame("activate", "A", "look")
+    assert (code, said["reason"].rpartition("; ")[2]) == (1, "what can: nothing")
+    chores = '<adHocSubProcess id="chores"><userTask id="look"/><task id="photo"/></adHocSubProcess>'
+    (tmp_path / "third.bpmn").write_text(waiting("chores").replace(CATCH.format("chores", "S"), chores))
+    assert fame("deploy", str(tmp_path / "third.bpmn"))[0] == 0
+    code, said = fame("activate", "A", "photo")
+    assert (code, said) == (0, {"status": "completed", "robot": "A", "element": "photo", "reason": ""})
+    field.until(lambda: field.last("A").offers == ["look", "photo"], "what could be activated")
 
 
 def test_a_robot_that_does_not_answer_is_named_and_nobody_starts(tmp_path, field):

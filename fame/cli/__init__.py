@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 
 from fame.cli import (
+    activate,
     adm,
     check,
     complete,
@@ -54,6 +55,7 @@ _COMMANDS = (
     splitter,
     status,
     complete,
+    activate,
     world,
     pause,
     resume,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, command, positive
@@ -51,13 +52,18 @@ def _value(text: str) -> tuple[str, Any]:
 
 def run(arguments: Namespace) -> int:
     """Tell the robot, and say how it answered."""
+    return ask_and_tell(arguments, "complete", dict(arguments.value))
+
+
+def ask_and_tell(arguments: Namespace, act: str, values: Mapping[str, Any]) -> int:
+    """Ask a robot to do something (`fame.deployment.tasks.Done`), and print its answer."""
     with connected(arguments) as (scheduler, middleware):
-        report = _ask(arguments, scheduler, middleware)
-    completed = report.answer == "completed"
+        report = _ask(arguments, act, values, scheduler, middleware)
+    done = report.answer != "refused"
     if arguments.json:
         print_json(
             {
-                "status": "completed" if completed else "failed",
+                "status": "completed" if done else "failed",
                 "robot": arguments.robot,
                 "element": arguments.element,
                 "reason": report.reason,
@@ -65,10 +71,12 @@ def run(arguments: Namespace) -> int:
         )
     else:
         print(f"{arguments.robot}: {report.answer}: {report.reason or arguments.element}")
-    return 0 if completed else 1
+    return 0 if done else 1
 
 
-def _ask(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> Report:
+def _ask(
+    arguments: Namespace, act: str, values: Mapping[str, Any], scheduler: WallScheduler, middleware: Middleware
+) -> Report:
     """The robot's answer. Raises DeploymentError if there is none."""
     import os
     import time
@@ -85,8 +93,8 @@ def _ask(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware)
             there = ", ".join(engines(middleware)) or "none"
             raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
         scheduler.run(scheduler.now + SECOND // 20)
-    done = Done(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=dict(arguments.value))
-    asking = Asking(robot, done, node=middleware.node("fame_complete"), scheduler=scheduler, answered=answers.append)
+    done = Done(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=values, act=act)
+    asking = Asking(robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append)
     while not answers and scheduler.now < until:
         scheduler.run(scheduler.now + SECOND // 50)
     asking.close()

@@ -66,5 +66,7 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
         counts = ", ".join(str(count) for count in wait.get("topics", {}).values())
         yield (*head, wait.get("element", ""), since, wait.get("for", ""), counts)
         head = ("", "", "", "")
-    if head[0]:
+    if report.offers:
+        yield (*head, "", "", f"fame activate {robot}: {', '.join(report.offers)}", "")
+    elif head[0]:
         yield (*head, "", "", report.error, "")

@@ -17,7 +17,7 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
     sender     the sender's end
     keeping    robots that come late, or come back
     splitting  the splitter as a node
-tasks      tasks that wait for somebody, completed on a running robot
+    tasks      what people do on a running robot: complete tasks, activate elements of ad-hoc sub-processes
 """
 
 from __future__ import annotations

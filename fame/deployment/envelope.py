@@ -66,8 +66,9 @@ class Report:
     instances, started, completed, failed      how many run now, have started, completed and failed with this process
     deployed   the deployment that its process came with, `hash` the model
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty.
-               On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``refused``, to the request of that id
+               On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``activated``, ``refused``, to that request
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
+    offers     the elements of open ad-hoc sub-processes that could be activated
     now        the time of the mission (s), which `since` is on
     born       when the engine began (ns since 1970): of two with one name the older stays
     time       how long it has been there (s)
@@ -85,6 +86,7 @@ class Report:
     completed: int = 0
     failed: int = 0
     waits: Sequence[Mapping[str, Any]] = ()
+    offers: Sequence[str] = ()
     error: str = ""
     now: float = 0.0
     born: int = 0

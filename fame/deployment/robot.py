@@ -336,5 +336,6 @@ def _progress(node: RobotNode) -> dict[str, Any]:
             {"element": wait.element, "for": wait.text, "since": wait.since / SECOND, "topics": dict(wait.topics)}
             for wait in node.waits()
         ],
+        "offers": node.offers(),
         "error": str(last) if last is not None else "",
     }

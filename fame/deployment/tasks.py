@@ -1,4 +1,6 @@
-"""Tasks that wait for somebody, completed on a running robot: a `Done` on ``bpmn_task``, an answer on ``bpmn_status``.
+"""What people do on a running robot: a `Done` on ``bpmn_task``, an answer on ``bpmn_status``.
+
+A task that waits for somebody is completed, or an element of an open ad-hoc sub-process activated.
 
 The same words again have no effect but the answer, so whoever asks may ask until it hears one. What a person did is
 data, as any message is: it is not signed.
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
@@ -26,11 +28,15 @@ _ANSWERS = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """What somebody did: the task's `element`, `values` for its variables; `id` names the request."""
+    """What somebody did: a task's `element`, `values` for its variables; `id` names the request.
+
+    `act` is ``complete``; or ``activate``, where `element` is one of an ad-hoc sub-process and there are no values.
+    """
 
     id: str
     element: str
-    values: Mapping[str, Any]
+    values: Mapping[str, Any] = field(default_factory=dict)
+    act: str = "complete"
 
     def to_json(self) -> str:
         """As it is sent."""
@@ -47,6 +53,7 @@ def read_done(text: str) -> Done:
         done is None
         or not (isinstance(done.id, str) and isinstance(done.element, str) and isinstance(done.values, dict))
         or not all(name.isidentifier() and not name.startswith("__") for name in done.values)
+        or not (done.act == "complete" or (done.act == "activate" and not done.values))
     ):
         raise DeploymentError(f'no task: {text[:60]!r}; {{"id": ..., "element": ..., "values": {{}}}} would be right')
     return done
@@ -73,21 +80,24 @@ class Tasks:
             self._report("refused", "", str(error))
             return
         if done.id not in self._answers:
-            self._answers[done.id] = self._complete(done)
+            self._answers[done.id] = self._act(done)
             if len(self._answers) > _ANSWERS:
                 del self._answers[next(iter(self._answers))]
         answer, reason = self._answers[done.id]
         self._report(answer, done.id, reason)
 
-    def _complete(self, done: Done) -> tuple[str, str]:
+    def _act(self, done: Done) -> tuple[str, str]:
         node = self._running()
         if node is None:
             return "refused", f"{done.element}: the robot has no process yet"
         try:
-            node.complete(done.element, done.values)
+            if done.act == "activate":
+                node.activate(done.element)
+            else:
+                node.complete(done.element, done.values)
         except FameError as error:
             return "refused", str(error)
-        return "completed", ""
+        return ("activated" if done.act == "activate" else "completed"), ""
 
 
 class Asking:

@@ -14,6 +14,7 @@ condition is asked. When that is true, all that goes on is cancelled; or, where 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -190,11 +191,25 @@ SWEEP = Node("", "(sweep)", sweep)
 
 def activate(engine: Engine, element: str) -> None:
     """Let an element of an ad-hoc sub-process begin. Raises MissionError if none is open that could."""
+    for scope, entries in _open(engine):
+        if element in entries:
+            scope.tokens += 1
+            engine.ready.append((entries[element], scope))
+            return
+    can = ", ".join(offers(engine)) or "nothing"
+    text = f"stands in no ad-hoc sub-process that is open now, or does not begin there; what can: {can}"
+    raise MissionError(text, element=element)
+
+
+def offers(engine: Engine) -> list[str]:
+    """The elements that could be activated now, each once."""
+    return list(dict.fromkeys(id for _, entries in _open(engine) for id in entries))
+
+
+def _open(engine: Engine) -> Iterator[tuple[Scope, dict[str, Node]]]:
+    """The ad-hoc scopes in which something may begin, and what."""
     for instance in engine.instances.values():
         for scope in scopes_of(instance.root):
             how: AdHoc | None = scope.body.adhoc if scope.body is not None else None
-            if how is not None and element in how.entries and scope.items is not None and not scope.items["over"]:
-                scope.tokens += 1
-                engine.ready.append((how.entries[element], scope))
-                return
-    raise MissionError("stands in no ad-hoc sub-process that is open now, or does not begin there", element=element)
+            if how is not None and scope.items is not None and not scope.items["over"]:
+                yield scope, how.entries

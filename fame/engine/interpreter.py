@@ -151,6 +151,10 @@ class Engine:
         adhoc.activate(self, element)
         self.run()
 
+    def offers(self) -> list[str]:
+        """The ids of what `activate` could let begin now."""
+        return adhoc.offers(self)
+
     def restart(self) -> None:
         """Once, after `fame.engine.restore`: start scripts again, and let go on what waited for scripts to leave."""
         for rest in sorted(self.rests.values(), key=attrgetter("key")):

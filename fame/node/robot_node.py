@@ -165,6 +165,10 @@ class RobotNode:
         self.engine.activate(element)
         self.runner.poll()
 
+    def offers(self) -> list[str]:
+        """The ids of what `activate` could let begin now."""
+        return self.engine.offers()
+
     def deliver(self, topic: str, value: Any) -> None:
         """A message from outside on a qualified topic, as if it had come over the middleware. Raises MessageError."""
         use = self.mission.types.get(topic)
