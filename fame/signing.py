@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import base64
 import json
+import os
+import stat
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,20 +43,24 @@ def read_private(path: Path) -> Ed25519PrivateKey:
     """The secret key of a file. Raises ConfigError."""
     ed25519, serialization = _cryptography()
     key = _read(path, lambda data: serialization.load_pem_private_key(data, None))
+    if os.name == "posix" and stat.S_IMODE(path.stat().st_mode) & 0o077:
+        raise ConfigError(
+            f"others can read it, or write it: chmod 600 {path.name}, if it is still a secret", file=str(path)
+        )
     if not isinstance(key, ed25519.Ed25519PrivateKey):
         raise ConfigError("is not an Ed25519 private key; make one with: fame keys new NAME", file=str(path))
     return key  # type: ignore[no-any-return]
 
 
 def read_trusted(paths: Sequence[Path]) -> list[Ed25519PublicKey]:
-    """The public keys of some files. Raises ConfigError."""
+    """The public keys of some files, each of one or many, with anything between them. Raises ConfigError."""
     ed25519, serialization = _cryptography()
     keys = []
     for path in paths:
-        key = _read(path, serialization.load_pem_public_key)
-        if not isinstance(key, ed25519.Ed25519PublicKey):
-            raise ConfigError("is not an Ed25519 public key (NAME.pub)", file=str(path))
-        keys.append(key)
+        for key in _read(path, lambda data: [serialization.load_pem_public_key(block) for block in _blocks(data)]):
+            if not isinstance(key, ed25519.Ed25519PublicKey):
+                raise ConfigError("is not an Ed25519 public key (NAME.pub)", file=str(path))
+            keys.append(key)
     return keys
 
 
@@ -83,7 +89,7 @@ def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: fl
     else:
         raise DeploymentError("not signed by a key that this robot trusts")
     age = now - float(said.get("issued", 0.0))
-    if abs(age) > FRESH:
+    if not abs(age) <= FRESH:
         raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")
 
 
@@ -92,12 +98,20 @@ def _signed_part(said: Mapping[str, Any]) -> bytes:
     return json.dumps(kept, sort_keys=True, separators=(",", ":")).encode()
 
 
+def _blocks(data: bytes) -> list[bytes]:
+    """The PEM blocks of a file; what is broken is for the loader to complain about."""
+    begin = b"-----BEGIN "
+    return [begin + block for block in data.split(begin)[1:]] or [data]
+
+
 def _read(path: Path, load: Any) -> Any:
+    from cryptography.exceptions import UnsupportedAlgorithm
+
     try:
         return load(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
         raise ConfigError(f"is not a key in PEM: {error}", file=str(path)) from None
 
 

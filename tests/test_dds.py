@@ -261,6 +261,14 @@ def test_a_name_that_ros_2_refuses_is_refused(here: WallWorld, name: str) -> Non
         node.client(name, "std_srvs/Trigger")
 
 
+def test_a_name_that_is_longer_than_ros_2_allows_is_refused_and_the_longest_is_taken(here: WallWorld) -> None:
+    node = here.node("a")
+    node.publisher("/" + "x" * 246, TEXT)
+    for length in (247, 70_000):
+        with pytest.raises(MessageError, match=f"a name of {length + 1} characters"):
+            node.subscription("/" + "x" * length, TEXT, print)
+
+
 def test_a_field_that_was_given_what_it_cannot_hold_is_refused_when_published(here: WallWorld) -> None:
     publisher = here.node("a").publisher("/x", INT)
     message = create(INT)

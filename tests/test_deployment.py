@@ -406,6 +406,9 @@ def test_of_two_engines_of_one_robot_the_younger_leaves():
         {"robot": 5},
         {"model": ["x"]},
         {"sequence": 1.5},
+        {"sequence": -2},
+        {"sequence": 10**30},
+        {"phase": "run"},
         {"promises": 3},
         {"team": {"a": 1}},
         {"phase": "dance"},
@@ -431,6 +434,43 @@ def test_any_text_is_answered(text):
     field.send("A", text)
     field.pass_time(0.1)
     assert field.answers() == ["refused"]
+
+
+def test_a_mark_of_byte_order_before_a_model_does_no_harm():
+    field = Field("A")
+    field.send("A", "\ufeff" + patrol(1))
+    field.pass_time(0.1)
+    assert field.variables("A") == {"mark": 1}
+
+
+def nested(levels: int) -> str:
+    """A process of sub-processes in each other."""
+    return definitions(
+        process("p", "".join(f'<subProcess id="s{n}">' for n in range(levels)) + "</subProcess>" * levels)
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        nested(240),
+        nested(100_000),
+        patrol(2).replace("mark = 2", "x = " + "-" * 100_000 + "1"),
+        patrol(2).replace("mark = 2", "x = " + " + ".join("1" * 100_000)),
+        patrol(2).replace('name="stop"', 'name="&xxe;"').replace("<definitions", '<!DOCTYPE x SYSTEM "x"><definitions'),
+    ],
+    ids=["240 levels", "100000 levels", "signs", "sums", "external entity"],
+)
+def test_a_model_that_nothing_can_be_made_of_is_refused_and_leaves_nothing_behind(text):
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.1)
+    nodes = len(field.middleware.nodes)
+    field.send("A", text)
+    field.pass_time(0.1)
+    assert (field.said[-1].answer, field.said[-1].state) == ("refused", "running")
+    assert field.variables("A") == {"mark": 1}
+    assert len(field.middleware.nodes) == nodes
 
 
 def test_a_report_that_is_none_harms_no_deployment():

@@ -100,6 +100,50 @@ def test_a_secret_key_is_for_its_owner_alone_and_never_overwritten(tmp_path):
         read_trusted([broken])
 
 
+def test_a_secret_key_that_others_can_read_is_refused(tmp_path):
+    secret, _ = new_keys(tmp_path / "k")
+    secret.chmod(0o640)
+    with pytest.raises(fame.ConfigError, match=r"k\.key: others can read it.*chmod 600"):
+        read_private(secret)
+
+
+def test_a_file_of_trust_may_have_comments_several_keys_and_the_line_ends_of_windows(tmp_path):
+    pairs = [new_keys(tmp_path / name) for name in ("ann", "bob")]
+    texts = [f"# {public.stem}\n{public.read_text()}\n" for _, public in pairs]
+    both = tmp_path / "both.pub"
+    both.write_bytes("".join(texts).replace("\n", "\r\n").encode())
+    said = {"deployment": "d", "issued": NOW}
+    for secret, _ in pairs:
+        verify(said | {"signature": sign(said, read_private(secret))}, read_trusted([both]), NOW)
+
+
+P224 = """-----BEGIN PUBLIC KEY-----
+ME4wEAYHKoZIzj0CAQYFK4EEACEDOgAEkNzLpvx0tFGZVNkHjpyCxOSVtWxtzvRDoXEwcPpoC5Ep
+uXJAKXIW5dmVJQT2pdVo3xZlMcrvTYo=
+-----END PUBLIC KEY-----
+"""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text[:60],
+        lambda text: text[:-10],
+        lambda text: "",
+        lambda text: text + text[:40],
+        lambda text: text.replace("MC", "MD"),
+        lambda text: P224,
+        lambda text: "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIB me@here",
+    ],
+    ids=["head", "no tail", "empty", "one and a half", "changed", "another kind", "of ssh"],
+)
+def test_a_file_that_is_not_wholly_of_keys_is_refused(tmp_path, change):
+    _, public = new_keys(tmp_path / "k")
+    public.write_text(change(public.read_text()))
+    with pytest.raises(fame.ConfigError, match=r"k\.pub"):
+        read_trusted([public])
+
+
 def test_an_engine_on_an_open_network_wants_a_key_or_to_be_told_that_it_needs_none(capsys):
     assert main(["engine", "A", "--network", "eth0"]) == 2
     assert "--trust FILE.pub, or --insecure" in capsys.readouterr().err

@@ -16,8 +16,11 @@ PROCESS_QOS = QoS(depth=20)
 """Of ``bpmn_process``: reliable and volatile, so that any publisher matches."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
 """How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
-PHASES = ("load", "hold", "start", "abort", "run")
+PHASES = ("load", "hold", "start", "abort")
+"""Of an envelope that was sent; a bare model is one of phase ``run``."""
 _SIZE = 20_000_000
+_LAST = 2**53
+"""A sequence is less: microseconds until the year 2255, and exact in the JSON of every language."""
 _KINDS: dict[str, Any] = {
     "str": str,
     "int": int,
@@ -114,6 +117,7 @@ def read_envelope(text: str, robot: str) -> Envelope:
     """What came in: a bare model becomes an envelope of its own. Raises DeploymentError."""
     if len(text) > _SIZE:
         raise DeploymentError(f"{len(text)} characters; at most {_SIZE} are taken")
+    text = text.removeprefix("\ufeff")  # the mark that editors put before a file's text
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
         return Envelope(deployment=f"plain-{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
@@ -127,6 +131,8 @@ def read_envelope(text: str, robot: str) -> Envelope:
         raise DeploymentError(f"phase {envelope.phase!r}; there are {', '.join(PHASES)}")
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}")
+    if not 0 <= envelope.sequence < _LAST:
+        raise DeploymentError(f"sequence {envelope.sequence}: 0 to {_LAST - 1} would be right")
     if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
         raise DeploymentError("the model does not have the hash that the envelope says")
     return envelope

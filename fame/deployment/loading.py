@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fame.errors import FameError
+from fame.errors import FameError, ModelError
 from fame.library import Library
 from fame.middleware.interface import Middleware
 from fame.monitoring import UNITS
@@ -20,13 +20,23 @@ def load(
 ) -> RobotNode:
     """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
 
-    Raises ModelError, MessageError, ConfigError: also for what would fail only when a token gets there.
+    Raises ModelError, MessageError, ConfigError: also for what would fail only when a token gets there, and for
+    whatever else goes wrong, since what runs must not end for a model that is to take its place.
     """
+    try:
+        return _load(model, robot, library or Library(), services, options)
+    except FameError:
+        raise
+    except Exception as error:
+        raise ModelError(f"cannot be loaded: {type(error).__name__}: {error}", file=f"{robot}.bpmn") from error
+
+
+def _load(
+    model: str, robot: str, library: Library, services: Mapping[str, Service] | None, options: Mapping[str, Any]
+) -> RobotNode:
     from fame.bpmn.reader import read_text
     from fame.check.refusing import refuse_literals
     from fame.simulation import choose_process
-
-    library = library or Library()
 
     definitions = read_text(model, file=f"{robot}.bpmn")
     pools = [pool for pool in definitions.participants if pool.process]
@@ -37,7 +47,7 @@ def load(
     )
     try:
         node.load()
-    except FameError:
+    except Exception:
         node.close()
         raise
     return node

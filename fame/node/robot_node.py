@@ -106,13 +106,17 @@ class RobotNode:
             homes[home.file] = home
             return process, home.file
 
-        return compile_program(
-            mission.process,
-            host=self,
-            library=library,
-            file=mission.definitions.file,
-            observed=self._observer is not None,
-        )
+        try:
+            return compile_program(
+                mission.process,
+                host=self,
+                library=library,
+                file=mission.definitions.file,
+                observed=self._observer is not None,
+            )
+        except Exception:  # nobody has the robot yet who could close it
+            self.close()
+            raise
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""

@@ -27,6 +27,9 @@ HEADER = 4
 _LARGEST_BOUND = 65535
 _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_LONGEST = (
+    247  # characters of a name, as in ROS 2 (`RMW_TOPIC_MAX_NAME_LENGTH`); Cyclone ends the process at far longer ones
+)
 
 
 def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
@@ -37,6 +40,8 @@ def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
     """
     if not _ROS_NAME.fullmatch(name):
         raise MessageError(f"{name}: ROS 2 refuses this name: letters, digits and _, not beginning with a digit")
+    if len(name) > _LONGEST:
+        raise MessageError(f"{name[:40]}...: ROS 2 refuses a name of {len(name)} characters; it may have {_LONGEST}")
     return f"{kind}{name}{ending}"
 
 
