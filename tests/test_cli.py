@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from fame.cli import _COMMANDS, main
+from fame.cli import COMMANDS, main
 from fame.cli import run as run_command
 
 ROOT = Path(__file__).parent.parent
-COMMANDS = tuple(module.__name__.rsplit(".", 1)[1] for module in _COMMANDS)
 
 
 def fame(*arguments: str, **options) -> subprocess.CompletedProcess[str]:

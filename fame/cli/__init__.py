@@ -10,63 +10,19 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from io import TextIOWrapper
 
-from fame.cli import (
-    activate,
-    adm,
-    check,
-    complete,
-    convert,
-    deploy,
-    draw,
-    engine,
-    keys,
-    library,
-    param,
-    pause,
-    process,
-    record,
-    resume,
-    run,
-    split,
-    splitter,
-    status,
-    templates,
-    topic,
-    train,
-    world,
-)
 from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, print_json
 from fame.errors import FameError
 
-_COMMANDS = (
-    run,
-    split,
-    check,
-    convert,
-    draw,
-    library,
-    templates,
-    engine,
-    deploy,
-    splitter,
-    status,
-    complete,
-    activate,
-    world,
-    pause,
-    resume,
-    keys,
-    process,
-    record,
-    train,
-    param,
-    topic,
-    adm,
-)
+COMMANDS = (
+    "run", "split", "check", "convert", "draw", "library", "templates", "engine", "deploy", "splitter", "status",
+    "complete", "activate", "world", "pause", "resume", "keys", "process", "record", "train", "param", "topic", "adm",
+)  # fmt: skip
+"""Each is a module here, imported when it is asked for: to start an engine does not take all that the others need."""
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
@@ -76,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     try:
-        arguments = parser().parse_args(given)
+        arguments = parser(*given[:1]).parse_args(given)
         register_types(arguments)
         code: int = arguments.command(arguments)
         sys.stdout.flush()
@@ -96,8 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def parser() -> Parser:
-    """Everything that the command line knows."""
+def parser(asked: str = "") -> Parser:
+    """What the command line knows: of the command that is `asked` for, else of all."""
     top = Parser(
         prog="fame",
         description="Run a team of robots from a picture: BPMN 2.0 collaborations, drawn in Camunda Modeler.",
@@ -105,8 +61,8 @@ def parser() -> Parser:
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
-    for command in _COMMANDS:
-        command.add(commands)
+    for name in (asked,) if asked in COMMANDS else COMMANDS:
+        import_module(f"fame.cli.{name}").add(commands)
     return top
 
 

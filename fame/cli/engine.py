@@ -67,8 +67,6 @@ def run(arguments: Namespace) -> int:
 
 def _serve(arguments: Namespace) -> None:
     from fame.deployment import EngineNode
-    from fame.library import Library
-    from fame.middleware.simulated_time import SharedTime
     from fame.remote import serve
     from fame.signing import read_trusted
 
@@ -77,6 +75,11 @@ def _serve(arguments: Namespace) -> None:
     if arguments.network is not None and not guarded:
         raise FameError(_OPEN)
     safe, suspended = _safe_states(arguments.type)
+    library = None
+    if arguments.library:  # without it, an engine needs none before its first process
+        from fame.library import Library
+
+        library = Library(arguments.library)
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
@@ -85,6 +88,8 @@ def _serve(arguments: Namespace) -> None:
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
         time = None
         if arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time:
+            from fame.middleware.simulated_time import SharedTime
+
             time, node = SharedTime(scheduler), middleware.node("fame_time", arguments.name)
             if arguments.lockstep:
                 time.keep_step(node, lockstep(middleware, lambda name: name == "fame_engine"))
@@ -97,7 +102,7 @@ def _serve(arguments: Namespace) -> None:
             scheduler=scheduler,
             time=time,
             middleware=middleware,
-            library=Library(arguments.library),
+            library=library,
             on_report=_say,
             safe_state=safe,
             safe_suspended=suspended,

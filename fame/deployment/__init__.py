@@ -22,11 +22,16 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
 
 from __future__ import annotations
 
-from fame.deployment.envelope import STATUS_QOS, STRING, Envelope, Report, model_hash, read_envelope
-from fame.deployment.keeping import Keeper
-from fame.deployment.robot import EngineNode
-from fame.deployment.sender import Deployment, Standing, engines
-from fame.deployment.splitting import SplitterNode
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from fame.deployment.envelope import STATUS_QOS, STRING, Envelope, Report, engines, model_hash, read_envelope
+
+if TYPE_CHECKING:
+    from fame.deployment.keeping import Keeper
+    from fame.deployment.robot import EngineNode
+    from fame.deployment.sender import Deployment, Standing
+    from fame.deployment.splitting import SplitterNode
 
 __all__ = [
     "STATUS_QOS",
@@ -42,3 +47,18 @@ __all__ = [
     "model_hash",
     "read_envelope",
 ]
+
+_HOMES = {
+    "Deployment": "sender",
+    "EngineNode": "robot",
+    "Keeper": "keeping",
+    "SplitterNode": "splitting",
+    "Standing": "sender",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Either end is imported when it is first asked for: a robot needs nothing of the sender's."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fame.deployment' has no attribute {name!r}")
+    return getattr(import_module(f"fame.deployment.{_HOMES[name]}"), name)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, TypeVar
 
 from fame.errors import DeploymentError
-from fame.middleware.interface import QoS
+from fame.middleware.interface import Middleware, QoS
 
 STRING = "std_msgs/msg/String"
 PROCESS_QOS = QoS(depth=20)
@@ -153,3 +153,11 @@ def _made(cls: type[_Said], said: Mapping[str, Any]) -> _Said:
             if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
                 raise TypeError(part.name)
     return cls(**said)
+
+
+def engines(middleware: Middleware) -> list[str]:
+    """The robots (namespaces) that have an engine."""
+    suffix = "/bpmn_status"
+    return [
+        info.name[1 : -len(suffix)] for info in middleware.graph() if info.name.endswith(suffix) and info.publishers
+    ]

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deployment.envelope import STATUS_QOS, STRING, Report
-from fame.deployment.sender import Deployment, engines
+from fame.deployment.envelope import STATUS_QOS, STRING, Report, engines
+from fame.deployment.sender import Deployment
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Subscription
 from fame.splitter import plays, pools_of

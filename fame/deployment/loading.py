@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.errors import FameError, ModelError
-from fame.library import Library
 from fame.middleware.interface import Middleware
-from fame.monitoring import UNITS
-from fame.node import RobotNode, Service, mission
+
+if TYPE_CHECKING:
+    from fame.library import Library
+    from fame.node import RobotNode, Service
 
 KEPT = 10
 """How many instances that have ended an engine remembers."""
@@ -23,6 +24,8 @@ def load(
     Raises ModelError, MessageError, ConfigError: also for what would fail only when a token gets there, and for
     whatever else goes wrong, since what runs must not end for a model that is to take its place.
     """
+    from fame.library import Library
+
     try:
         return _load(model, robot, library or Library(), services, options)
     except FameError:
@@ -36,6 +39,8 @@ def _load(
 ) -> RobotNode:
     from fame.bpmn.reader import read_text
     from fame.check.refusing import refuse_literals
+    from fame.monitoring import UNITS
+    from fame.node import RobotNode, mission
     from fame.simulation import choose_process
 
     definitions = read_text(model, file=f"{robot}.bpmn")

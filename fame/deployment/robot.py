@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deployment.abandoned import Inquiry
@@ -18,11 +18,13 @@ from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, 
 from fame.deployment.loading import load, missing
 from fame.deployment.tasks import Tasks
 from fame.errors import DeploymentError, FameError
-from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware
-from fame.node import Event, RobotNode, Service
 from fame.signing import verify
+
+if TYPE_CHECKING:
+    from fame.library import Library
+    from fame.node import Event, RobotNode, Service
 
 MATCHING = 5.0
 """How long a robot waits for the other ends of its topics (s)."""
@@ -293,6 +295,8 @@ class EngineNode:
         self.running.start()
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
         if reason:
+            from fame.node import Event
+
             self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", "report", reason))
         self._answer("started", envelope, reason)
         if self._waiting is not None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, model_hash
+from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, engines, model_hash
 from fame.errors import DeploymentError
 from fame.library import Library
 from fame.middleware import messages
@@ -196,14 +196,6 @@ def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, onl
     if not cast:
         raise DeploymentError(f"no engine of a robot that the model wants: {wanted}")
     return cast
-
-
-def engines(middleware: Middleware) -> list[str]:
-    """The robots (namespaces) that have an engine."""
-    suffix = "/bpmn_status"
-    return [
-        info.name[1 : -len(suffix)] for info in middleware.graph() if info.name.endswith(suffix) and info.publishers
-    ]
 
 
 def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Library) -> dict[str, dict[str, str]]:

@@ -21,9 +21,9 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.bpmn.xml import LIMIT
 from fame.clock import SECOND, Kind, Scheduler
-from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, model_hash
+from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deployment.keeping import Keeper
-from fame.deployment.sender import PATIENCE, REFUSALS, Deployment, engines
+from fame.deployment.sender import PATIENCE, REFUSALS, Deployment
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.library import Library
 from fame.middleware import messages

@@ -11,14 +11,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Report
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
-from fame.node import RobotNode
+
+if TYPE_CHECKING:
+    from fame.node import RobotNode
 
 SETTLE, AGAIN = 0.02, 0.3
 """Before the first word, and between two (s): see `fame.deployment.sender`."""

@@ -9,9 +9,23 @@ children  the processes of a team: started, heard and ended together
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from fame.remote.process import BACKENDS, connect, scheduler_for, serve
-from fame.remote.sending import Sending
-from fame.remote.team import Sight, Team, TeamResult
-from fame.remote.world import WorldPart
+
+if TYPE_CHECKING:
+    from fame.remote.sending import Sending
+    from fame.remote.team import Sight, Team, TeamResult
+    from fame.remote.world import WorldPart
 
 __all__ = ["BACKENDS", "Sending", "Sight", "Team", "TeamResult", "WorldPart", "connect", "scheduler_for", "serve"]
+
+_HOMES = {"Sending": "sending", "Sight": "team", "Team": "team", "TeamResult": "team", "WorldPart": "world"}
+
+
+def __getattr__(name: str) -> Any:
+    """What only some processes do is imported when it is first asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'fame.remote' has no attribute {name!r}")
+    return getattr(import_module(f"fame.remote.{_HOMES[name]}"), name)
