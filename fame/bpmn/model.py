@@ -496,12 +496,13 @@ class Definitions:
 
     `source` is its text as read: what a writer starts from, so that nothing unknown is lost. `artifacts` (text
     annotations, groups; their text is their name) matter for drawing alone. `planes` are the ids of what its diagrams
-    show.
+    show. `collaboration` is the id of what its pools stand in; the parts of one that was split share it.
     """
 
     file: str
     source: bytes = field(repr=False)
     processes: tuple[Process, ...] = ()
+    collaboration: str = ""
     participants: tuple[Participant, ...] = ()
     message_flows: tuple[MessageFlow, ...] = ()
     shapes: tuple[Shape, ...] = field(default=(), repr=False)

@@ -83,9 +83,9 @@ def _is_shared(element: Node) -> bool:
 
 
 def _definitions(context: Context, source: bytes, root: Node, processes: tuple[Process, ...]) -> Definitions:
-    participants, flows, artifacts = [], [], list(_artifacts(context, root))
+    participants, flows, artifacts, ids = [], [], list(_artifacts(context, root)), []
     for collaboration in children(root, "collaboration"):
-        context.claim(collaboration)
+        ids.append(context.claim(collaboration))
         participants += [_participant(context, one, processes) for one in children(collaboration, "participant")]
         flows += [_message_flow(context, one) for one in children(collaboration, "messageFlow")]
     for one in root.iter(f"{{{BPMN}}}association"):
@@ -98,6 +98,7 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
         file=context.file,
         source=source,
         processes=processes,
+        collaboration=next(iter(ids), ""),
         participants=tuple(participants),
         message_flows=tuple(flows),
         shapes=tuple(diagrams.shapes),

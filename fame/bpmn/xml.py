@@ -67,6 +67,8 @@ def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
     try:
         root = etree.fromstring(source, parser)
     except etree.XMLSyntaxError as error:
+        if source.startswith(b"PK\x03\x04"):
+            raise ModelError("is a zip archive: take the .bpmn file out of it", file=file) from None
         reason = re.sub(r", line \d+, column \d+.*", "", error.msg or "it is empty")
         raise ModelError(f"not well-formed XML: {reason}", file=file, line=error.lineno or 0) from None
     if root.getroottree().docinfo.internalDTD is not None:

@@ -47,23 +47,24 @@ Table = Mapping[str, list[End]]
 """Ends by the qualified name of their topic, in the order of first use."""
 
 
-def topic_findings(subject: Subject) -> Iterator[Finding]:
-    """Of every topic and ROS service that the processes name."""
-    yield from fit_findings(subject)
-    public = {name: ends for name, ends in table(subject.units).items() if not name.startswith("~/")}
-    yield from _alone(subject, public)
+def topic_findings(subject: Subject, team: Sequence[Subject] = ()) -> Iterator[Finding]:
+    """Of every topic and ROS service that the processes name. `team`: all files of the mission, this one among them."""
+    yield from fit_findings(subject, team)
+    yield from _alone(subject, team or (subject,))
 
 
-def fit_findings(subject: Subject, *, sent: bool = False) -> Iterator[Finding]:
+def fit_findings(subject: Subject, team: Sequence[Subject] = (), *, sent: bool = False) -> Iterator[Finding]:
     """The same without who is at the other end: types, and whether what is sent and taken fits them.
 
     `sent`: the processes run elsewhere, where message types may be known that are not known here.
     """
-    ends = {unit: list(_ends(unit)) for unit in subject.units}
+    units = [unit for one in team or (subject,) for unit in one.units]
+    ends = {unit: list(_ends(unit)) for unit in units}
+    files = {unit.home.file for unit in subject.units}
     for unit in subject.units:
         yield from _services(unit, sent)
         yield from publish_findings(unit)
-    yield from _judged(_by_name(subject.units, ends, private=False), sent)
+    yield from (one for one in _judged(_by_name(units, ends, private=False), sent) if one.file in files)
     for root in subject.roots:
         yield from _judged(_by_name(root.closure(), ends, private=True), sent)
 
@@ -111,17 +112,17 @@ def taken_by_prefix(unit: Unit, node: FlowNode, topic: Topic, type: str) -> Mapp
 
 def table(units: Iterable[Unit]) -> Table:
     """All topics of some processes: of their events, their tasks, and what scripts name literally."""
-    found: dict[str, list[End]] = {}
-    for unit in units:
-        for end in _ends(unit):
-            found.setdefault(end.name, []).append(end)
-    return found
+    return _sorted(end for unit in units for end in _ends(unit))
 
 
 def _by_name(units: Iterable[Unit], ends: Mapping[Unit, Sequence[End]], *, private: bool) -> Table:
     """The topics of some processes that are public, or those that are the robot's own."""
+    return _sorted(end for unit in units for end in ends[unit] if end.name.startswith("~/") == private)
+
+
+def _sorted(ends: Iterable[End]) -> Table:
     found: dict[str, list[End]] = {}
-    for end in (end for unit in units for end in ends[unit] if end.name.startswith("~/") == private):
+    for end in ends:
         found.setdefault(end.name, []).append(end)
     return found
 
@@ -234,25 +235,29 @@ def _services(unit: Unit, sent: bool) -> Iterator[Finding]:
 # ---- who is at the other end -----------------------------------------------------------------------------------------
 
 
-def _alone(subject: Subject, public: Table) -> Iterator[Finding]:
+def _alone(subject: Subject, team: Sequence[Subject]) -> Iterator[Finding]:
     """Signals that only go out, or only come in. A warning where the file tells of all that is said and heard.
 
-    It does not where a pool is a black box, or a monitoring unit is at work, whose topics its configuration names.
+    It does not where a pool is a black box, or a monitoring unit is at work, whose topics its configuration names; nor
+    if it is a part of a mission, of which others may not have been given.
     """
-    pools = subject.definitions.participants
-    nodes = (node for unit in subject.units for node in unit.process.body.walk())
-    units = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
-    told = len(pools) > 1 and all(pool.process for pool in pools) and not units
+    units = [unit for one in team for unit in one.units]
+    public = {name: ends for name, ends in table(units).items() if not name.startswith("~/")}
+    pools = [pool for one in team for pool in one.definitions.participants]
+    nodes = (node for unit in units for node in unit.process.body.walk())
+    monitored = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
+    told = len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored
     level: Level = "warning" if told else "note"
     robots = {" ".join(pool.name.split()).casefold() for pool in pools}
+    where = (subject.definitions.file or "the file") if len(team) == 1 else f"the {len(team)} files of the mission"
     for name, ends in public.items():
         space = re.sub(r"_\d+$", "", name.split("/")[1].casefold())
         throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
-        drawn = next((end for end in ends if end.topic is not None), None)
+        drawn = next((end for end in ends if end.topic is not None and end.unit in subject.units), None)
         if drawn is None or (throws and catches) or (space in robots and name.count("/") > 1):
             continue
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
-        text = f"{does} {name}, which nobody in {_file(subject)} {other}{_similar(name, ends, public)}"
+        text = f"{does} {name}, which nobody in {where} {other}{_similar(name, ends, public)}"
         yield drawn.finding(level, text)
 
 
@@ -262,7 +267,3 @@ def _similar(name: str, ends: Sequence[End], topics: Table) -> str:
     lonely = {one.casefold(): one for one, its in topics.items() if all(end.throws != throws for end in its)}
     found = difflib.get_close_matches(name.casefold(), sorted(lonely), 1, 0.8)
     return f"; did you mean {lonely[found[0]]}?" if found else ""
-
-
-def _file(subject: Subject) -> str:
-    return subject.definitions.file or "the file"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from dataclasses import asdict
 from pathlib import Path
@@ -12,9 +13,8 @@ from fame.cli.output import print_json
 from fame.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
+    from fame.bpmn.model import Definitions
     from fame.check import Finding
-    from fame.check.explain import Reading
-    from fame.library import Library
 
 _LEVELS = ("error", "warning", "note")
 _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
@@ -27,7 +27,10 @@ def add(commands: Commands) -> None:
         commands, "check", run, examples=_EXAMPLES,
         help="say what is wrong or doubtful in models; exit code 1 if there is an error",
     )  # fmt: skip
-    parser.add_argument("models", type=Path, nargs="+", metavar="MODEL.bpmn")
+    parser.add_argument(
+        "models", type=Path, nargs="+", metavar="MODEL.bpmn",
+        help="a file, or - for stdin; what fame split wrote of one mission is checked as one",
+    )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
     parser.add_argument("--explain", action="store_true", help="say first what each file was read as")
     add_library(parser)
@@ -36,16 +39,21 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Check every file and print what was found, in the manner of compilers."""
-    from fame.check import summary
+    from fame.check import Finding, check, parts_of_one_mission, summary
+    from fame.check.explain import explain
     from fame.library import Library
 
-    for path in arguments.models:
-        if not path.is_file():
-            text = "is a folder; a .bpmn file would be right" if path.is_dir() else "there is no such file"
-            raise ConfigError(text, file=str(path))
     library = Library(arguments.library)
-    found = [finding for path in arguments.models for finding in _findings(path, library, arguments.strict)]
-    readings = [one for path in arguments.models for one in _readings(path, library)] if arguments.explain else []
+    files = [_read(path) for path in dict.fromkeys(arguments.models)]
+    models = [file for file in files if not isinstance(file, Finding)]
+    teams = {id(file): team for team in parts_of_one_mission(models) for file in team}
+    found: list[Finding] = []
+    for file in files:
+        if isinstance(file, Finding):
+            found.append(file)
+        else:
+            found += check(file, library=library, strict=arguments.strict, team=teams[id(file)])
+    readings = [one for file in models for one in explain(file, library=library)] if arguments.explain else []
     failed = any(finding.level == "error" for finding in found)
     if arguments.json:
         print_json(
@@ -61,24 +69,18 @@ def run(arguments: Namespace) -> int:
     return 1 if failed else 0
 
 
-def _readings(path: Path, library: Library) -> list[Reading]:
-    """Of one file; none of one that cannot be read, which is a finding."""
+def _read(path: Path) -> Definitions | Finding:
+    """A model; that it is none is a finding. Raises ConfigError where there is no file at all."""
     from fame.bpmn.reader import read
-    from fame.check.explain import explain
-
-    try:
-        return explain(read(path), library=library)
-    except ModelError:
-        return []
-
-
-def _findings(path: Path, library: Library, strict: bool) -> list[Finding]:
-    """Of one file; that it cannot be read is a finding too."""
-    from fame.bpmn.reader import read
-    from fame.check import check
     from fame.check.findings import of_error
 
     try:
-        return check(read(path), library=library, strict=strict)
+        if str(path) == "-":
+            return read(sys.stdin.buffer.read(), file="<stdin>")
+        if not path.exists():
+            raise ConfigError("there is no such file", file=str(path))
+        if path.is_dir():
+            raise ConfigError(f"is a folder; its files would be right: {path / '*.bpmn'}", file=str(path))
+        return read(path)
     except ModelError as error:
-        return [of_error(error)]
+        return of_error(error)
