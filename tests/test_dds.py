@@ -37,9 +37,8 @@ from fame.errors import ConfigError, MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
 from fame.middleware.dds.confinement import sockets
-from fame.middleware.dds.discovery import UNKNOWN
 from fame.middleware.dds.domain import configuration, domain_id
-from fame.middleware.interface import LATCHED, SENSOR_DATA, QoS
+from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN, QoS
 from fame.middleware.messages import create
 
 pytestmark = pytest.mark.dds
@@ -204,7 +203,7 @@ def test_what_real_ros_writes_passes_cyclone_unchanged(stranger: DomainParticipa
         writer.write(topic.data_type(data))
         (taken,) = reader.take(2)
         assert taken.data.rstrip(b"\0") == data.rstrip(b"\0")
-        assert wire.decode(taken.data, sample["type"]) == wire.decode(data, sample["type"])
+        assert codec.deserialize(taken.data, sample["type"]) == codec.deserialize(data, sample["type"])
 
 
 def test_a_request_has_two_numbers_before_its_fields_and_the_response_the_same(

@@ -353,7 +353,7 @@ def test_calls_that_cannot_succeed_are_refused_at_once(middleware: Middleware) -
         client.call({"data": "open"}, print)
     with pytest.raises(MessageError, match="the service /grip is offered by /a already"):
         middleware.node("b").service("/grip", "std_srvs/SetBool", lambda request: None)
-    with pytest.raises(MessageError, match="the service /grip is of type std_srvs/SetBool"):
+    with pytest.raises(MessageError, match="the service /grip is of type std_srvs/srv/SetBool"):
         node.client("/grip", "std_srvs/Trigger").call(None, print)
     service.close()
     assert not client.available

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fame.errors import MessageError
-from fame.middleware import codec
+from fame.middleware import codec, typesystem
 from fame.middleware.messages import (
     bare,
     create,
@@ -34,6 +34,12 @@ from fame.middleware.messages import (
 )
 
 WIRE = Path(__file__).resolve().parents[2] / "shared" / "data" / "ros2_jazzy_wire" / "samples.json"
+
+
+@pytest.fixture(autouse=True)
+def _no_type_outlives_its_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(typesystem, "_definitions", dict(typesystem._table()))
+
 
 # ---- types -----------------------------------------------------------------------------------------------------------
 
@@ -403,6 +409,9 @@ def test_services_are_two_messages() -> None:
     assert to_mapping(create("std_srvs/srv/Trigger_Request")) == {}
     with pytest.raises(MessageError, match="no such service type; did you mean std_srvs/srv/Trigger"):
         service("Trigger")
+    register("nowhere_msgs/Thing thing\n---", "robot_msgs/srv/Bring")
+    with pytest.raises(MessageError, match="thing: its type nowhere_msgs/msg/Thing is not known"):
+        service("robot_msgs/srv/Bring")
 
 
 def test_a_directory_of_definitions_is_registered_as_a_whole(tmp_path: Path) -> None:
@@ -425,6 +434,14 @@ def test_a_place_without_definitions_is_refused(tmp_path: Path) -> None:
     (tmp_path / "Lost.msg").write_text("nowhere_msgs/Thing thing\n")
     with pytest.raises(MessageError, match="thing: its type nowhere_msgs/msg/Thing is not known"):
         register_files(tmp_path, package="lost_msgs")
+
+
+def test_a_directory_with_one_bad_definition_adds_none_of_its_types(tmp_path: Path) -> None:
+    (tmp_path / "Good.msg").write_text("float64 length\n")
+    (tmp_path / "Lost.msg").write_text("nowhere_msgs/Thing thing\n")
+    with pytest.raises(MessageError, match="is not known"):
+        register_files(tmp_path, package="half_msgs")
+    assert not [name for name in types() if name.startswith("half_msgs")]
 
 
 # ---- the wire --------------------------------------------------------------------------------------------------------

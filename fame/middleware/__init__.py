@@ -9,6 +9,9 @@
     local_services    its services
     dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2
     ros               the backend inside a ROS 2 system: rclpy
+    wired             what these two share: nodes that keep their ends, warnings, waiting for others
+    echoes            what comes back to the node that sent it, told from what others say
+    refusals          what every backend refuses, in the same words
     messages          making messages from mappings and values, and plain data from messages
     codec             messages on the wire of ROS 2, and type hashes
     basics            the few types that are known without rosbags

@@ -24,11 +24,17 @@ _lock = threading.Lock()
 
 
 def serialize(message: Message) -> bytes:
-    """The message as CDR: 4 bytes of encapsulation header, then the fields, without padding at the end."""
+    """The message as CDR: 4 bytes of encapsulation header, then the fields, without padding at the end.
+
+    Raises MessageError if a field was given a value that does not fit.
+    """
     name = message.__msgtype__
-    if name == basics.STRING:
-        return basics.pack_text(message.data)
-    return bytes(typestore(name).serialize_cdr(message, name, little_endian=True))
+    try:
+        if name == basics.STRING:
+            return basics.pack_text(message.data)
+        return bytes(typestore(name).serialize_cdr(message, name, little_endian=True))
+    except Exception as error:  # the generated code raises what the field's value makes it raise
+        raise MessageError(f"cannot be written: {error}", type=name) from None
 
 
 def deserialize(data: bytes | memoryview, type: str) -> Message:
@@ -36,11 +42,9 @@ def deserialize(data: bytes | memoryview, type: str) -> Message:
     name = typesystem.definition(type).name
     if name == basics.STRING:
         return message_class(name)(basics.unpack_text(data))  # type: ignore[call-arg]
-    from rosbags.serde import SerdeError
-
     try:
         message: Any = typestore(name).deserialize_cdr(data, name)
-    except SerdeError as error:
+    except Exception as error:  # rosbags' own, or what the bytes make the generated code raise
         raise MessageError(f"cannot read {len(data)} bytes of CDR: {error}", type=name) from None
     return cast(Message, message)
 

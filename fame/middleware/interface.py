@@ -35,6 +35,9 @@ SIGNAL = QoS()
 SENSOR_DATA = QoS(reliability="best_effort", depth=5)
 LATCHED = QoS(durability="transient_local", depth=1)
 
+UNKNOWN = "/_NODE_NAME_UNKNOWN_"
+"""The node of an end that no node claims (yet); what ROS tools show there too, without the slash."""
+
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:

@@ -12,21 +12,17 @@ liveliness are compared, not watched. Everything happens in the thread of the sc
 
 from __future__ import annotations
 
-import re
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from fame.clock import SECOND, Scheduler
-from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import SIGNAL, Message, QoS, TopicInfo, resolve
 from fame.middleware.local_services import LocalClient, LocalService
-from fame.middleware.primitives import describe
 from fame.middleware.qos import compatible
-
-_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+from fame.middleware.refusals import NAMES, is_ros_name, second_type, unpublishable
 
 
 class LocalMiddleware:
@@ -66,12 +62,12 @@ class LocalMiddleware:
         type = messages.message_type(type).__msgtype__
         topic = self.topics.get(name)
         if topic is None:
-            if not _ROS_NAME.fullmatch(name):
-                self.warn(f"{name}: ROS 2 would refuse this name: letters, digits and _, not beginning with a digit")
+            if not is_ros_name(name):
+                self.warn(f"{name}: ROS 2 would refuse this name: {NAMES}")
             topic = self.topics[name] = Topic(name, type)
         if topic.type != type:
-            users = ", ".join(dict.fromkeys((*topic.info().publishers, *topic.info().subscribers)))
-            raise MessageError(f"topic {name} is in use with {topic.type}, by {users}: it has one type", type=type)
+            info = topic.info()
+            raise second_type(name, topic.type, (*info.publishers, *info.subscribers), type)
         return topic
 
     def warn(self, text: str) -> None:
@@ -177,7 +173,7 @@ class LocalPublisher:
     def publish(self, message: Message) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
         if message.__class__ is not self._class:
-            raise self._refusal(message)
+            raise unpublishable(self, message, closed=self._class is None)
         if self._kept is not None:
             self._kept.append((self.node.middleware.scheduler.now, message))
         for subscription in self.matched:
@@ -196,11 +192,6 @@ class LocalPublisher:
             self.matched.clear()
             self._shared.publishers.remove(self)
             self.node.leave(self, self._shared)
-
-    def _refusal(self, message: object) -> MessageError:
-        if self._class is None:
-            return MessageError(f"the publisher on {self.topic} is closed", type=self.type)
-        return MessageError(f"found {describe(message)} to publish on {self.topic}", type=self.type)
 
 
 class LocalSubscription:

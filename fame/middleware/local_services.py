@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Message, respond
+from fame.middleware.refusals import second_service, unanswered, unavailable
 
 if TYPE_CHECKING:
     from fame.middleware.local import LocalNode
@@ -22,7 +22,7 @@ class LocalService:
         self.request_type, self.response_type = messages.service(type)
         offered = node.middleware.services.setdefault(name, self)
         if offered is not self:
-            raise MessageError(f"the service {name} is offered by {offered.node.full_name} already", type=type)
+            raise second_service(name, offered.node.full_name, type)
 
     def answer(self, request: Message, tell: Callable[[Message], object]) -> None:
         """Tell the response. Raises MessageError if what the handler gave does not fit the type."""
@@ -49,10 +49,9 @@ class LocalClient:
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
         service = self.node.middleware.services.get(self.name)
-        if service is None:
-            raise MessageError(f"nobody offers the service {self.name}: wait until it is available", type=self.type)
-        if service.request_type != self.request_type:
-            raise MessageError(f"the service {self.name} is of type {service.type}", type=self.type)
+        if service is None or service.request_type != self.request_type:
+            offered = () if service is None else (service.request_type.removesuffix("_Request"),)
+            raise unavailable(self.name, self.request_type, offered)
         message = messages.create(self.request_type, request)
         self.node.middleware.scheduler.soon(partial(self._ask, service, message, callback))
 
@@ -65,7 +64,7 @@ class LocalClient:
         if middleware.services.get(self.name) is service:
             service.answer(request, lambda said: middleware.scheduler.soon(partial(self._hand_over, said, callback)))
         else:
-            middleware.warn(f"{self.name}: the service was closed before it answered {self.node.full_name}")
+            middleware.warn(unanswered(self.name, self.node.full_name))
 
     def _hand_over(self, response: Message, callback: Callable[[Message], object]) -> None:
         if self in self.node.ends:

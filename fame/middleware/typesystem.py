@@ -55,7 +55,10 @@ def names() -> list[str]:
 
 
 def service(name: str) -> tuple[str, str]:
-    """The types of request and response of the service type ``pkg/srv/Name``; ``srv/`` may be left out."""
+    """The types of request and response of the service type ``pkg/srv/Name``; ``srv/`` may be left out.
+
+    Raises MessageError for a service type that is not known, or holds a type that is not.
+    """
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/srv/")
@@ -63,6 +66,8 @@ def service(name: str) -> tuple[str, str]:
     if request not in _table() and not _sourced(request):
         services = [entry.removesuffix("_Request") for entry in names() if entry.endswith("_Request")]
         raise MessageError(f"there is no such service type{_suggestion(name, services)}", type=name)
+    for full in (request, response):
+        check_references(definition(full))
     return request, response
 
 
@@ -100,18 +105,24 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
 
     The package of a file is `package`, else the name of its directory, or of the one above if that is ``msg``, ``srv``
     or ``action``. Returns full names. Raises MessageError as `register`, for a path without such files, and for a field
-    whose type is not known in the end.
+    whose type is not known in the end; then none of them is added.
     """
     root = Path(path).resolve()
     files = sorted(file for file in root.rglob("*") if file.suffix in _SUFFIXES) if root.is_dir() else [root]
     if not files or not all(file.is_file() and file.suffix in _SUFFIXES for file in files):
         raise MessageError(f"there is no .msg, .srv or .action file at {path}")
-    described: list[str] = []
-    for file in files:
-        home = file.parent.parent if f".{file.parent.name}" in _SUFFIXES else file.parent
-        described += register(file.read_text("utf-8"), f"{package or home.name}/{file.suffix[1:]}/{file.stem}")
-    for full in described:
-        check_references(definition(full))
+    before, described = dict(_table()), []
+    try:
+        for file in files:
+            home = file.parent.parent if f".{file.parent.name}" in _SUFFIXES else file.parent
+            described += register(file.read_text("utf-8"), f"{package or home.name}/{file.suffix[1:]}/{file.stem}")
+        for full in described:
+            check_references(definition(full))
+    except MessageError:
+        with _lock:
+            for full in _definitions.keys() - before.keys():
+                del _definitions[full]
+        raise
     return described
 
 

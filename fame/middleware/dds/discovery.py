@@ -26,9 +26,6 @@ from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.reading import Watch, delete
 from fame.middleware.interface import QoS
 
-UNKNOWN = "/_NODE_NAME_UNKNOWN_"
-"""The node of an endpoint that no node claims (yet); what ROS tools show there too, without the slash."""
-
 _INFO_TOPIC = "ros_discovery_info"
 _KEPT = QoS(durability="transient_local", depth=1)
 _HEARD = QoS(durability="transient_local", history="keep_all")

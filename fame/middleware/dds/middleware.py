@@ -12,8 +12,6 @@ discovered; it is said in `warnings` a moment later, when their nodes are known 
 from __future__ import annotations
 
 import atexit
-import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
@@ -24,24 +22,19 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 
-from fame.clock import SECOND, WallScheduler
-from fame.errors import ConfigError, MessageError
+from fame.clock import WallScheduler
+from fame.errors import ConfigError
 from fame.middleware.dds import wire
-from fame.middleware.dds.discovery import UNKNOWN, Discovery, Endpoint
+from fame.middleware.dds.discovery import Discovery, Endpoint
 from fame.middleware.dds.domain import confined, domain_id, open_domain
 from fame.middleware.dds.entities import Entities
-from fame.middleware.dds.nodes import DdsNode, DdsPublisher, DdsSubscription
+from fame.middleware.dds.nodes import DdsNode, DdsPublisher
 from fame.middleware.dds.reading import Watch, delete
 from fame.middleware.dds.scheduler import DdsScheduler
 from fame.middleware.dds.services import DdsClient
-from fame.middleware.interface import TopicInfo
+from fame.middleware.interface import UNKNOWN, TopicInfo
 from fame.middleware.qos import compatible
-
-_NAMING = SECOND // 5
-"""How long after an endpoint the name of its node may come (ns)."""
-
-_LOOK = 0.002
-"""How often `wait_matched` looks (s)."""
+from fame.middleware.wired import NAMING, Warnings, wait_matched
 
 
 class DdsMiddleware:
@@ -64,10 +57,11 @@ class DdsMiddleware:
     ) -> None:
         self.scheduler = scheduler
         self.domain, self.network = domain_id(domain), network
-        self.warnings: list[str] = []
+        self.warn = Warnings(scheduler, on_warning)
+        self.warnings = self.warn.said
         self.nodes: list[DdsNode] = []
         self.holds: Callable[[str], bool] = lambda name: False
-        self._on_warning, self._warning, self._closed = on_warning, threading.Lock(), False
+        self._closed = False
         self._open = open_domain(self.domain, network)
         self.confined = confined(self.domain)
         try:
@@ -85,10 +79,7 @@ class DdsMiddleware:
 
     def node(self, name: str, namespace: str = "") -> DdsNode:
         """A new node. Several may have the same name, as in ROS."""
-        node = DdsNode(self, name, namespace.strip("/"))
-        self.nodes.append(node)
-        self.changed()
-        return node
+        return DdsNode(self, name, namespace.strip("/"))
 
     def graph(self) -> list[TopicInfo]:
         """Every ROS topic of the domain that has an end, in the order of names. Services are not in it."""
@@ -115,16 +106,9 @@ class DdsMiddleware:
         self.refresh()
         return sorted(node.full_name for node in self.discovery.all_nodes())
 
-    def unmatched(self, topics: Iterable[str]) -> list[str]:
-        """Which of the topics (full names) have an own end that no end of another node is connected to."""
-        return [topic for topic in topics if not all(end.matched() for end in self._own_ends(topic))]
-
     def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
-        """Block until the topics are matched, at most `timeout` s. Returns those that are not, as `unmatched`."""
-        waiting, deadline = list(topics), time.monotonic() + timeout
-        while (waiting := self.unmatched(waiting)) and time.monotonic() < deadline:
-            time.sleep(_LOOK)
-        return waiting
+        """See `fame.middleware.wired.wait_matched`."""
+        return wait_matched(self.nodes, topics, timeout)
 
     def close(self) -> None:
         """Leave the domain, at once for all others too. Does nothing the second time."""
@@ -142,15 +126,6 @@ class DdsMiddleware:
         delete(self._participant)
         del self._open
 
-    def warn(self, text: str) -> None:
-        """Record a warning, unless it is recorded already."""
-        with self._warning:
-            if text in self.warnings:
-                return
-            self.warnings.append(text)
-        if self._on_warning is not None:
-            self.scheduler.soon(partial(self._on_warning, text))
-
     # ---- for nodes and their ends ------------------------------------------------------------------------------------
 
     def changed(self) -> None:
@@ -163,13 +138,6 @@ class DdsMiddleware:
         self.data.remove(end)
         delete(end)
         self.changed()
-
-    def check(self, topic: str, type: str) -> None:
-        """Raise MessageError if a node of this participant uses the topic with another type."""
-        users = [end for end in self._own_ends(topic) if end.type != type]
-        if users:
-            names = ", ".join(dict.fromkeys(end.node.full_name for end in users))
-            raise MessageError(f"topic {topic} is in use with {users[0].type}, by {names}: it has one type", type=type)
 
     def owner(self, gid: bytes) -> str:
         """The full name of the node of an endpoint."""
@@ -189,7 +157,7 @@ class DdsMiddleware:
         for endpoint in came:
             for writer, reader in self._pairs(endpoint):
                 if (mismatch := _mismatch(writer, reader)) is not None:
-                    self.scheduler.after(_NAMING, partial(self._report, writer, reader, mismatch))
+                    self.scheduler.after(NAMING, partial(self._report, writer, reader, mismatch))
         if any(endpoint.topic.startswith(f"{wire.REQUEST}/") and not endpoint.writes for endpoint in went):
             self.scheduler.soon(self._check_clients)
 
@@ -234,11 +202,6 @@ class DdsMiddleware:
             not other.writes and other.type == end.type and compatible(end.qos, other.qos) is None
             for other in self.discovery.on_topic(wire.dds_topic(end.topic))
         )
-
-    def _own_ends(self, topic: str) -> Iterator[DdsPublisher | DdsSubscription]:
-        for node in self.nodes:
-            yield from (end for end in node.publishers if end.topic == topic)
-            yield from (end for end in node.subscriptions if end.topic == topic)
 
 
 def _mismatch(writer: Endpoint, reader: Endpoint) -> str | None:

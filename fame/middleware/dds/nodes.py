@@ -4,77 +4,24 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cyclonedds.core import DDSException
 
 from fame.errors import MessageError
-from fame.middleware import messages
+from fame.middleware import codec, messages
 from fame.middleware.dds import wire
 from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.services import DdsClient, DdsService
-from fame.middleware.interface import SIGNAL, Message, QoS, resolve
-from fame.middleware.primitives import describe
+from fame.middleware.interface import Message, QoS
+from fame.middleware.refusals import unpublishable
+from fame.middleware.wired import Kinds, WireNode, check_type
 
 if TYPE_CHECKING:
     from fame.middleware.dds.middleware import DdsMiddleware
 
 _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
-
-
-class DdsNode:
-    """A node of the participant. See `fame.middleware.interface.Node`; if `held`, `fame.middleware.dds.lockstep`."""
-
-    def __init__(self, middleware: DdsMiddleware, name: str, namespace: str) -> None:
-        self.middleware, self.name, self.namespace = middleware, name, namespace
-        self.full_name = resolve(name, namespace)
-        self.publishers: list[DdsPublisher] = []
-        self.subscriptions: list[DdsSubscription] = []
-        self.services: list[DdsService | DdsClient] = []
-        self.held = middleware.holds(name)
-
-    def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> DdsPublisher:
-        publisher = DdsPublisher(self, resolve(topic, self.namespace), type, qos)
-        for subscription in self.subscriptions:
-            subscription.ignore(publisher)
-        self.publishers.append(publisher)
-        self.middleware.changed()
-        return publisher
-
-    def subscription(
-        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
-    ) -> DdsSubscription:
-        subscription = DdsSubscription(self, resolve(topic, self.namespace), type, callback, qos)
-        self.subscriptions.append(subscription)
-        self.middleware.changed()
-        return subscription
-
-    def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> DdsService:
-        service = DdsService(self, resolve(name, self.namespace), type, handler)
-        self.services.append(service)
-        self.middleware.changed()
-        return service
-
-    def client(self, name: str, type: str) -> DdsClient:
-        client = DdsClient(self, resolve(name, self.namespace), type)
-        self.services.append(client)
-        self.middleware.changed()
-        return client
-
-    def close(self) -> None:
-        """Leave: all its ends are closed. Does nothing the second time."""
-        for end in (*self.publishers, *self.subscriptions, *self.services):
-            end.close()
-        if self in self.middleware.nodes:
-            self.middleware.nodes.remove(self)
-            self.middleware.changed()
-
-    def entry(self) -> NodeEntry:
-        """How the domain is told of it."""
-        readers = (*(end.gid for end in self.subscriptions), *(end.exchange.reader_gid for end in self.services))
-        writers = (*(end.gid for end in self.publishers), *(end.exchange.writer_gid for end in self.services))
-        return NodeEntry(self.name, self.namespace, readers, writers)
 
 
 class DdsPublisher:
@@ -85,17 +32,19 @@ class DdsPublisher:
         self._class = messages.message_type(type)
         self.type: str = self._class.__msgtype__
         self._closed = self._unheard = False
-        node.middleware.check(topic, self.type)
+        check_type(node.middleware.nodes, topic, self.type)
         self._writer = node.middleware.entities.writer(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
         self.gid, self.handle = self._writer.guid.bytes, wire.handle(self._writer.get_instance_handle())
+        for subscription in node.subscriptions:
+            subscription.ignore(self)
 
     def publish(self, message: Message) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
         if self._closed or message.__class__ is not self._class:
-            raise self._refusal(message)
+            raise unpublishable(self, message, closed=self._closed)
         self._unheard = True
         try:
-            self._writer.write(self._writer.data_type(wire.encode(message)))
+            self._writer.write(self._writer.data_type(codec.serialize(message)))
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
@@ -123,11 +72,6 @@ class DdsPublisher:
             self.node.publishers.remove(self)
             self.node.middleware.discard(self._writer)
 
-    def _refusal(self, message: object) -> MessageError:
-        if self._closed:
-            return MessageError(f"the publisher on {self.topic} is closed", type=self.type)
-        return MessageError(f"found {describe(message)} to publish on {self.topic}", type=self.type)
-
 
 class DdsSubscription:
     """The other end.
@@ -146,7 +90,7 @@ class DdsSubscription:
         self._senders: dict[int, str] = {}
         self._more = self._entered = self._closed = False
         self._soon = node.middleware.scheduler.soon
-        node.middleware.check(topic, self.type)
+        check_type(node.middleware.nodes, topic, self.type)
         self._reader = node.middleware.entities.reader(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
         node.middleware.data.add(self._reader, self._arrived)
         self.gid, self.handle = self._reader.guid.bytes, wire.handle(self._reader.get_instance_handle())
@@ -221,8 +165,27 @@ class DdsSubscription:
         if self._closed:
             return
         try:
-            message = wire.decode(data, self.type)
+            message = codec.deserialize(data, self.type)
         except MessageError as error:
             self.node.middleware.warn(f"{self.topic}: dropped a message: {error}")
         else:
             self._callback(message)
+
+
+class DdsNode(WireNode):
+    """A node of the participant. If `held`, `fame.middleware.dds.lockstep` says when it gets its messages."""
+
+    kinds = Kinds(DdsPublisher, DdsSubscription, DdsService, DdsClient)
+    publishers: list[DdsPublisher]
+    subscriptions: list[DdsSubscription]
+    services: list[DdsService | DdsClient]
+
+    def __init__(self, middleware: DdsMiddleware, name: str, namespace: str) -> None:
+        self.held = middleware.holds(name)
+        super().__init__(middleware, name, namespace)
+
+    def entry(self) -> NodeEntry:
+        """How the domain is told of it."""
+        readers = (*(end.gid for end in self.subscriptions), *(end.exchange.reader_gid for end in self.services))
+        writers = (*(end.gid for end in self.publishers), *(end.exchange.writer_gid for end in self.services))
+        return NodeEntry(self.name, self.namespace, readers, writers)

@@ -17,9 +17,10 @@ from cyclonedds.qos import Policy
 
 from fame.clock import SECOND
 from fame.errors import MessageError
-from fame.middleware import messages
+from fame.middleware import codec, messages
 from fame.middleware.dds import policies, wire
 from fame.middleware.interface import Message, QoS, respond
+from fame.middleware.refusals import second_service, unanswered, unavailable
 
 if TYPE_CHECKING:
     from fame.middleware.dds.nodes import DdsNode
@@ -63,7 +64,7 @@ class _Exchange:
         self.writer_gid, self.reader_gid = self.writer.guid.bytes, self.reader.guid.bytes
 
     def write(self, message: Message, numbers: Numbers) -> None:
-        data = wire.encode(message)
+        data = codec.serialize(message)
         self.writer.write(self.writer.data_type(data[: wire.HEADER] + _NUMBERS.pack(*numbers) + data[wire.HEADER :]))
 
     def take(self) -> None:
@@ -80,7 +81,7 @@ class _Exchange:
 
     def _read(self, data: bytes, sender: int) -> None:
         try:
-            message = wire.decode(data[: wire.HEADER] + data[_START:], self._heard_type)
+            message = codec.deserialize(data[: wire.HEADER] + data[_START:], self._heard_type)
         except MessageError as error:
             self.middleware.warn(f"{self.name}: dropped a message: {error}")
         else:
@@ -95,7 +96,7 @@ class DdsService:
         self.node, self.name, self.type, self._handler = node, name, type, handler
         _, self._response_type = messages.service(type)
         for _, owner in node.middleware.offers(name):
-            raise MessageError(f"the service {name} is offered by {owner} already", type=type)
+            raise second_service(name, owner, type)
         self.exchange = _Exchange(node, name, type, "service", self._answer)
         self._reachable: set[int] = set()
 
@@ -156,7 +157,8 @@ class DdsClient:
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
         if not self.available:
-            raise self._refusal()
+            offers = self.node.middleware.offers(self.name)
+            raise unavailable(self.name, self._request_type, (type for type, _ in offers))
         message = messages.create(self._request_type, request)
         number = next(self._numbers)
         self._waiting[number] = callback
@@ -176,19 +178,12 @@ class DdsClient:
     def _give_up(self) -> None:
         if self._waiting and not self.available:
             self._waiting.clear()
-            text = f"{self.name}: the service was closed before it answered {self.node.full_name}"
-            self.node.middleware.warn(text)
+            self.node.middleware.warn(unanswered(self.name, self.node.full_name))
 
     def _hear(self, response: Message, numbers: Numbers, service: int) -> None:
         guid, number = numbers
         if guid == self._guid and number in self._waiting:
             self._waiting.pop(number)(response)
-
-    def _refusal(self) -> MessageError:
-        for type, _ in self.node.middleware.offers(self.name):
-            if f"{type}_Request" != self._request_type:
-                return MessageError(f"the service {self.name} is of type {type}", type=self.type)
-        return MessageError(f"nobody offers the service {self.name}: wait until it is available", type=self.type)
 
 
 def _identity(endpoint: Any) -> str:

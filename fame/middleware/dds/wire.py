@@ -12,10 +12,9 @@ from typing import Any
 
 from cyclonedds.idl import make_idl_struct, types
 
-from fame.errors import MessageError
 from fame.middleware import codec, typesystem
 from fame.middleware.definitions import EMPTY_FIELD, Field
-from fame.middleware.interface import Message
+from fame.middleware.refusals import check_name
 
 idl: Any = types  # for mypy: its types are made by indexing instances
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"
@@ -26,10 +25,6 @@ HEADER = 4
 
 _LARGEST_BOUND = 65535
 _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
-_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-_LONGEST = (
-    247  # characters of a name, as in ROS 2 (`RMW_TOPIC_MAX_NAME_LENGTH`); Cyclone ends the process at far longer ones
-)
 
 
 def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
@@ -38,10 +33,7 @@ def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
     >>> dds_topic("/REX/odom"), dds_topic("/grip", REQUEST, "Request")
     ('rt/REX/odom', 'rq/gripRequest')
     """
-    if not _ROS_NAME.fullmatch(name):
-        raise MessageError(f"{name}: ROS 2 refuses this name: letters, digits and _, not beginning with a digit")
-    if len(name) > _LONGEST:
-        raise MessageError(f"{name[:40]}...: ROS 2 refuses a name of {len(name)} characters; it may have {_LONGEST}")
+    check_name(name)
     return f"{kind}{name}{ending}"
 
 
@@ -89,24 +81,6 @@ def declared(name: str, header: bool) -> Any:
     for method, function in _AS_IT_IS.items():
         setattr(cls, method, function)
     return cls
-
-
-def encode(message: Message) -> bytes:
-    """The message as CDR. Raises MessageError if a field was given a value that does not fit."""
-    try:
-        return codec.serialize(message)
-    except Exception as error:  # the generated code raises what the field's value makes it raise
-        raise MessageError(f"cannot be written: {error}", type=message.__msgtype__) from None
-
-
-def decode(data: bytes, type: str) -> Message:
-    """The message in CDR. Raises MessageError for everything that cannot be read."""
-    try:
-        return codec.deserialize(data, type)
-    except MessageError:
-        raise
-    except Exception as error:  # such as a text that is no UTF-8
-        raise MessageError(f"cannot read {len(data)} bytes of CDR: {error}", type=type) from None
 
 
 def _keep(self: Any, data: bytes) -> None:

@@ -9,33 +9,25 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterable
 from functools import partial
-from xml.sax.saxutils import quoteattr
 
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
-from fame.clock import SECOND, WallScheduler
-from fame.errors import ConfigError, MessageError
+from fame.clock import WallScheduler
+from fame.errors import ConfigError
 from fame.middleware.interface import TopicInfo, resolve
 from fame.middleware.qos import compatible
-from fame.middleware.ros.nodes import RosNode, RosPublisher, RosSubscription
-from fame.middleware.ros.translation import from_profile
+from fame.middleware.ros.environment import confine, ros_arguments
+from fame.middleware.ros.nodes import RosNode, RosPublisher
+from fame.middleware.ros.translation import from_profile, owner
+from fame.middleware.wired import NAMING, Warnings, wait_matched
 
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_INTERFACE = (
-    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name={}/></Interfaces></General></Domain></CycloneDDS>"
-)
 _EVERYWHERE = ("/rosout", "/parameter_events")
 """Topics that every node of ROS has; the graph leaves them out."""
-_NAMING = SECOND // 5
-"""How long after an end the name of its node may come (ns)."""
-_LOOK = 0.002
-"""How often `wait_matched` looks (s)."""
 
 
 class RosMiddleware:
@@ -57,9 +49,10 @@ class RosMiddleware:
         on_warning: Callable[[str], object] | None = None,
     ) -> None:
         self.scheduler, self.network = scheduler, network
-        self.warnings: list[str] = []
+        self.warn = Warnings(scheduler, on_warning)
+        self.warnings = self.warn.said
         self.nodes: list[RosNode] = []
-        self._on_warning, self._warning, self._closed = on_warning, threading.Lock(), False
+        self._closed = False
         confine(network)
         self.context = Context()
         try:
@@ -79,10 +72,8 @@ class RosMiddleware:
         return bool(self._observer.get_parameter("use_sim_time").value)
 
     def node(self, name: str, namespace: str = "") -> RosNode:
-        """A new node. Several may have the same name, as in ROS."""
-        node = RosNode(self, name, namespace.strip("/"))
-        self.nodes.append(node)
-        return node
+        """A new node. Several may have the same name, as in ROS. Raises ConfigError if ROS refuses the name."""
+        return RosNode(self, name, namespace.strip("/"))
 
     def graph(self) -> list[TopicInfo]:
         """Every topic that has an end, in the order of names; but those that every node of ROS has."""
@@ -98,16 +89,9 @@ class RosMiddleware:
         found = {space.strip("/") for name, space in self._observer.get_node_names_and_namespaces() if name[0] != "_"}
         return sorted(found - {""})
 
-    def unmatched(self, topics: Iterable[str]) -> list[str]:
-        """Which of the topics (full names) have an own end that no end of another node is connected to."""
-        return [topic for topic in topics if not all(end.matched() for end in self._own_ends(topic))]
-
     def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
-        """Block until the topics are matched, at most `timeout` s. Returns those that are not, as `unmatched`."""
-        waiting, deadline = list(topics), time.monotonic() + timeout
-        while (waiting := self.unmatched(waiting)) and time.monotonic() < deadline:
-            time.sleep(_LOOK)
-        return waiting
+        """See `fame.middleware.wired.wait_matched`."""
+        return wait_matched(self.nodes, topics, timeout)
 
     def close(self) -> None:
         """Leave. Does nothing the second time."""
@@ -116,32 +100,19 @@ class RosMiddleware:
         for node in list(self.nodes):
             node.close()
         self._closed = True
-        self.executor.shutdown()
-        self._thread.join()
-        self._observer.destroy_node()
+        self._observer.destroy_node()  # ROS leaves the domain with the last node of a context
         self.context.try_shutdown()
-
-    def warn(self, text: str) -> None:
-        """Record a warning, unless it is recorded already."""
-        with self._warning:
-            if text in self.warnings:
-                return
-            self.warnings.append(text)
-        if self._on_warning is not None:
-            self.scheduler.soon(partial(self._on_warning, text))
+        self._thread.join()
+        self.executor.shutdown(timeout_sec=0)  # who still waits for a response waits in vain
 
     # ---- for nodes and their ends ------------------------------------------------------------------------------------
 
-    def check(self, topic: str, type: str) -> None:
-        """Raise MessageError if a node of this process uses the topic with another type."""
-        users = [end for end in self._own_ends(topic) if end.type != type]
-        if users:
-            names = ", ".join(dict.fromkeys(end.node.full_name for end in users))
-            raise MessageError(f"topic {topic} is in use with {users[0].type}, by {names}: it has one type", type=type)
+    def changed(self) -> None:
+        """rclpy tells the others itself."""
 
     def mismatched(self, topic: str) -> None:
         """Ends of a topic do not match, which rclpy says without saying which: find out when nodes have names."""
-        self.scheduler.after(_NAMING, partial(self._report, topic))
+        self.scheduler.after(NAMING, partial(self._report, topic))
 
     def offers(self, service: str) -> list[tuple[str, str]]:
         """Type and node of each service of that name."""
@@ -156,13 +127,15 @@ class RosMiddleware:
 
     def _hearers(self, end: RosPublisher) -> int:
         """How many subscriptions there are that can hear a publisher."""
-        others = self._observer.get_subscriptions_info_by_topic(end.topic)
-        return sum(compatible(end.qos, from_profile(other.qos_profile)) is None for other in others)
+        return sum(
+            other.topic_type == end.type and compatible(end.qos, from_profile(other.qos_profile)) is None
+            for other in self._observer.get_subscriptions_info_by_topic(end.topic)
+        )
 
     def _info(self, topic: str, types: list[str]) -> TopicInfo:
         writers = self._observer.get_publishers_info_by_topic(topic)
         readers = self._observer.get_subscriptions_info_by_topic(topic)
-        return TopicInfo(topic, tuple(sorted(types)), tuple(map(_owner, writers)), tuple(map(_owner, readers)))
+        return TopicInfo(topic, tuple(sorted(types)), tuple(map(owner, writers)), tuple(map(owner, readers)))
 
     def _report(self, topic: str) -> None:
         if self._closed:
@@ -170,41 +143,18 @@ class RosMiddleware:
         own = {node.full_name for node in self.nodes}
         for writer in self._observer.get_publishers_info_by_topic(topic):
             for reader in self._observer.get_subscriptions_info_by_topic(topic):
-                ends = _owner(writer), _owner(reader)
+                ends = owner(writer), owner(reader)
                 mismatch = compatible(from_profile(writer.qos_profile), from_profile(reader.qos_profile))
                 if mismatch is not None and own.intersection(ends) and ends[0] != ends[1]:
                     self.warn(f"{topic}: {ends[1]} hears nothing from {ends[0]}: {mismatch}")
 
-    def _own_ends(self, topic: str) -> Iterator[RosPublisher | RosSubscription]:
-        for node in self.nodes:
-            yield from (end for end in node.publishers if end.topic == topic)
-            yield from (end for end in node.subscriptions if end.topic == topic)
-
     def _spin(self) -> None:
-        with suppress(ExternalShutdownException):  # the context was shut down
-            self.executor.spin()
-
-
-def ros_arguments(words: list[str]) -> list[str]:
-    """What of a command line is for ROS: from ``--ros-args`` on, up to ``--``.
-
-    >>> ros_arguments(["fame", "engine", "REX", "--ros-args", "-p", "use_sim_time:=true"])
-    ['--ros-args', '-p', 'use_sim_time:=true']
-    """
-    return words[words.index("--ros-args") :] if "--ros-args" in words else []
-
-
-def confine(network: str | None) -> None:
-    """Let ROS look for others on this machine only, or on the network. It reads that from the environment."""
-    if network is None:
-        os.environ[RANGE] = "LOCALHOST"
-    elif os.environ.get(RANGE, "LOCALHOST") in ("LOCALHOST", "OFF"):
-        os.environ[RANGE] = "SUBNET"
-    os.environ.pop("ROS_LOCALHOST_ONLY", None)  # that of earlier distributions, which would overrule it
-    if network is not None and os.environ.get("RMW_IMPLEMENTATION") == "rmw_cyclonedds_cpp":
-        os.environ.setdefault("CYCLONEDDS_URI", _INTERFACE.format(quoteattr(network)))
-
-
-def _owner(end: object) -> str:
-    """The full name of an endpoint's node."""
-    return resolve(end.node_name, end.node_namespace.strip("/"))  # type: ignore[attr-defined]
+        while self.context.ok():
+            try:
+                self.executor.spin()
+            except InvalidHandle:
+                pass  # an end was closed while rclpy was about to ask it
+            except ExternalShutdownException:
+                return  # the context was shut down
+            except Exception as error:  # rclpy raises what its C++ gives it, and stops; a robot must not go deaf
+                self.warn(f"ROS 2: {error}")

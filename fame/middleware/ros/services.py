@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from fame.clock import SECOND
-from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Message, respond
+from fame.middleware.refusals import check_name, second_service, unanswered, unavailable
 from fame.middleware.ros.translation import from_ros, ros_class, to_ros
 
 if TYPE_CHECKING:
@@ -25,17 +27,20 @@ class RosService:
     """What answers requests. See `fame.middleware.interface.Service`.
 
     rclpy asks in its executor's thread and may be given a coroutine: it waits there while the handler runs in the
-    scheduler, and for nobody else.
+    scheduler. Responses leave one after the other: rclpy takes up coroutines that wait in no order.
     """
 
     def __init__(self, node: RosNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
-        self.node, self.name, self.type, self._handler = node, name, type, handler
+        check_name(name)
+        self.node, self.name, self.type = node, node.ros.resolve_service_name(name), type
+        self._handler, self._closed = handler, False
         self._request_type, self._response_type = messages.service(type)
-        for _, owner in node.middleware.offers(name):
-            raise MessageError(f"the service {name} is offered by {owner} already", type=type)
+        for _, owner in node.middleware.offers(self.name):
+            raise second_service(self.name, owner, type)
         self._class = ros_class(self._request_type.removesuffix("_Request"))
-        self._closed = False
-        self._end = node.ros.create_service(self._class, name, self._asked)
+        self._responses: deque[tuple[Any, Any]] = deque()
+        group = ReentrantCallbackGroup()  # a response that is not known yet keeps nobody else of the node waiting
+        self._end = node.ros.create_service(self._class, name, self._asked, callback_group=group)
 
     def close(self) -> None:
         if not self._closed:
@@ -45,24 +50,39 @@ class RosService:
 
     async def _asked(self, request: Any, response: Any) -> Any:
         """In the executor's thread."""
-        answer = Future(executor=self.node.middleware.executor)
-        self.node.middleware.scheduler.soon(partial(self._answer, request, answer))
-        return await answer
+        middleware = self.node.middleware
+        answer = Future(executor=middleware.executor)
+        middleware.scheduler.soon(partial(self._answer, request, answer))
+        said = await answer
+        middleware.scheduler.soon(self._left)
+        return said
 
     def _answer(self, request: Any, answer: Any) -> None:
         def tell(said: Any) -> None:
-            answer.set_result(to_ros(messages.create(self._response_type, said), self._class.Response))
-            self.node.middleware.executor.wake()
+            self._responses.append((answer, to_ros(messages.create(self._response_type, said), self._class.Response)))
+            if len(self._responses) == 1:
+                self._send()
 
         if not self._closed:
             respond(self._handler(from_ros(request, self._request_type)), tell)
+
+    def _send(self) -> None:
+        answer, response = self._responses[0]
+        answer.set_result(response)
+        self.node.middleware.executor.wake()
+
+    def _left(self) -> None:
+        self._responses.popleft()
+        if self._responses:
+            self._send()
 
 
 class RosClient:
     """What asks a service. See `fame.middleware.interface.Client`."""
 
     def __init__(self, node: RosNode, name: str, type: str) -> None:
-        self.node, self.name, self.type = node, name, type
+        check_name(name)
+        self.node, self.name, self.type = node, node.ros.resolve_service_name(name), type
         self._request_type, self._response_type = messages.service(type)
         self._class = ros_class(self._request_type.removesuffix("_Request"))
         self._closed = False
@@ -76,11 +96,9 @@ class RosClient:
 
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
-        offered = [type for type, _ in self.node.middleware.offers(self.name)]
-        if offered and f"{offered[0]}_Request" != self._request_type:
-            raise MessageError(f"the service {self.name} is of type {offered[0]}", type=self.type)
         if not self.available:
-            raise MessageError(f"nobody offers the service {self.name}: wait until it is available", type=self.type)
+            offers = self.node.middleware.offers(self.name)
+            raise unavailable(self.name, self._request_type, (type for type, _ in offers))
         message = messages.create(self._request_type, request)
         future = self._end.call_async(to_ros(message, self._class.Request))
         self._waiting[future] = callback
@@ -105,4 +123,4 @@ class RosClient:
             self.node.middleware.scheduler.after(_LOOK, self._look)
         elif self._waiting:
             self._waiting.clear()
-            self.node.middleware.warn(f"{self.name}: the service was closed before it answered {self.node.full_name}")
+            self.node.middleware.warn(unanswered(self.name, self.node.full_name))

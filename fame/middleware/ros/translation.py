@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from typing import Any, Literal
+from typing import Any
 
 from rclpy.duration import Duration, Infinite
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
@@ -17,12 +17,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec
-from fame.middleware.interface import Message, QoS
+from fame.middleware.interface import UNKNOWN, Message, QoS, resolve
 
 _OF_ACTIONS = {"SendGoal": "SendGoalService", "GetResult": "GetResultService", "FeedbackMessage": "FeedbackMessage"}
 """Where the class of an action (``NavigateToPose``) has the types that its topics and services carry."""
-
-_LONGEST = Infinite.nanoseconds
 
 
 @cache
@@ -69,16 +67,20 @@ def profile(qos: QoS) -> QoSProfile:
 
 def from_profile(found: QoSProfile) -> QoS:
     """What decides on whether an end matches others."""
-    durability: Literal["transient_local", "volatile"] = "volatile"
-    if found.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        durability = "transient_local"
     return QoS(
         reliability="best_effort" if found.reliability == ReliabilityPolicy.BEST_EFFORT else "reliable",
-        durability=durability,
+        durability="transient_local" if found.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile",
         deadline=_seconds(found.deadline),
         liveliness="manual_by_topic" if found.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC else "automatic",
         lease_duration=_seconds(found.liveliness_lease_duration),
     )
+
+
+def owner(end: Any) -> str:
+    """The full name of the node of an end of the graph (rclpy's TopicEndpointInfo)."""
+    if end.node_name == UNKNOWN.strip("/"):
+        return UNKNOWN  # its namespace is of the same kind
+    return resolve(end.node_name, end.node_namespace.strip("/"))
 
 
 def _duration(seconds: float | None) -> Duration:
@@ -87,4 +89,4 @@ def _duration(seconds: float | None) -> Duration:
 
 def _seconds(time: Duration) -> float | None:
     """None if there is no bound; ROS says that as infinite, and as 0 too."""
-    return time.nanoseconds / SECOND if 0 < time.nanoseconds < _LONGEST else None
+    return time.nanoseconds / SECOND if 0 < time.nanoseconds < Infinite.nanoseconds else None
