@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip("cryptography", reason="cryptography is not installed: pip install 'fame-robots[dds]'")
 
-from test_deployment import TEAM, Field, patrol
+from test_deployment import TEAM, Field, made, patrol
 
 import fame
 from fame.cli import main
-from fame.deployment import EngineNode
+from fame.deployment import STRING, EngineNode
 from fame.signing import FRESH, new_keys, read_private, read_trusted, sign, verify
 
 NOW = 1_000_000.0
@@ -87,6 +87,43 @@ def test_a_replayed_envelope_of_another_robot_is_refused(keys):
     field.send("B", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
     field.pass_time(0.1)
     assert "meant for robot 'A'" in field.said[-1].reason
+
+
+def test_what_was_recorded_is_no_use_when_the_engine_begins_anew(keys):
+    field = Guarded(keys[1], "A", "B")
+    heard = []
+    field.person.subscription("/A/bpmn_process", STRING, heard.append)
+    field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
+    assert field.engines["A"].deployed == "d1"
+    field.engines["A"].close()
+    field.engines["A"] = engine = EngineNode(
+        "A",
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        trusted=keys[1],
+        wall_time=lambda: NOW + 20,
+    )
+    field.said.clear()
+    for message in heard:
+        field.send("A", message.data)
+    field.pass_time(1)
+    assert [report.answer for report in field.said if report.answer] == ["refused"] * len(heard)
+    assert any("recorded" in report.reason for report in field.said)
+    assert engine.state == "waiting"
+
+
+def test_no_word_of_the_protocol_counts_that_was_not_signed(keys):
+    field = Guarded(keys[1], "A")
+    sent = made(field, TEAM.replace('name="go"', 'name="~/go"'), "d1", 1)
+    engine = field.engines["A"]
+    envelope = replace(sent.standings["A"].envelope, issued=NOW, born=engine.born)
+    field.send("A", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
+    field.pass_time(0.1)
+    assert engine.state == "ready"
+    for phase in ("start", "abort", "hold"):
+        field.send("A", sent._envelope("A", phase).to_json())
+        field.pass_time(0.1)
+        assert ("not signed" in field.said[-1].reason, engine.state) == (True, "ready")
 
 
 def test_a_secret_key_is_for_its_owner_alone_and_never_overwritten(tmp_path):

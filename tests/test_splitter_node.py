@@ -43,7 +43,7 @@ class Farm(Field):
     def vanish(self, robot: str) -> None:
         """As if its process had been killed: its ends are gone, nobody said goodbye."""
         engine = self.engines.pop(robot)
-        engine._pulse.cancel()
+        engine.status.close()
         if engine.running is not None:
             engine.running.close()
         engine.node.close()

@@ -116,7 +116,7 @@ def _is_there(name: str, scheduler: WallScheduler, middleware: Middleware) -> bo
     """Whether an engine of that name speaks. One that was killed stays in the graph for a while, and is silent."""
     from fame.clock import SECOND
     from fame.deployment import STATUS_QOS, STRING, engines
-    from fame.deployment.robot import HEARTBEAT
+    from fame.deployment.reporting import HEARTBEAT
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found
     heard: list[object] = []

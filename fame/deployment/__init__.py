@@ -12,6 +12,8 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
 
     envelope   what goes over ``bpmn_process`` and ``bpmn_status``
     robot      the robot's end
+    candidate  a process that is to take the place of what runs
+    reporting  what a robot says of itself
     loading    from a model that was sent to a process that is ready
     abandoned  a robot that is ready, and whose sender fell silent
     sender     the sender's end

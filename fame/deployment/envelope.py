@@ -16,10 +16,12 @@ PROCESS_QOS = QoS(depth=20)
 """Of ``bpmn_process``: reliable and volatile, so that any publisher matches."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
 """How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
+SILENCE = 5.0
+"""After how long without a word from its sender a robot that is ready asks the others (s)."""
 PHASES = ("load", "hold", "start", "abort")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
 _SIZE = 20_000_000
-_LAST = 2**53
+LAST = 2**53
 """A sequence is less: microseconds until the year 2255, and exact in the JSON of every language."""
 _KINDS: dict[str, Any] = {
     "str": str,
@@ -41,6 +43,7 @@ class Envelope:
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     team      the robots that start together with it
     again     whether the robot had this process before, and lost it
+    born      of the engine that it is for, as in its `Report`: what was recorded is no use once the engine began anew
     issued    s since 1970; like `signature` it is there where keys are used (`fame.signing`)
     """
 
@@ -53,8 +56,14 @@ class Envelope:
     promises: Mapping[str, str] = field(default_factory=dict)
     team: Sequence[str] = ()
     again: bool = False
+    born: int = 0
     issued: float = 0.0
     signature: str = ""
+
+    @property
+    def order(self) -> tuple[int, str]:
+        """Of two envelopes the greater is the newer, for every robot that gets both."""
+        return self.sequence, self.deployment
 
     def to_json(self) -> str:
         """As it is sent."""
@@ -68,6 +77,7 @@ class Report:
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``running``, ``idle`` (no instance), ``failed``
     instances, started, completed, failed      how many run now, have started, completed and failed with this process
     deployed   the deployment that its process came with, `hash` the model
+    sequence   of the newest that it has looked at: older ones are ``stale``, so the next one has to be above
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``activated``, ``refused``, to that request
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
@@ -81,6 +91,7 @@ class Report:
     state: str
     hash: str = ""
     deployed: str = ""
+    sequence: int = -1
     deployment: str = ""
     answer: str = ""
     reason: str = ""
@@ -131,8 +142,8 @@ def read_envelope(text: str, robot: str) -> Envelope:
         raise DeploymentError(f"phase {envelope.phase!r}; there are {', '.join(PHASES)}")
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}")
-    if not 0 <= envelope.sequence < _LAST:
-        raise DeploymentError(f"sequence {envelope.sequence}: 0 to {_LAST - 1} would be right")
+    if not 0 <= envelope.sequence < LAST:
+        raise DeploymentError(f"sequence {envelope.sequence}: 0 to {LAST - 1} would be right")
     if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
         raise DeploymentError("the model does not have the hash that the envelope says")
     return envelope

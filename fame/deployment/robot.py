@@ -1,7 +1,7 @@
 """The robot's end of a deployment: it takes a process, runs it, and takes the next one.
 
-At any time one process runs at most, one is loaded at most (it waits for the ends of others, or for the word to start),
-and one envelope waits at most to be looked at. Until the word to start, what runs is not touched.
+At any time one process runs at most, one is a candidate for its place at most (`candidate`), and one envelope waits at
+most to be looked at. Until the candidate is told to start, what runs is not touched.
 """
 
 from __future__ import annotations
@@ -9,32 +9,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deployment.abandoned import Inquiry
-from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, read_envelope
-from fame.deployment.loading import load, missing
+from fame.clock import SECOND, Kind, Scheduler
+from fame.deployment.candidate import Candidate, Stage
+from fame.deployment.envelope import PROCESS_QOS, STRING, Envelope, read_envelope
+from fame.deployment.loading import load
+from fame.deployment.reporting import Status, progress, state_of
 from fame.deployment.tasks import Tasks
 from fame.errors import DeploymentError, FameError
-from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Middleware
+from fame.middleware.interface import Middleware
 from fame.signing import verify
 
 if TYPE_CHECKING:
+    from fame.engine import Instance
     from fame.library import Library
     from fame.node import Event, RobotNode, Service
 
-MATCHING = 5.0
-"""How long a robot waits for the other ends of its topics (s)."""
-HEARTBEAT = 1.0
-"""How often a robot repeats how it stands (s)."""
-SILENCE = 5.0
-"""After how long without a word from its sender a robot that is ready asks the others (s)."""
-_POLL = 0.02
-_LEAVING = 2.5  # s that scripts may take to leave, should their own clock stand
-_ANSWERS = 100  # deployments whose answer is remembered
+_NONE = ("refused", "no such deployment is loaded here")
+_NEWER = "a newer one waits; its sender decides, since others may have been told to start"
 
 
 class EngineNode:
@@ -72,86 +65,44 @@ class EngineNode:
             "on_report": on_report,
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
-            "on_end": lambda instance: self.report(),
+            "on_end": self._ended,
         }
         self._on_report = on_report or (lambda event: None)
+        self.born = round(wall_time() * SECOND)
         self.running: RobotNode | None = None
         self.hash = self.deployed = ""
-        self.born = round(wall_time() * SECOND)
-        self._loaded: tuple[Envelope, RobotNode] | None = None
-        self._loading: Entry | None = None  # the next look whether the ends of others are there
-        self._silence: Entry | None = None  # when the sender of what is loaded has been silent for too long
-        self._inquiry: Inquiry | None = None
-        self._starting: tuple[Envelope, RobotNode] | None = None  # until the scripts of the old process are out
-        self._newest = -1  # sequence
-        self._done: dict[str, tuple[str, str]] = {}  # deployment -> answer and reason
-        self._waiting: Envelope | None = None
+        self.candidate: Candidate | None = None
+        self._next: Envelope | None = None
+        self._newest = (-1, "")  # `Envelope.order` of the newest that was looked at
         self._stopped = False
-        self._warned = len(middleware.warnings)
         self.node = middleware.node("fame_deployment", robot)
-        self._status = self.node.publisher("bpmn_status", STRING, LATCHED)
-        self.node.subscription("bpmn_status", STRING, self._met, STATUS_QOS)
         self._process = self.node.subscription("bpmn_process", STRING, self._heard, PROCESS_QOS)
-        self._tasks = Tasks(self.node, lambda: self.running, self.report)
-        self._beat()
-
-    # ---- saying how it stands --------------------------------------------------------------------------------------
+        self.status = Status(
+            robot,
+            self._process.topic,
+            self.born,
+            self._standing,
+            node=self.node,
+            scheduler=scheduler,
+            middleware=middleware,
+        )
+        self._tasks = Tasks(self.node, lambda: self.running, self.status.say)
+        self.status.begin()
 
     @property
     def state(self) -> str:
         """See `Report`."""
-        if self._starting is not None:
-            return "loading"
-        if self._loaded is not None:
-            return "loading" if self._loading is not None else "ready"
-        if self.running is None:
-            return "waiting"
-        if any(instance.status == "failed" for instance in self.running.instances[-1:]):
-            return "failed"
-        return "running" if self.running.engine.instances else "idle"
+        if self.candidate is None:
+            return state_of(self.running)
+        return "ready" if self.candidate.stage is Stage.READY else "loading"
 
-    def report(self, answer: str = "", deployment: str = "", reason: str = "") -> None:
-        """Say how it stands, perhaps as an answer."""
-        said = _progress(self.running) if self.running is not None else {}
-        report = Report(
-            robot=self.robot,
-            state=self.state,
-            hash=self.hash,
-            deployed=self.deployed,
-            deployment=deployment,
-            answer=answer,
-            reason=reason,
-            born=self.born,
-            now=self._time.now / SECOND,
-            time=self.scheduler.now / SECOND,
-            **said,
-        )
-        self._status.publish(messages.create(STRING, report.to_json()))
+    def _standing(self) -> dict[str, Any]:
+        said = {"state": self.state, "hash": self.hash, "deployed": self.deployed, "sequence": self._newest[0]}
+        goes = progress(self.running) if self.running is not None else {}
+        return {**said, "now": self._time.now / SECOND, **goes}
 
-    def _beat(self) -> None:
-        self.report()
-        self._refuse_unread()
-        self._pulse = self.scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)
-
-    def _refuse_unread(self) -> None:
-        """What the middleware could not even hand over: messages of another type, bytes that are none."""
-        new = self.middleware.warnings[self._warned :]
-        self._warned += len(new)
-        for text in new:
-            if text.startswith(f"{self._process.topic}:"):
-                self.report("refused", reason=text)
-
-    def _met(self, message: Any) -> None:
-        """Somebody else speaks for this robot: the younger of the two leaves."""
-        other = Report.from_json(message.data)
-        if other is not None and 0 < other.born < self.born:
-            raise FameError(f"there is an engine {self.robot!r} already; a robot has one")
-
-    def _answer(self, answer: str, envelope: Envelope, reason: str = "") -> None:
-        self._done[envelope.deployment] = answer, reason
-        if len(self._done) > _ANSWERS:
-            del self._done[next(iter(self._done))]
-        self.report(answer, envelope.deployment, reason)
+    def _ended(self, instance: Instance) -> None:
+        self.status.say()
 
     # ---- what it is told -------------------------------------------------------------------------------------------
 
@@ -160,137 +111,101 @@ class EngineNode:
         try:
             envelope = read_envelope(message.data, self.robot)
             said = envelope.deployment
-            if self._trusted:
-                verify(asdict(envelope), self._trusted, self._wall_time())
+            self._check_signature(envelope)
         except DeploymentError as error:
-            self.report("refused", said, str(error))
+            self.status.say("refused", said, str(error))
             return
-        if envelope.phase in ("start", "abort", "hold"):
-            self._decide(envelope)
-        elif envelope.sequence >= 0 and (said in self._done or self._under_way(envelope)):
-            answer, reason = self._done.get(said, ("", ""))
-            self.report(answer, said, reason)
-        elif 0 <= envelope.sequence < self._newest:
-            self.report("stale", said, f"sequence {envelope.sequence} is older than {self._newest}")
-        else:
-            if self._waiting is not None:
-                self._answer("superseded", self._waiting)
-            elif self._starting is None:
-                self.scheduler.soon(self._load_newest, Kind.RESUMPTION)
-            self._waiting = envelope
-
-    def _under_way(self, envelope: Envelope) -> bool:
-        """Whether it is being dealt with already."""
-        others = [self._waiting] if self._waiting is not None else []
-        others += [pair[0] for pair in (self._loaded, self._starting) if pair is not None]
-        return any(other.deployment == envelope.deployment for other in others)
-
-    def _decide(self, envelope: Envelope) -> None:
-        """Start or abort what is loaded, or wait on."""
-        loaded = self._loaded
-        if self._starting is not None and self._starting[0].deployment == envelope.deployment:
-            return
-        if self._waiting is not None and self._waiting.deployment == envelope.deployment:
+        if envelope.phase in ("load", "run"):
+            self._take(envelope)
+        elif self._next is not None and self._next.deployment == said:
             if envelope.phase == "abort":
-                waiting, self._waiting = self._waiting, None
-                self._answer("aborted", waiting)
-        elif loaded is None or loaded[0].deployment != envelope.deployment:
-            answer, reason = self._done.get(envelope.deployment, ("refused", "no such deployment is loaded here"))
-            self.report(answer, envelope.deployment, reason)
-        elif envelope.phase == "hold":
-            self._listen()
-        elif envelope.phase == "abort":
-            self._drop_loaded("aborted")
-        elif self._loading is None:
-            self._begin()
+                self._next = None
+                self.status.answer("aborted", said)
+        elif self.candidate is None or self.candidate.deployment != said:
+            self.status.again(said, otherwise=_NONE)
         else:
-            self.report("refused", envelope.deployment, "it is not ready: the ends of others are not there yet")
+            self._decide(self.candidate, envelope.phase)
 
-    # ---- loading ---------------------------------------------------------------------------------------------------
+    def _check_signature(self, envelope: Envelope) -> None:
+        if self._trusted:
+            verify(asdict(envelope), self._trusted, self._wall_time())
+            if envelope.born != self.born:
+                text = "signed for an engine of this robot that is no more, or for none: it may have been recorded"
+                raise DeploymentError(text)
 
-    def _load_newest(self) -> None:
-        envelope, self._waiting = self._waiting, None
-        if envelope is None:
+    def _take(self, envelope: Envelope) -> None:
+        """A model: it waits its turn, as the newest."""
+        said = envelope.deployment
+        under_way = [other.deployment for other in (self._next, self.candidate) if other is not None]
+        newest = max(self._newest, self._next.order if self._next is not None else self._newest)
+        if envelope.phase == "load" and (said in under_way or self.status.answered(said)):
+            self.status.again(said)
+        elif envelope.phase == "load" and envelope.order <= newest:
+            self.status.say("stale", said, f"sequence {envelope.sequence} is older than {newest[0]}")
+        else:
+            if self._next is not None:
+                self.status.answer("superseded", self._next.deployment)
+            else:
+                self.scheduler.soon(self._load_next, Kind.RESUMPTION)
+            self._next = envelope
+
+    def _decide(self, candidate: Candidate, phase: str) -> None:
+        """The word of its sender on what is loaded."""
+        if candidate.stage is Stage.LEAVING:
             return
-        self._drop_loaded("superseded")
-        self._newest = max(self._newest, envelope.sequence)
+        if phase == "hold":
+            candidate.hold()
+            self._ask_for_room()
+        elif phase == "abort":
+            self.drop("aborted")
+        elif candidate.stage is Stage.READY:
+            self.start(candidate)
+        else:
+            reason = "it is not ready: the ends of others are not there yet"
+            self.status.say("refused", candidate.deployment, reason)
+
+    def _ask_for_room(self) -> None:
+        """Whoever is ready for one thing may wish another, but has given its word."""
+        candidate = self.candidate
+        if self._next is not None and candidate is not None and candidate.stage is Stage.READY:
+            self.status.say("superseded", candidate.deployment, _NEWER)
+
+    # ---- one process after the other -------------------------------------------------------------------------------
+
+    def _load_next(self) -> None:
+        if self._next is None:
+            return
+        if self.candidate is not None and self.candidate.stage is not Stage.LOADING:
+            self._ask_for_room()
+            return
+        envelope, self._next = self._next, None
+        self.drop("superseded")
+        self._newest = max(self._newest, envelope.order)
         try:
-            node = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options)
+            process = load(
+                envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options
+            )
         except FameError as error:
-            self._answer("refused", envelope, str(error))
+            self.status.answer("refused", envelope.deployment, str(error))
             return
-        self._loaded = (envelope, node)
-        self._await_ends(envelope, self.scheduler.now + round(MATCHING * SECOND))
+        self.candidate = Candidate(
+            envelope, process, self, node=self.node, scheduler=self.scheduler, middleware=self.middleware
+        )
+        self.candidate.begin()
 
-    def _await_ends(self, envelope: Envelope, until: int) -> None:
-        """Ready when every promised end is there; without a promise, at once."""
-        self._loading = None
-        absent = missing(envelope.promises, self.robot, self.middleware)
-        unheard = self.middleware.connecting(self._loaded[1].node) if self._loaded is not None else ()
-        if (absent or unheard) and self.scheduler.now < until:
-            again = partial(self._await_ends, envelope, until)
-            self._loading = self.scheduler.after(round(_POLL * SECOND), again, Kind.TIMER)
-        elif absent:
-            self._drop_loaded("refused", f"nobody came to {', '.join(absent)} within {MATCHING:g} s")
-        elif envelope.phase == "run":
-            self._begin()
-        else:
-            self._listen()
-            self._answer("ready", envelope)
+    def ready(self, candidate: Candidate) -> None:
+        """It gives its word."""
+        self.status.answer("ready", candidate.deployment)
 
-    def _listen(self) -> None:
-        """The sender of what is loaded spoke a moment ago."""
-        self._stop_listening()
-        self._silence = self.scheduler.after(round(SILENCE * SECOND), self._inquire, Kind.TIMER)
+    def start(self, candidate: Candidate) -> None:
+        """The candidate takes the place of what runs, whose scripts may leave before."""
+        candidate.replace(self.running, self._run_candidate)
 
-    def _stop_listening(self) -> None:
-        if self._silence is not None:
-            self._silence.cancel()
-        if self._inquiry is not None:
-            self._inquiry.close()
-        self._silence = self._inquiry = None
-
-    def _inquire(self) -> None:
-        assert self._loaded is not None
-        envelope = self._loaded[0]
-        others = [robot for robot in envelope.team if robot != self.robot]
-        self._inquiry = Inquiry(envelope.deployment, others, self.node, self.scheduler, self._abandoned)
-
-    def _abandoned(self, started: bool) -> None:
-        """The sender fell silent: do what the others did."""
-        if started:
-            self._begin()
-        else:
-            self._drop_loaded("aborted", f"the sender said nothing for {SILENCE:g} s, and nobody was told to start")
-
-    def _drop_loaded(self, answer: str, reason: str = "") -> None:
-        """Forget what is loaded; what runs goes on."""
-        self._stop_listening()
-        if self._loading is not None:
-            self._loading.cancel()
-            self._loading = None
-        if self._loaded is not None:
-            envelope, node = self._loaded
-            self._loaded = None
-            node.close()
-            if answer:
-                self._answer(answer, envelope, reason)
-
-    def _begin(self) -> None:
-        """Cancel the old process, and let the new one begin when the scripts of the old one are out."""
-        self._stop_listening()
-        self._starting, self._loaded = self._loaded, None
-        if self.running is not None:
-            self.running.stop()
-        self._start(self.scheduler.now + round(_LEAVING * SECOND))
-
-    def _start(self, until: int) -> None:
-        assert self._starting is not None
-        if self.running is not None and self.running.leaving and self.scheduler.now < until:
-            self._loading = self.scheduler.after(round(_POLL * SECOND), partial(self._start, until), Kind.TIMER)
-            return
+    def _run_candidate(self) -> None:
+        candidate, self.candidate = self.candidate, None
+        assert candidate is not None
         self._close_running()
-        (envelope, self.running), self._starting, self._loading = self._starting, None, None
+        envelope, self.running = candidate.envelope, candidate.process
         self.hash, self.deployed = envelope.hash, envelope.deployment
         self.running.start()
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
@@ -298,9 +213,20 @@ class EngineNode:
             from fame.node import Event
 
             self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", "report", reason))
-        self._answer("started", envelope, reason)
-        if self._waiting is not None:
-            self.scheduler.soon(self._load_newest, Kind.RESUMPTION)
+        self.status.answer("started", envelope.deployment, reason)
+        self._load_next_soon()
+
+    def drop(self, answer: str, reason: str = "") -> None:
+        """Forget the candidate; what runs goes on."""
+        candidate, self.candidate = self.candidate, None
+        if candidate is not None:
+            candidate.close()
+            self.status.answer(answer, candidate.deployment, reason)
+            self._load_next_soon()
+
+    def _load_next_soon(self) -> None:
+        if self._next is not None:
+            self.scheduler.soon(self._load_next, Kind.RESUMPTION)
 
     def _close_running(self) -> None:
         """Scripts may have had the last word while they left: the robot's safe state comes after it."""
@@ -308,15 +234,19 @@ class EngineNode:
             self.running.make_safe("terminated")
             self.running.close()
 
+    # ---- the end ---------------------------------------------------------------------------------------------------
+
     def stop(self) -> bool:
         """Cancel what runs and take no more; whether scripts are still leaving, which `close` would not wait for."""
         if not self._stopped:
             self._stopped = True
-            self._pulse.cancel()
+            self.status.close()
             self._process.close()
             self._tasks.close()
-            self._loaded, self._starting = self._loaded or self._starting, None
-            self._drop_loaded("")
+            waiting, self._next = self._next, None
+            if waiting is not None:
+                self.status.answer("aborted", waiting.deployment, "the engine ends")
+            self.drop("aborted", "the engine ends")
             if self.running is not None:
                 self.running.stop()
         return self.running is not None and self.running.leaving
@@ -326,20 +256,3 @@ class EngineNode:
         self.stop()
         self._close_running()
         self.node.close()
-
-
-def _progress(node: RobotNode) -> dict[str, Any]:
-    """The part of a report that tells how a process goes."""
-    last = node.instances[-1].error if node.instances else None
-    return {
-        "instances": len(node.engine.instances),
-        "started": node.started,
-        "completed": node.completed,
-        "failed": node.failed,
-        "waits": [
-            {"element": wait.element, "for": wait.text, "since": wait.since / SECOND, "topics": dict(wait.topics)}
-            for wait in node.waits()
-        ],
-        "offers": node.offers(),
-        "error": str(last) if last is not None else "",
-    }

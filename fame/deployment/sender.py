@@ -10,7 +10,17 @@ from typing import Any
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, engines, model_hash
+from fame.deployment.envelope import (
+    LAST,
+    PROCESS_QOS,
+    SILENCE,
+    STATUS_QOS,
+    STRING,
+    Envelope,
+    Report,
+    engines,
+    model_hash,
+)
 from fame.errors import DeploymentError
 from fame.library import Library
 from fame.middleware import messages
@@ -23,6 +33,8 @@ PATIENCE = 10.0
 SETTLE = 0.02
 """Before a deployment says its first word (s): its robots have to know who speaks. What DDS brings them sooner they let
 fall, and get again 100 to 300 ms later."""
+HEARING = 0.5
+"""How long it waits at most to have heard every robot before that (s): what they have seen, and which engine it is."""
 AGAIN = 1.0
 """After how long a deployment asks again a robot that did not answer (s); asking twice has no effect but the answer."""
 REFUSALS = ("refused", "stale", "superseded", "aborted")
@@ -97,6 +109,8 @@ class Deployment:
         self._limit: Entry | None = None
         self._again: Entry | None = None
         self._phase = ""
+        self._spoke = 0  # when all were last told to wait on, ns
+        self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
         self.node = middleware.node("fame_deploy")
         self._out = {
             robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in self.standings
@@ -110,46 +124,91 @@ class Deployment:
     def begin(self) -> None:
         """Send every robot its part, in a moment."""
         self._begun = self.scheduler.now
-        self._phase = "load"
-        self._again = self.scheduler.after(round(SETTLE * SECOND), self._ask, Kind.TIMER)
+        self._again = self.scheduler.after(round(SETTLE * SECOND), self._open, Kind.TIMER)
         self._limit = self.scheduler.after(round(self._patience * SECOND), self._give_up, Kind.TIMER)
+
+    def _open(self) -> None:
+        """Take a number above all that the robots have seen, whatever their senders' clocks said; then load."""
+        if len(self._known) < len(self.standings) and self.scheduler.now < self._begun + round(HEARING * SECOND):
+            self._again = self.scheduler.after(round(SETTLE * SECOND), self._open, Kind.TIMER)
+            return
+        seen = [report.sequence for report in self._known.values() if report.sequence < LAST - 1]
+        self.sequence = max(self.sequence, *(number + 1 for number in seen), 0)
+        for standing in self.standings.values():
+            standing.envelope = replace(standing.envelope, sequence=self.sequence)
+        self._phase = "load"
+        self._spoke = self.scheduler.now
+        self._ask()
 
     def _ask(self) -> None:
         """Tell all who have not answered what is wanted of them, until it is over."""
-        if self.done:
+        if self._phase == "load" and self._stood_still():
             return
+        self._spoke = self.scheduler.now
         for robot, standing in self.standings.items():
-            if self._phase == "start" and standing.state != "started":
-                self._send(robot, self._envelope(robot, "start"))
+            if self._phase == "start":
+                if standing.state == "ready":
+                    self._send(robot, self._envelope(robot, "start"))
             elif standing.state == "silent":
                 self._send(robot, standing.envelope)
-            elif self._phase == "load":
+            else:
                 self._send(robot, self._envelope(robot, "hold"))
         self._again = self.scheduler.after(round(AGAIN * SECOND), self._ask, Kind.TIMER)
 
+    def _stood_still(self) -> bool:
+        """Whether robots may have given up a sender that was stopped: then nobody is told to start any more."""
+        still = (self.scheduler.now - self._spoke) / SECOND
+        if still <= SILENCE:
+            return False
+        for standing in self.standings.values():
+            standing.reason = (
+                standing.reason or f"this command stood still for {still:.0f} s, and tells nobody to start"
+            )
+        self._finish(failed=True)
+        return True
+
     def _send(self, robot: str, envelope: Envelope) -> None:
         if self._key is not None:
-            envelope = replace(envelope, issued=self._wall_time())
+            if robot not in self._known:
+                return  # it would refuse what was not signed for this engine of it
+            envelope = replace(envelope, issued=self._wall_time(), born=self._known[robot].born)
             envelope = replace(envelope, signature=sign(asdict(envelope), self._key))
         self._out[robot].publish(messages.create(STRING, envelope.to_json()))
 
     def _heard(self, robot: str, message: Any) -> None:
         report = Report.from_json(message.data)
-        if report is None or report.deployment != self.id or not report.answer or self.done:
+        if report is None:
             return
-        standing = self.standings[robot]
+        self._known[robot] = report
+        if report.deployment == self.id and not self.done:
+            standing = self.standings[robot]
+            if self._phase == "load" and report.answer in ("ready", *REFUSALS):
+                self._answered(standing, report)
+                self._vote()
+            elif self._phase == "start" and report.answer in ("started", *(set(REFUSALS) - {"superseded"})):
+                self._answered(standing, report)
+                self._count()
+
+    def _answered(self, standing: Standing, report: Report) -> None:
         standing.state, standing.reason = report.answer, report.reason
         standing.took = (self.scheduler.now - self._begun) / SECOND
+
+    def _vote(self) -> None:
+        """One refusal ends it for all; when all are ready, all are told to start, and that is not taken back."""
         states = {each.state for each in self.standings.values()}
-        if report.answer in REFUSALS:
+        if states & set(REFUSALS):
             self._finish(failed=True)
-        elif states == {"ready"} and self._phase == "load":
+        elif states == {"ready"} and not self._stood_still():
             self._phase = "start"
             if self._again is not None:
                 self._again.cancel()
             self._ask()
-        elif states == {"started"}:
-            self._finish(failed=False)
+
+    def _count(self) -> None:
+        """It is over when all have started, or said why not: one that crashed meanwhile ends it for itself alone."""
+        states = [each.state for each in self.standings.values()]
+        if "ready" not in states:
+            self._finish(failed=any(state != "started" for state in states))
 
     def _give_up(self) -> None:
         for standing in self.standings.values():
@@ -162,17 +221,23 @@ class Deployment:
     def _finish(self, failed: bool) -> None:
         if self.done:
             return
+        self._stop(failed)
+        self._ended(self)
+
+    def _stop(self, failed: bool) -> None:
+        """Say no more, but that nobody is to start if nobody was told to."""
         self.done, self.failed = True, failed
         for entry in (self._limit, self._again):
             if entry is not None:
                 entry.cancel()
-        if failed:
+        if failed and self._phase == "load":
             for name in self.standings:
                 self._send(name, self._envelope(name, "abort"))
-        self._ended(self)
 
     def close(self) -> None:
-        """Leave."""
+        """Leave; what was not decided yet is off."""
+        if not self.done:
+            self._stop(failed=True)
         self.node.close()
 
 

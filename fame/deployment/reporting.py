@@ -1,0 +1,123 @@
+"""What a robot says of itself on ``bpmn_status``: every second, and whenever it answers somebody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import SECOND, Kind, Scheduler
+from fame.deployment.envelope import STATUS_QOS, STRING, Report
+from fame.errors import FameError
+from fame.middleware import messages
+from fame.middleware.interface import LATCHED, Middleware, Node
+
+if TYPE_CHECKING:
+    from fame.node import RobotNode
+
+HEARTBEAT = 1.0
+"""How often a robot repeats how it stands (s)."""
+_ANSWERS = 100
+"""Deployments whose answer is remembered."""
+
+
+class Status:
+    """The voice of a robot: `standing` gives what a `Report` says beside the answer. It listens to `topic` for nothing
+    but what the middleware could not read there, and to itself: the younger of two with one name leaves.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        topic: str,
+        born: int,
+        standing: Callable[[], Mapping[str, Any]],
+        *,
+        node: Node,
+        scheduler: Scheduler,
+        middleware: Middleware,
+    ) -> None:
+        self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
+        self._scheduler, self._middleware = scheduler, middleware
+        self._warned = len(middleware.warnings)
+        self._answers: dict[str, tuple[str, str]] = {}
+        self._out = node.publisher("bpmn_status", STRING, LATCHED)
+        node.subscription("bpmn_status", STRING, self._met, STATUS_QOS)
+
+    def begin(self) -> None:
+        """Say it now, and every second from now on."""
+        self.say()
+        self._refuse_unread()
+        self._pulse = self._scheduler.after(round(HEARTBEAT * SECOND), self.begin, Kind.TIMER)
+
+    def say(self, answer: str = "", deployment: str = "", reason: str = "") -> None:
+        """How it stands, perhaps as an answer."""
+        report = Report(
+            robot=self._robot,
+            deployment=deployment,
+            answer=answer,
+            reason=reason,
+            born=self._born,
+            time=self._scheduler.now / SECOND,
+            **self._standing(),
+        )
+        self._out.publish(messages.create(STRING, report.to_json()))
+
+    def answer(self, answer: str, deployment: str, reason: str = "") -> None:
+        """The last word on a deployment so far, which is said `again` to whoever asks."""
+        self._answers[deployment] = answer, reason
+        if len(self._answers) > _ANSWERS:
+            del self._answers[next(iter(self._answers))]
+        self.say(answer, deployment, reason)
+
+    def answered(self, deployment: str) -> bool:
+        """Whether there is a word on it."""
+        return deployment in self._answers
+
+    def again(self, deployment: str, otherwise: tuple[str, str] = ("", "")) -> None:
+        """Say what was answered, or else something."""
+        answer, reason = self._answers.get(deployment, otherwise)
+        self.say(answer, deployment, reason)
+
+    def close(self) -> None:
+        """Say it no more by itself."""
+        self._pulse.cancel()
+
+    def _refuse_unread(self) -> None:
+        """What the middleware could not even hand over: messages of another type, bytes that are none."""
+        new = self._middleware.warnings[self._warned :]
+        self._warned += len(new)
+        for text in new:
+            if text.startswith(f"{self._topic}:"):
+                self.say("refused", reason=text)
+
+    def _met(self, message: Any) -> None:
+        """Somebody else speaks for this robot: the younger of the two leaves."""
+        other = Report.from_json(message.data)
+        if other is not None and 0 < other.born < self._born:
+            raise FameError(f"there is an engine {self._robot!r} already; a robot has one")
+
+
+def state_of(process: RobotNode | None) -> str:
+    """How a process stands, in the words of `Report`."""
+    if process is None:
+        return "waiting"
+    if any(instance.status == "failed" for instance in process.instances[-1:]):
+        return "failed"
+    return "running" if process.engine.instances else "idle"
+
+
+def progress(process: RobotNode) -> dict[str, Any]:
+    """The part of a report that tells how a process goes."""
+    last = process.instances[-1].error if process.instances else None
+    return {
+        "instances": len(process.engine.instances),
+        "started": process.started,
+        "completed": process.completed,
+        "failed": process.failed,
+        "waits": [
+            {"element": wait.element, "for": wait.text, "since": wait.since / SECOND, "topics": dict(wait.topics)}
+            for wait in process.waits()
+        ],
+        "offers": process.offers(),
+        "error": str(last) if last is not None else "",
+    }
