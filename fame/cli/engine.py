@@ -67,6 +67,7 @@ def run(arguments: Namespace) -> int:
 
 def _serve(arguments: Namespace) -> None:
     from fame.deployment import EngineNode
+    from fame.deployment.warming import warm
     from fame.remote import serve
     from fame.signing import read_trusted
 
@@ -97,7 +98,7 @@ def _serve(arguments: Namespace) -> None:
                 time.listen(node)
         gc.freeze()
         gc.enable()
-        return EngineNode(
+        engine = EngineNode(
             arguments.name,
             scheduler=scheduler,
             time=time,
@@ -108,6 +109,8 @@ def _serve(arguments: Namespace) -> None:
             safe_suspended=suspended,
             trusted=trusted,
         )
+        warm(scheduler, lambda: engine.state == "waiting")
+        return engine
 
     serve(arguments.middleware, arguments.network, build)
 

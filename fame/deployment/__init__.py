@@ -15,6 +15,7 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
     candidate  a process that is to take the place of what runs
     reporting  what a robot says of itself
     loading    from a model that was sent to a process that is ready
+    warming    what an engine loads while it waits for its first process
     abandoned  a robot that is ready, and whose sender fell silent
     sender     the sender's end
     keeping    robots that come late, or come back

@@ -1,0 +1,48 @@
+"""While an engine waits for its first process it loads what any process needs: that one starts as fast as all others.
+
+Not before it has said that it is there, and some seconds later: of many that are started at once, all have found each
+other by then. Step by step: a process that comes meanwhile waits for one step at most, and loads the rest itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from fame.clock import SECOND, Kind, Scheduler
+
+QUIET = 3.0
+"""How long an engine has been there before it begins (s)."""
+_PAUSE = 0.05
+"""Between two steps (s)."""
+
+
+def warm(scheduler: Scheduler, waits: Callable[[], bool]) -> None:
+    """Enter the steps in the scheduler; there are no more as soon as the engine no longer `waits`."""
+    steps = _steps()
+
+    def go_on() -> None:
+        if waits() and next(steps, None) is not None:
+            scheduler.after(round(_PAUSE * SECOND), go_on, Kind.TIMER)
+
+    scheduler.after(round(QUIET * SECOND), go_on, Kind.TIMER)
+
+
+def _steps() -> Iterator[str]:
+    """Each tells what is there now."""
+    import fame.bpmn.reader
+
+    yield "reader"
+    import fame.check.refusing
+
+    yield "check"
+    import fame.monitoring
+    import fame.node
+    import fame.simulation  # noqa: F401
+
+    yield "interpreter"
+    from fame.middleware import codec, typesystem
+
+    typesystem.names()
+    yield "types"
+    codec.typestore("std_msgs/msg/Bool")
+    yield "codec"
