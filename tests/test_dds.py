@@ -288,6 +288,24 @@ def test_topics_without_a_counterpart_are_named_when_waiting_is_over(here: WallW
     assert middleware.wait_matched(["/alone", "/both", "/own"], 0.02) == ["/alone", "/own"]
 
 
+def test_a_subscriber_may_come_while_subscribers_are_counted(here: WallWorld) -> None:
+    publisher, other = here.node("a").publisher("/x", TEXT), here.node("b")
+    other.subscription("/x", TEXT, print)
+    here.connect("/x")
+    writer = publisher._writer  # type: ignore[attr-defined]
+    ask = writer._get_matched_subscriptions
+
+    def ask_late(*words: Any) -> int:
+        """Asked for how many there were a moment ago: one has come."""
+        if words[2] == 1:
+            other.subscription("/x", TEXT, print)
+            wait(lambda: ask(words[0], None, 0) == 2)
+        return int(ask(*words))
+
+    writer._get_matched_subscriptions = ask_late
+    assert publisher.subscribers() == 2  # type: ignore[attr-defined]
+
+
 def test_a_message_older_than_its_lifespan_is_not_kept_for_late_comers(here: WallWorld) -> None:
     seen: list[int] = []
     publisher = here.node("a").publisher("/map", INT, QoS(durability="transient_local", lifespan=0.05))

@@ -54,5 +54,18 @@ class Entities:
         return self._topics[key]
 
 
+def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
+    """The instance handles of all that an end is connected to now.
+
+    cyclonedds asks how many there are, and then for that many: if one comes in between, it reads beyond its array.
+    """
+    find = end.get_matched_subscriptions if isinstance(end, DataWriter) else end.get_matched_publications
+    while True:
+        try:
+            return find()
+        except IndexError:
+            continue
+
+
 def _refused(topic: str, type: str, error: DDSException) -> MessageError:
     return MessageError(f"Cyclone DDS refuses an end on {topic}: {error}", type=type)

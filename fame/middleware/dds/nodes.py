@@ -11,6 +11,7 @@ from cyclonedds.core import DDSException
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import wire
+from fame.middleware.dds.entities import matched
 from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.services import DdsClient, DdsService
 from fame.middleware.interface import Message, QoS
@@ -52,7 +53,7 @@ class DdsPublisher:
 
     def subscribers(self) -> int:
         """How many subscriptions it is connected to, those of its own node too."""
-        return len(self._writer.get_matched_subscriptions())
+        return len(matched(self._writer))
 
     def flush(self, patience: int) -> None:
         """Block until all subscribers have what was sent, at most so long (ns)."""
@@ -64,7 +65,7 @@ class DdsPublisher:
     def matched(self) -> bool:
         """Whether there is a subscription of another node."""
         own = {end.handle for end in self.node.subscriptions}
-        return not own.issuperset(map(wire.handle, self._writer.get_matched_subscriptions()))
+        return not own.issuperset(map(wire.handle, matched(self._writer)))
 
     def close(self) -> None:
         if not self._closed:
@@ -112,7 +113,7 @@ class DdsSubscription:
 
     def matched(self) -> bool:
         """Whether there is a publisher of another node."""
-        return not self._own.issuperset(map(wire.handle, self._reader.get_matched_publications()))
+        return not self._own.issuperset(map(wire.handle, matched(self._reader)))
 
     def close(self) -> None:
         if not self._closed:

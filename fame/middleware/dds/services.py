@@ -19,6 +19,7 @@ from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import policies, wire
+from fame.middleware.dds.entities import matched
 from fame.middleware.interface import Message, QoS, respond
 from fame.middleware.refusals import second_service, unanswered, unavailable
 
@@ -115,7 +116,7 @@ class DdsService:
     def _respond(self, response: Message, numbers: Numbers, client: int, deadline: int) -> None:
         """Respond as soon as the reader of the client has been discovered: before that, it would not hear."""
         scheduler = self.node.middleware.scheduler
-        if self.exchange.closed or client not in map(wire.handle, self.exchange.reader.get_matched_publications()):
+        if self.exchange.closed or client not in map(wire.handle, matched(self.exchange.reader)):
             return  # one of the two left
         if client in self._reachable or self._reaches(client):
             self.exchange.write(response, numbers)
@@ -127,10 +128,10 @@ class DdsService:
     def _reaches(self, client: int) -> bool:
         reader, writer = self.exchange.reader, self.exchange.writer
         wanted = _identity(reader.get_matched_publication_data(client))
-        found = map(writer.get_matched_subscription_data, writer.get_matched_subscriptions())
+        found = map(writer.get_matched_subscription_data, matched(writer))
         if wanted not in map(_identity, found):
             return False
-        self._reachable.intersection_update(map(wire.handle, reader.get_matched_publications()))
+        self._reachable.intersection_update(map(wire.handle, matched(reader)))
         self._reachable.add(client)
         return True
 
@@ -150,9 +151,7 @@ class DdsClient:
     def available(self) -> bool:
         """Whether somebody offers the service now, and both topics have been matched."""
         ends = self.exchange
-        return not ends.closed and bool(
-            ends.writer.get_matched_subscriptions() and ends.reader.get_matched_publications()
-        )
+        return not ends.closed and bool(matched(ends.writer) and matched(ends.reader))
 
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
