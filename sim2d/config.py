@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
+from fame.errors import ConfigError
+from fame.purposes import meant_for
 from robots import ROBOTS
 from sim2d.reading import Entry, Point, Source, fill, read_yaml, suggestion
 from sim2d.shapes import Circle, Shape, bounding_box, box, convex
@@ -73,6 +75,8 @@ class WorldConfig:
 def read_world(path: str | PathLike[str]) -> WorldConfig:
     """The world of a YAML file. Raises ConfigError with file, line and key."""
     data, source = read_yaml(path)
+    if other := meant_for(data, "world"):
+        raise ConfigError(other, file=str(path))
     return world_config(data, source)
 
 

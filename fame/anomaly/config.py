@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fame.errors import ConfigError
+from fame.purposes import meant_for
 
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
@@ -91,6 +92,8 @@ def load(path: str | Path) -> Learning:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"is no YAML: {error}", file=str(path)) from None
+    if other := meant_for(text, "learning"):
+        raise ConfigError(other, file=str(path))
     try:
         return _learning(path, text)
     except ConfigError as error:

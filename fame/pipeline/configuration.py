@@ -36,6 +36,7 @@ from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
 from fame.pipeline import fields, writing
+from fame.purposes import meant_for
 
 _SECTIONS = ("Inputs", "Outputs", "Imports", "Processor", "Frequency", "QoS", "Name", "Training")
 _PORT = ("Topic", "Field", "MessageType", "Description", "QoS", "Rate")
@@ -99,6 +100,8 @@ def load(path: str | Path) -> Configuration:
         mark = getattr(error, "problem_mark", None)
         text = f"is no YAML: {getattr(error, 'problem', None) or error}"
         raise ConfigError(text, file=str(path), line=mark.line + 1 if mark else 0) from None
+    if other := meant_for(content, "node"):
+        raise ConfigError(other, file=str(path))
     try:
         return _configuration(path, content)
     except ConfigError as error:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.errors import ConfigError
+from fame.purposes import meant_for
+
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
     from sim2d.reading import Entry
@@ -34,6 +37,8 @@ def read_scenario(path: Path) -> Said:
     from sim2d.reading import Entry, read_yaml
 
     data, source = read_yaml(path)
+    if other := meant_for(data, "scenario"):
+        raise ConfigError(other, file=str(path))
     top = Entry(data, "", source)
     keys = top.mapping(_KEYS)
     if "model" not in keys:
