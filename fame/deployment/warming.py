@@ -6,6 +6,7 @@ other by then. Step by step: a process that comes meanwhile waits for one step a
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 
 from fame.clock import SECOND, Kind, Scheduler
@@ -46,3 +47,8 @@ def _steps() -> Iterator[str]:
     yield "types"
     codec.typestore("std_msgs/msg/Bool")
     yield "codec"
+    if "fame.middleware.dds" in sys.modules:
+        from fame.middleware.dds import wire
+
+        wire.declared("std_msgs/msg/Bool", False).__idl__.fill_type_data()  # what all descriptions are made with
+    yield "descriptions"

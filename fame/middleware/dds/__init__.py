@@ -17,6 +17,7 @@ the package raises UnavailableError where Cyclone is not installed.
     confinement       loopback that is loopback
     entities          writers and readers, and their topics
     policies          quality of service in the words of Cyclone
+    described         what Cyclone tells of the few basic types
     wire              types, names and hashes as ROS 2 writes them; messages as bytes
 """
 

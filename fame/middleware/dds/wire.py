@@ -13,6 +13,7 @@ from typing import Any
 from cyclonedds.idl import make_idl_struct, types
 
 from fame.middleware import codec, typesystem
+from fame.middleware.dds.described import describe
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.refusals import check_name
 
@@ -77,6 +78,8 @@ def declared(name: str, header: bool) -> Any:
         fields or {EMPTY_FIELD: idl.uint8},
         dataclassify=False,
     )
+    if not header:
+        describe(content.name, cls)
     # Not by inheritance, which would become part of the type.
     for method, function in _AS_IT_IS.items():
         setattr(cls, method, function)
