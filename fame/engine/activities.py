@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fame.engine import compensation, faults, loops, scopes, state, waiting
+from fame.engine import compensation, faults, scopes, state, waiting
 from fame.engine.state import DEPTH, Node, Record, Rest, Scope
 from fame.engine.variables import UNDEFINED, Variables, plain
 
@@ -105,6 +105,8 @@ def restart(engine: Engine, rest: Rest) -> None:
         scopes.complete(engine, scope, node)
     else:
         drive(engine, rest, suspended)
+    if engine.conditions:
+        waiting.check_conditions(engine)
 
 
 def drive(engine: Engine, rest: Rest, suspended: Any) -> None:
@@ -176,27 +178,24 @@ def opening(engine: Engine, scope: Scope, node: Node) -> Node | None:
 
 def leave(engine: Engine, scope: Scope, node: Node, inner: Scope) -> None:
     """What `enter` began has ended: its results go out, and the token goes on."""
-    if inner.done or (node.undo or (inner.body is not None and inner.body.undo)) is not None:
-        compensation.remember(scope, Record(node, inner.variables, inner.done or []))
-    if node.loop is not None:
-        loops.collect(scope, node, inner)
-    if not (node.outputs or node.all_out):
-        scopes.complete(engine, scope, node)
-        return
     try:
-        found = results(node, inner.variables)
+        found = results(node, inner) if node.outputs or node.all_out or node.loop is not None else ()
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
+    if inner.done or compensation.handler_of(node) is not None:
+        compensation.remember(scope, Record(node, inner.variables, inner.done or []))
     for name, value in found:
         if value is not UNDEFINED:
             scope.variables[name] = value
     scopes.complete(engine, scope, node)
-    if engine.conditions:
+    if found and engine.conditions:
         waiting.check_conditions(engine)
 
 
-def results(node: Node, inner: dict[str, Any]) -> list[tuple[str, Any]]:
-    """What an activity with a mapping gives to the variables outside."""
-    mapped = [(name, source(inner)) for name, source in node.outputs]
-    return [*plain(inner).items(), *mapped] if node.all_out else mapped
+def results(node: Node, inner: Scope) -> list[tuple[str, Any]]:
+    """What an activity that repeats, or has a mapping, gives to the variables outside."""
+    if node.loop is not None:
+        return [(node.loop.output, inner.items["out"])] if node.loop.output else []
+    mapped = [(name, source(inner.variables)) for name, source in node.outputs]
+    return [*plain(inner.variables).items(), *mapped] if node.all_out else mapped

@@ -93,13 +93,26 @@ def undo_next(engine: Engine, undoing: Scope) -> None:
 
 def cancel(engine: Engine, scope: Scope, node: Node) -> None:
     """A cancel end event: its transaction is cancelled and undone, then leaves by its cancel boundary event."""
-    place: Scope | None = scope
-    while place is not None and not (place.node is not None and place.node.cancels):
+    place = scope
+    while place.parent is not None and not (place.node and place.node.body and place.node.body.transaction):
         place = place.parent
-    if place is None:
+    if place.parent is not None and place.parent.node is not None and place.parent.node.kind == "instance":
+        place = whole_of(place.parent)
+    if place.node is None or not place.node.cancels:
         faults.fail(engine, scope, node, BpmnError("cancel", "no cancel boundary event is around it"))
     else:
         scopes.proceed(engine, ROLL_BACK, scopes.replace(engine, place, place.handles))
+
+
+def whole_of(instance: Scope) -> Scope:
+    """A transaction that repeats is cancelled as one: what completed in its instances at work is undone, too."""
+    whole = instance.parent
+    assert whole is not None
+    for each in whole.children:
+        for transaction in each.children if isinstance(each, Scope) else ():
+            if isinstance(transaction, Scope) and transaction.done:
+                remember(whole, *transaction.done)
+    return whole
 
 
 def cancelled(engine: Engine, scope: Scope, node: Node) -> None:

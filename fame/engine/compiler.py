@@ -128,6 +128,7 @@ class Compiler:
         body.errors = tuple(node for node in wiring.handlers if node.kind == "error")
         body.escalations = tuple(node for node in wiring.handlers if node.kind == "escalation")
         body.queued, body.undo = tuple(wiring.queued), wiring.undo
+        body.transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
         if top:
             self.starts(wiring, body, file)
         elif handler is None:

@@ -120,8 +120,8 @@ def _matched(names: tuple[str, ...], topic: str, match: Match) -> Take:
 
     def take(variables: dict[str, Any], message: Any) -> None:
         if isinstance(message, Mapping):  # of a topic without a type, from outside: no class to remember it by
-            found = match(names, topic, message)
-            variables.update((name, _descend(message, path)) for name, path in found.items())
+            for name, path in match(names, topic, message).items():
+                variables[name] = _descend(message, path)
             return
         kind = message.__class__
         if kind not in getters:
@@ -204,7 +204,9 @@ def correlates(node: Node, variables: dict[str, Any], message: Any) -> bool:
         return False
     if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found):
         return False
-    variables.update((name, value) for name, value in found if name not in variables and "." not in name)
+    for name, value in found:
+        if name not in variables and "." not in name:
+            variables[name] = value
     return True
 
 

@@ -142,6 +142,8 @@ def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
     for node in content.nodes:
         if isinstance(node, model.Event) and node.place == "boundary":
             before.setdefault(node.id, []).append(node.attached_to)
+        elif isinstance(node, model.Event) and node.place == "catch":
+            before.setdefault(node.id, []).extend(events.jumping_to(content, node))
     found: dict[str, int] = {"": 0}
     for number, flow_id in enumerate(join.incoming):
         pending, seen = [flow_id], {join.id}

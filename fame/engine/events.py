@@ -205,16 +205,22 @@ def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition
 
 def link(wiring: Wiring, event: model.Event, node: Node, name: str) -> None:
     """A link event: a jump to the catching one of the same name in this body (standard 10.5.5)."""
-    targets = [
-        other
-        for other in wiring.content.nodes
-        if isinstance(other, model.Event)
-        and other.place == "catch"
-        and any(isinstance(each, model.LinkDefinition) and each.name == name for each in other.definitions)
-    ]
+    events = (other for other in wiring.content.nodes if isinstance(other, model.Event))
+    targets = [other for other in events if other.place == "catch" and name in links_of(other)]
     if len(targets) != 1:
         raise refuse(f"link {name!r} has {len(targets)} catching events in this scope; it needs one", event, wiring)
     wiring.links.append((node, targets[0].id))
+
+
+def links_of(event: model.Event) -> set[str]:
+    """The names of the links that an event throws or catches."""
+    return {each.name for each in event.definitions if isinstance(each, model.LinkDefinition)}
+
+
+def jumping_to(content: model.Body, event: model.Event) -> list[str]:
+    """The ids of the events that jump to a catching one."""
+    others = (other for other in content.nodes if isinstance(other, model.Event) and other.place == "throw")
+    return [other.id for other in others if links_of(event) & links_of(other)]
 
 
 def boundary(wiring: Wiring, event: model.Event) -> None:

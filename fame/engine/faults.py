@@ -10,7 +10,7 @@ from __future__ import annotations
 import dis
 from typing import TYPE_CHECKING
 
-from fame.engine import scopes, steps
+from fame.engine import scopes, steps, waiting
 from fame.engine.host import BpmnError
 from fame.engine.state import Node, Scope
 
@@ -32,7 +32,7 @@ def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None
     place: Scope | None = scope
     inner: Scope | None = None  # the scope that the failing activity is, if it is one
     if node.guard.kind == "handler":  # the trigger of an event sub-process is part of it
-        inner, failing, place = scope, scope.node, scope.parent
+        inner, failing, place = outside(scope)
     while place is not None and failing is not None:
         catcher = matching(failing.errors, code)
         if catcher is not None:
@@ -42,16 +42,27 @@ def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None
                 scopes.kill(engine, inner)
             assert catcher.next is not None
             scopes.proceed(engine, catcher.next, place)
-            return
+            break
         handler = matching(place.body.errors, code) if place.body is not None else None
         if handler is not None:
             note(handler, place, code, text)
             steps.open_handler(engine, scopes.replace(engine, place, (*place.handles, handler.guard)), handler)
-            return
-        if place.node is not None and place.node.kind == "handler" and place.parent is not None:
-            place = place.parent  # the scope that it handles fails with it
-        inner, failing, place = place, place.node, place.parent
-    engine.abandon(scope.instance, node, describe(error, code), code, error)
+            break
+        inner, failing, place = outside(place)
+    else:
+        engine.abandon(scope.instance, node, describe(error, code), code, error)
+    if engine.conditions:
+        waiting.check_conditions(engine)
+
+
+def outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
+    """What fails with a scope: that scope, the activity that it is, and the scope of this.
+
+    With an event sub-process fails what it handles, which may be one as well.
+    """
+    while scope.node is not None and scope.node.kind == "handler" and scope.parent is not None:
+        scope = scope.parent
+    return scope, scope.node, scope.parent
 
 
 def escalate(engine: Engine, scope: Scope, node: Node, code: str | None) -> None:
@@ -62,16 +73,17 @@ def escalate(engine: Engine, scope: Scope, node: Node, code: str | None) -> None
         if handler is not None and not (handler.resume and place.suspender is not None):
             note(handler, place, code or "", "")
             steps.begin_handler(engine, place, handler)
-            return
-        if place.node is not None and place.node.kind == "handler" and place.parent is not None:
-            place = place.parent
-        inner, place = place, place.parent
-        catcher = matching(inner.node.escalations, code) if inner.node is not None else None
+            break
+        inner, activity, place = outside(place)
+        catcher = matching(activity.escalations, code) if activity is not None else None
         if catcher is not None and place is not None:
             note(catcher, place, code or "", "")
             steps.take_boundary(engine, place, catcher, inner)
-            return
-    engine.host.report(node.id, f"escalation {code or 'without code'} was not caught")
+            break
+    else:
+        engine.host.report(node.id, f"escalation {code or 'without code'} was not caught")
+    if engine.conditions:
+        waiting.check_conditions(engine)
 
 
 def matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:

@@ -106,6 +106,7 @@ def arrive_inclusive(engine: Engine, scope: Scope, port: Node) -> None:
 
 def decide_inclusive(engine: Engine) -> bool:
     """Let the inclusive joins through that wait for no other token (standard 13.4.3). Whether there was one."""
+    passed = False
     for scope in tuple(engine.inclusive):
         joins = [join for join, held in (scope.joins or {}).items() if waits(join, held)]
         if not joins:
@@ -114,8 +115,9 @@ def decide_inclusive(engine: Engine) -> bool:
             for join in joins:
                 if may_pass(engine, scope, join):
                     (pass_through if join.run is None else reset)(engine, scope, join)
+                    passed = True
                     break
-    return bool(engine.ready)
+    return passed
 
 
 def waits(join: Node, held: list[int]) -> bool:
@@ -129,12 +131,17 @@ def may_pass(engine: Engine, scope: Scope, join: Node) -> bool:
     filled = 0
     for number, count in enumerate(counts):
         filled |= bool(count) << number % join.need
-    tokens = [child.node.id for child in scope.children if child.node is not None and holds_token(child)]
-    tokens += [engine.leaving[key].node.id for key in scope.leaving]
+    tokens = [child.node for child in scope.children if child.node is not None and holds_token(child)]
+    tokens += [engine.leaving[key].node for key in scope.leaving]
     if scope.body is not None and scope.body.adhoc is not None:  # tokens that wait for their turn
-        tokens += [engine.program.by_key[key].id for key in scope.items["todo"]]
-    tokens += [other.id for other, held in (scope.joins or {}).items() if other is not join and any(held[: other.need])]
-    return all(not (reach := join.masks.get(id, 0)) & ~filled or reach & filled for id in tokens)
+        tokens += [engine.program.by_key[key] for key in scope.items["todo"]]
+    tokens += [other for other, held in (scope.joins or {}).items() if other is not join and any(held[: other.need])]
+    return all(not (reached := reach(join, node)) & ~filled or reached & filled for node in tokens)
+
+
+def reach(join: Node, node: Node) -> int:
+    """The incoming flows of a join that a token at a node reaches; at a port of the join it is on one already."""
+    return 1 << node.need if node.join is join else join.masks.get(node.id, 0)
 
 
 def holds_token(child: Scope | Rest) -> bool:

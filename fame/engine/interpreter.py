@@ -137,7 +137,7 @@ class Engine:
             if instance not in (None, candidate.key):
                 continue
             for rest in candidate.rests():
-                if rest.node.id == element and rest.node.kind in ("user", "message"):
+                if rest.node.id == element and rest.node.kind in ("user", "message") and not rest.due:
                     for name, value in (values or {}).items():
                         rest.scope.variables[name] = value
                     waiting.fire(self, rest)

@@ -109,6 +109,7 @@ def begin_instance(engine: Engine, whole: Scope, node: Node) -> None:
     whole.tokens += 1
     assert node.body is not None
     instance = scopes.child(engine, whole, loop.instance, node.body, variables)
+    instance.items = number
     engine.ready.append((node.body.opening, instance))
 
 
@@ -128,7 +129,7 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
     try:
         if loop.output and loop.result is not None:
             value = loop.result(instance.variables)
-            items["out"][instance.variables["loopCounter"] - 1] = None if value is UNDEFINED else value
+            items["out"][instance.items - 1] = None if value is UNDEFINED else value
         enough = loop.completion is not None and bool(loop.completion(instance.variables))
     except BaseException as error:
         faults.fail(engine, whole, loop.instance, error)
@@ -166,9 +167,3 @@ def tell_counters(whole: Scope) -> None:
     for prefix in _COUNTERS[0]:
         for name, value in zip(_COUNTERS[1], values, strict=True):
             whole.variables.define(prefix + name, value)
-
-
-def collect(scope: Scope, node: Node, whole: Scope) -> None:
-    """What the instances gave goes to the variables around the activity."""
-    if node.loop.output:
-        scope.variables[node.loop.output] = whole.items["out"]

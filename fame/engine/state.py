@@ -100,7 +100,7 @@ class Node:
 class Body:
     """What a scope runs. `opening` is the node that arms its event sub-processes and enters its start."""
 
-    __slots__ = ("adhoc", "armed", "errors", "escalations", "id", "opening", "queued", "undo")
+    __slots__ = ("adhoc", "armed", "errors", "escalations", "id", "opening", "queued", "transaction", "undo")
 
     def __init__(self, id: str) -> None:
         self.id = id
@@ -111,6 +111,7 @@ class Body:
         self.queued: tuple[Node, ...] = ()  # catching events that keep messages from the time the scope is entered
         self.undo: Node | None = None  # start of the event sub-process for compensation
         self.adhoc: Any = None  # of an ad-hoc sub-process: how it goes about it
+        self.transaction = False
 
 
 class Program:

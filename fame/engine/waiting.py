@@ -249,7 +249,9 @@ def check_condition(engine: Engine, resting: Rest) -> None:
         value = bool(resting.node.run(resting.scope.variables))
     except (NameError, LookupError, AttributeError):
         value = False
-    except Exception as error:
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and faults.is_from_outside(error):
+            raise
         engine.host.report(resting.node.id, f"condition failed: {error}")
         value = False
     rises = value and not resting.true

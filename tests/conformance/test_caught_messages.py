@@ -89,3 +89,12 @@ def test_of_those_none_that_an_arrow_fills_elsewhere(play: Play) -> None:
     arrow = element("dataOutputAssociation", "a", "<targetRef>d</targetRef>")
     model = said + goal + caught() + element("task", "t", arrow) + path("c t")
     assert list(play(model).run().signal("A", POINT).variables) == ["A"]
+
+
+def test_inside_an_instance_it_sets_the_variables_outside_that_have_these_names(play: Play) -> None:
+    """Also of a topic without a type, whose messages are mappings."""
+    once = "<multiInstanceLoopCharacteristics><loopCardinality>1</loopCardinality></multiInstanceLoopCharacteristics>"
+    taken = "<dataOutputAssociation id='o'><targetRef>d</targetRef></dataOutputAssociation>"
+    data = element("dataObjectReference", "d", properties(x="${x}"))
+    content = start() + data + sub("p", once, catch("c", taken, signal("A"))) + path("s p")
+    assert play(content, {"x": 0}).run().signal("A", {"x": 5}).variables == {"x": 5}

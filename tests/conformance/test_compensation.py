@@ -13,6 +13,7 @@ from engine_models import (
     element,
     end,
     error,
+    extensions,
     flow,
     gateway,
     handler,
@@ -221,3 +222,35 @@ def test_it_may_end_one_from_a_sub_process_inside(play: Play) -> None:
     inner = script("a") + undo("a") + sub("p", start("t") + end("x", CANCEL) + path("t x")) + path("a p")
     content = start() + element("transaction", "r", inner) + boundary("b", "r", CANCEL) + path("s r")
     assert play(content).run().log == "s (r a (p t x -p c_a u_a b -r =completed"
+
+
+def test_an_event_sub_process_for_compensation_undoes_a_scope_however_that_ended(play: Play) -> None:
+    undoing = handler("h", start("ht", THROW) + script("k") + path("ht k"))
+    interrupted = handler("i", start("it", signal("A")) + script("m") + path("it m"))
+    content = start() + sub("p", user("u") + interrupted + undoing) + throw("t", THROW) + path("s p t")
+    assert play(content).run().signal("A").log == "s (p (u -u (i it m i) p) (t (h ht k h) t) =completed"
+
+
+def test_what_fails_in_its_output_mapping_has_not_completed(play: Play) -> None:
+    fails = extensions(
+        '<camunda:inputOutput><camunda:outputParameter name="y">${1/0}</camunda:outputParameter></camunda:inputOutput>'
+    )
+    content = start() + sub("p", fails, script("a")) + undo("p") + boundary("b", "p", error()) + throw("t", THROW)
+    assert play(content + path("s p") + path("b t")).run().log == "s (p a p!script b t =completed"
+
+
+@pytest.mark.parametrize("sequential", ["true", "false"])
+def test_a_transaction_that_repeats_is_cancelled_and_undone_as_one(play: Play, sequential: str) -> None:
+    many = f'<multiInstanceLoopCharacteristics isSequential="{sequential}"><loopCardinality>2</loopCardinality>'
+    inner = start("t") + script("a") + undo("a", "found.append(loopCounter)") + user("u") + gateway("exclusive", "g")
+    inner += path("t a u g") + flow("g", "c", "stop") + end("c", CANCEL) + flow("g", "d", "not stop") + end("d")
+    content = start() + element("transaction", "p", many + "</multiInstanceLoopCharacteristics>", inner)
+    run = play(content + boundary("x", "p", CANCEL) + path("s p"), {"found": [], "stop": False}).run()
+    assert run.complete("u").complete("u", {"stop": True}).log.endswith("c_a u_a c_a u_a x =completed")
+    assert run.variables["found"] == [2, 1]
+
+
+def test_cancel_ends_the_innermost_transaction_alone(play: Play) -> None:
+    inner = element("transaction", "q", start("t") + end("c", CANCEL) + path("t c"))
+    content = start() + element("transaction", "p", inner) + boundary("x", "p", CANCEL) + path("s p")
+    assert play(content).run().log == "s (p (q t c c!cancel -p -q =failed"

@@ -105,3 +105,12 @@ def test_a_condition_that_fails_is_an_error_of_the_gateway(play: Play) -> None:
 def test_one_that_joins_needs_a_condition() -> None:
     with pytest.raises(ModelError, match="activation condition"):
         Run(start() + gateway("complex", "j") + path("s j") + flow("s", "j").replace("s_j", "again"))
+
+
+def test_an_inclusive_join_that_waits_for_its_reset_goes_on_then(play: Play) -> None:
+    """What is swallowed at the reset cannot reach the join any more, and nothing else moves."""
+    content = three("activationCount >= 1") + gateway("exclusive", "x") + script("b0") + gateway("inclusive", "i")
+    content += path("k x") + flow("x", "e", "True") + "<endEvent id='e'/>" + flow("x", "i", "False") + path("g b0 i")
+    run = play(content).run().complete("a").complete("b")
+    assert "i" not in run.visits
+    assert run.complete("c").log.endswith("c) i =completed")

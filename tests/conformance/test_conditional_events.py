@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from conftest import Play
 from engine_models import (
     boundary,
@@ -9,6 +10,9 @@ from engine_models import (
     catch,
     condition,
     element,
+    end,
+    error,
+    escalation,
     extensions,
     gateway,
     handler,
@@ -121,3 +125,30 @@ def test_one_that_suspends_at_once_holds_the_first_token(play: Play) -> None:
     run = play(start() + sub("p", user("u") + handlers) + path("s p"), {"x": 3}).run()
     assert run.log == "s (p (h t k h) (u"
     assert run.complete("u").left_behind() == {}
+
+
+def noticing(text: str) -> str:
+    return handler("h", start("t", condition(text), interrupting=False) + script("z") + path("t z"))
+
+
+def test_after_the_output_collection_of_a_multi_instance_activity(play: Play) -> None:
+    out = extensions('<zeebe:loopCharacteristics outputCollection="found" outputElement="=loopCounter"/>')
+    twice = element("multiInstanceLoopCharacteristics", "m", out, "<loopCardinality>2</loopCardinality>")
+    content = start() + script("a", "pass", twice) + user("k") + path("s a k") + noticing("len(found) == 2")
+    assert play(content).run().visits["z"] == 1
+
+
+def test_after_the_code_of_an_error_or_escalation_is_caught(play: Play) -> None:
+    for kind in ("error", "escalation"):
+        thrown = {"error": error, "escalation": escalation}[kind]("E")
+        taken = f'<{kind}EventDefinition {kind}Ref="{kind}_E" camunda:{kind}CodeVariable="code"/>'
+        content = start() + sub("p", start("q") + end("f", thrown) + path("q f")) + boundary("b", "p", taken)
+        content += user("k") + path("s p") + path("b k") + noticing("code == 'E'")
+        assert play(content).run().visits["z"] == 1
+
+
+@pytest.mark.parametrize("text", ["(_ for _ in ()).throw(SystemExit(3))", "(_ for _ in ()).throw(BaseException())"])
+def test_whatever_a_condition_raises_is_reported_and_not_true(play: Play, text: str) -> None:
+    run = play(start() + user("u") + boundary("b", "u", condition(text)) + path("s u")).run()
+    assert run.waiting == ["u"]
+    assert "condition failed" in run.reports[0]

@@ -211,3 +211,11 @@ def test_out_of_memory_is_told_in_words(play: Play) -> None:
     run = play(start() + script("a", "x = [0] * (1 << 60)") + path("s a")).run()
     assert run.status == "failed"
     assert "MemoryError: there is no memory for what it wants to keep" in str(run.instance.error)
+
+
+def test_an_error_in_a_handler_of_a_handler_starts_outside_all_that_they_handle(play: Play) -> None:
+    inner = handler("n", start("nt", signal("B"), interrupting=False) + end("ne", error("E")) + path("nt ne"))
+    outer = handler("h", start("ht", signal("A"), interrupting=False) + user("v") + path("ht v") + inner)
+    wrong = handler("x", start("xt", error("E")) + script("y") + path("xt y"))
+    content = start() + sub("p", user("u") + outer + wrong) + boundary("b", "p", error("E")) + path("s p")
+    assert play(content).run().signal("A").signal("B").log.endswith("ne!E b -p -u -h -v -n =completed")

@@ -124,3 +124,13 @@ def test_a_message_goes_to_the_instance_whose_key_it_has(play: Play) -> None:
     assert [instance.status for instance in run.simulation.instances] == ["running", "completed"]
     run.message("M", 3)
     assert [instance.status for instance in run.simulation.instances] == ["running", "completed"]
+
+
+def test_one_from_a_handler_of_a_handler_starts_outside_all_that_they_handle(play: Play) -> None:
+    inner = handler("n", start("nt", signal("B"), interrupting=False) + end("ne", escalation("E")) + path("nt ne"))
+    outer = handler("h", start("ht", signal("A"), interrupting=False) + user("v") + path("ht v") + inner)
+    wrong = handler("x", start("xt", escalation("E")) + script("y") + path("xt y"))
+    content = start() + sub("p", user("u") + outer + wrong) + boundary("b", "p", escalation("E")) + path("s p")
+    run = play(content).run().signal("A").signal("B")
+    assert run.visits["b"] == 1
+    assert "x" not in run.visits

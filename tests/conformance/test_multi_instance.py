@@ -220,3 +220,9 @@ def test_a_loop_without_condition_and_maximum_is_refused(play: Play) -> None:
 def test_a_loop_without_rest_is_a_livelock(play: Play) -> None:
     run = play(around(script("a", "pass", loop("True"))), moves=1000).run()
     assert "loop over a" in str(run.instance.error)
+
+
+def test_a_script_that_changes_its_counter_does_not_change_its_place(play: Play) -> None:
+    out = extensions('<zeebe:loopCharacteristics outputCollection="out" outputElement="=x"/>')
+    run = play(around(script("a", "x = loopCounter\nloopCounter = 1", many(out + times(2))))).run()
+    assert run.variables == {"out": [1, 2]}

@@ -275,3 +275,20 @@ def test_an_inclusive_join_is_not_decided_while_its_scope_is_suspended(play: Pla
     run = play(content).run().signal("B").signal("A").complete("w")
     assert run.waiting == ["c", "j"]
     assert run.signal("A").log.endswith("c) j e =completed")
+
+
+def test_of_instances_that_are_suspended_each_may_be_completed(play: Play) -> None:
+    twice = "<multiInstanceLoopCharacteristics><loopCardinality>2</loopCardinality></multiInstanceLoopCharacteristics>"
+    run = play(start() + user("u", twice) + path("s u") + pausing()).run().signal("A")
+    assert run.complete("u").complete("u").complete("w").status == "completed"
+
+
+def test_conditions_see_what_a_script_that_starts_again_has_changed(play: Play) -> None:
+    noticed = handler("i", start("it", condition("i == 2"), interrupting=False) + script("z") + path("it z"))
+    run = (
+        play(start() + script("t", STEPS) + path("s t") + pausing() + noticed, {"i": 0})
+        .run(1)
+        .signal("A")
+        .complete("w")
+    )
+    assert run.run(2).visits["z"] == 1

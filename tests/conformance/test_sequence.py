@@ -2,9 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from conftest import Play
-from engine_models import boundary, end, error, flow, gateway, path, script, signal, start, sub, timer, user
+from engine_models import (
+    boundary,
+    catch,
+    end,
+    error,
+    flow,
+    gateway,
+    link,
+    model,
+    path,
+    script,
+    signal,
+    start,
+    sub,
+    throw,
+    timer,
+    user,
+)
+
+import fame
 
 
 def test_tokens_pass_along_sequence_flow(play: Play) -> None:
@@ -177,3 +198,28 @@ def test_an_inclusive_join_that_lost_its_token_to_a_boundary_event_goes_on(play:
     content = start() + gateway("parallel", "g") + script("a") + user("u") + boundary("t", "u", signal("A"))
     content += gateway("inclusive", "j") + script("k") + end("f") + path("s g a j k") + path("g u j") + path("t f")
     assert play(content).run().signal("A").log == "s g a (u t -u f j k =completed"
+
+
+def test_an_inclusive_join_waits_for_a_token_that_reaches_it_by_a_link(play: Play) -> None:
+    content = start() + gateway("parallel", "g") + script("a") + user("u") + throw("t", link("l"))
+    content += (
+        catch("c", link("l"))
+        + gateway("inclusive", "j")
+        + script("k")
+        + path("s g a j k")
+        + path("g u t")
+        + path("c j")
+    )
+    assert play(content).run().complete("u").log == "s g a u t c j k =completed"
+
+
+@pytest.mark.parametrize("observer", [None, lambda event: None])
+def test_an_inclusive_join_waits_for_the_script_that_leaves_before_a_token_comes(observer: Any) -> None:
+    slow = script("w", "try:\n    await sleep(9)\nfinally:\n    await sleep(1)")
+    content = start() + gateway("parallel", "g") + script("a") + slow + boundary("b", "w", signal("A"))
+    content += gateway("inclusive", "j") + end("f") + path("s g a j") + path("g w f") + path("b j")
+    simulation = fame.Simulation(model(content), "P", observer=observer)
+    simulation.run(1)
+    simulation.signal("A")
+    simulation.run()
+    assert simulation.instances[0].visits["j"] == 1
