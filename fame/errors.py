@@ -15,6 +15,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 
 class FameError(Exception):
     """What all errors of FAME have in common: a text for people and the exit code of the command that met it."""
@@ -80,3 +82,9 @@ class DeploymentError(FameError):
 
 class UnavailableError(FameError):
     """A backend or language that is not installed. The text names the command that installs it."""
+
+
+def expect(holds: bool, name: str, found: object, right: str) -> None:
+    """Raise ConfigError of the argument `name` of a Python call, unless it is what it has to be."""
+    if not holds:
+        raise ConfigError(f"found {reprlib.repr(found)}; {right} would be right", element=name)

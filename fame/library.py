@@ -18,13 +18,13 @@ BUILT_IN = (_MODELS / "library", _MODELS / "monitoring")
 
 
 class Library:
-    """The library path: `folders`, the folder of the calling file and ``library`` in it, then what is built in.
+    """The library path: `folders` (or one), that of the calling file and ``library`` in it, then what is built in.
 
     Raises ConfigError for a folder that there is not.
     """
 
-    def __init__(self, folders: Sequence[str | Path] = ()) -> None:
-        self.folders = tuple(Path(folder) for folder in folders)
+    def __init__(self, folders: str | Path | Sequence[str | Path] = ()) -> None:
+        self.folders = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
         for folder in self.folders:
             if not folder.is_dir():
                 raise ConfigError("is no folder; the library path is of folders with .bpmn files", file=str(folder))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from fame.bpmn.model import Definitions, Process
 from fame.clock import SECOND, Scheduler
 from fame.engine import Instance
-from fame.errors import ModelError
+from fame.errors import ModelError, expect
 from fame.library import Library
 from fame.middleware.local import LocalMiddleware
 from fame.monitoring import UNITS
@@ -19,7 +21,7 @@ from fame.node import Event, RobotNode, Service, mission
 class Simulation:
     """Runs one process of a model in simulated time.
 
-    definitions  a model, from `fame.read`
+    definitions  a model, from `fame.read`, or its path
     process      its id, or the name of its pool; may be left out if the file has one that is executable
     variables    what the instance that starts by itself begins with
     services     callables by name, for service tasks: functions of the variables (a dict)
@@ -27,21 +29,33 @@ class Simulation:
     library      folders with called processes, besides those of the model and of FAME
     robot        the robot's name and namespace
 
-    Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together.
+    Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together,
+    ConfigError for arguments that are none.
     """
 
     def __init__(
         self,
-        definitions: Definitions,
+        definitions: Definitions | str | Path,
         process: str | None = None,
         variables: Mapping[str, Any] | None = None,
         *,
         services: Mapping[str, Service] | None = None,
         observer: Callable[[Event], object] | None = None,
-        library: Sequence[str | Path] = (),
+        library: str | Path | Sequence[str | Path] = (),
         robot: str = "robot",
         strict: bool = False,
     ) -> None:
+        from fame.bpmn.reader import read
+
+        definitions = read(definitions)
+        expect(process is None or isinstance(process, str), "process", process, "an id, or the name of a pool,")
+        expect(isinstance(robot, str), "robot", robot, "a name")
+        expect(observer is None or callable(observer), "observer", observer, "a function of events")
+        expect(
+            services is None or (isinstance(services, Mapping) and all(map(callable, services.values()))),
+            "services", services, "a mapping of names to functions",
+        )  # fmt: skip
+        _expect_values("variables", variables)
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
         self.reports: list[Event] = []
@@ -74,7 +88,9 @@ class Simulation:
 
     def run(self, until: float | None = None) -> Simulation:
         """Run until nothing can move without an outside event, or until simulated second `until`."""
-        self._until = until
+        number = until is None or (isinstance(until, Real) and not math.isnan(until))
+        expect(number, "until", until, "a number of seconds")
+        self._until = None if until == math.inf else until
         self._begin()
         self._go_on()
         return self
@@ -85,6 +101,7 @@ class Simulation:
         Running on goes as far as the last `run` did: to where nothing can move, or, if that had an `until`, no further
         than the present instant. Raises MessageError if the payload does not fit the type of the topic.
         """
+        expect(isinstance(name, str), "name", name, "the name of a topic")
         self._begin()
         topic = name if name.startswith(("/", "~/")) else f"/{name}"
         self.node.deliver(topic, payload)
@@ -100,6 +117,7 @@ class Simulation:
 
         Raises MissionError if no token waits there.
         """
+        _expect_values("values", values)
         self._begin()
         self.node.complete(element, values)
         self._go_on()
@@ -117,6 +135,7 @@ class Simulation:
 
     def start(self, variables: Mapping[str, Any] | None = None) -> Instance:
         """Start one more instance at the none start event. Raises MissionError if there is none."""
+        _expect_values("variables", variables)
         self._begin()
         return self.node.engine.start(dict(variables or {}))
 
@@ -133,6 +152,11 @@ class Simulation:
     def _go_on(self) -> None:
         bound = None if self._until is None else max(self.scheduler.now, round(self._until * SECOND))
         self.scheduler.run(bound)
+
+
+def _expect_values(argument: str, values: object) -> None:
+    names = all(isinstance(name, str) for name in values) if isinstance(values, Mapping) else values is None
+    expect(names, argument, values, "a mapping of names to values")
 
 
 def choose_process(definitions: Definitions, name: str | None) -> Process:

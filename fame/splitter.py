@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.topics import TopicUse, topic_table
@@ -84,14 +85,15 @@ def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Libr
     return topic_table(list(files.values()), processes)
 
 
-def split(definitions: Definitions, library: Library | None = None) -> list[Part]:
+def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[Part]:
     """One self-contained model per pool: its process, what that calls, its signals with their types, its drawing.
 
-    Raises ModelError.
+    The model may be a path. Raises ModelError.
     """
     from fame.bpmn.extraction import extract_process
+    from fame.bpmn.reader import read
 
-    library = library or Library()
+    definitions, library = read(definitions), library or Library()
     pools = pools_of(definitions)
     types = {name: use.declared for name, use in shared_topics(definitions, pools, library).items() if use.declared}
     return [

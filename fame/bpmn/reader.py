@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
@@ -31,19 +32,24 @@ from fame.bpmn.dialects import extensions_of, fame_g2, looks_original
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
 from fame.bpmn.nodes import Surroundings, documentation
 from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
-from fame.errors import ModelError
+from fame.errors import ModelError, expect
 
 _IGNORED_ROOTS = ("choreography", "globalChoreographyTask", "conversation")
 _MARKER = re.compile("multiplicity|multiinstance|multi_instance", re.IGNORECASE)
 
 
-def read(source: str | Path | bytes, *, file: str = "") -> Definitions:
+def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -> Definitions:
     """The model of a file (its path), or of its content (bytes); `file` is what errors then call it.
 
-    Raises ModelError if it cannot be read, is not BPMN 2.0, or does not hang together.
+    One that has been read is given back. Raises ModelError if it cannot be read, is not BPMN 2.0, or does not hang
+    together, ConfigError if `source` is something else.
     """
+    if isinstance(source, Definitions):
+        return source
     if isinstance(source, bytes):
         return read_bytes(source, file=file)
+    a_path = isinstance(source, str | PathLike) and not str(source).lstrip().startswith("<")
+    expect(a_path, "source", source, "a path, bytes, or fame.bpmn.read_text(text)")
     path = Path(source)
     try:
         check_size(path.stat().st_size, str(path))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fame.bpmn.model import Definitions, Process
-from fame.errors import ConfigError
+from fame.errors import ConfigError, expect
 from fame.library import Library
 from fame.node import Event
 from fame.scenario.file import Said, read_scenario
@@ -42,7 +44,7 @@ class Scenario:
         seed: int | None = None,
         duration: float | None = None,
         semantics: str | None = None,
-        library: Sequence[str | Path] = (),
+        library: str | Path | Sequence[str | Path] = (),
         robots: Mapping[str, int] = MappingProxyType({}),
         faults: Sequence[Fault] = (),
     ) -> Scenario:
@@ -55,11 +57,7 @@ class Scenario:
         """
         from fame.bpmn.reader import read
 
-        if (seed is not None and seed < 0) or (duration is not None and not 0 < duration < math.inf):
-            text = (
-                f"found seed={seed} and duration={duration}; a seed from 0 on and finite seconds above 0 would be right"
-            )
-            raise ConfigError(text, file=str(path))
+        _expect_arguments(path, seed, duration, robots, faults)
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
             said = read_scenario(path)
@@ -70,7 +68,7 @@ class Scenario:
         definitions = read(said.model)
         if semantics is not None:
             definitions = with_semantics(definitions, semantics)
-        found = Library([*library, *said.library])
+        found = Library([*Library(library).folders, *said.library])
         pools = pools_of(definitions)
         for pool in pools:
             found.closure(definitions, pool.process)
@@ -127,6 +125,20 @@ class Scenario:
         from fame.scenario.run import Run
 
         return Run(self, real_time, observer, progress, record, strict, on_interrupt).result()
+
+
+def _expect_arguments(path: object, seed: object, duration: object, robots: object, faults: Sequence[object]) -> None:
+    """Raises ConfigError for an argument of `Scenario.load` that is none."""
+    expect(isinstance(path, str | PathLike), "path", path, "that of a scenario or model")
+    expect(seed is None or (isinstance(seed, Integral) and int(seed) >= 0), "seed", seed, "a whole number from 0 on")
+    seconds = duration is None or (isinstance(duration, Real) and 0 < float(duration) < math.inf)
+    expect(seconds, "duration", duration, "a finite number of seconds above 0")
+    numbers = isinstance(robots, Mapping) and all(
+        isinstance(each, Integral) and int(each) >= 0 for each in robots.values()
+    )
+    expect(numbers, "robots", robots, "a mapping of pools to numbers from 0 on")
+    for fault in faults:
+        expect(isinstance(fault, Fault), "faults", fault, 'a Fault("REX", 40.0, "engine")')
 
 
 def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict[str, int]:

@@ -1,0 +1,89 @@
+"""What is handed to FAME in Python and is not what it has to be is an error that names the argument."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+import fame
+from fame.library import Library
+from fame.scenario import Fault
+
+ROOT = Path(__file__).parent.parent
+MODEL, SCENARIO = ROOT / "models" / "ground_vehicles.bpmn", ROOT / "examples" / "ground_vehicles.yaml"
+FIELD = ROOT / "examples" / "agriculture.yaml"
+
+
+def dingo(**options) -> fame.Simulation:
+    return fame.Simulation(MODEL, process="DINGO", **options)
+
+
+WRONG = {
+    "source: found None": lambda: fame.read(None),
+    "source: found 5": lambda: fame.read(5),
+    "source: found '<definition": lambda: fame.read("<definitions/>"),
+    "process: found Process(id=": lambda: fame.Simulation(MODEL, fame.read(MODEL).processes[0]),
+    "variables: found ['x']": lambda: dingo(variables=["x"]),
+    "services: found {'grip': 3}": lambda: dingo(services={"grip": 3}),
+    "observer: found 'run.jsonl'": lambda: dingo(observer="run.jsonl"),
+    "robot: found 5": lambda: dingo(robot=5),
+    "until: found '5'": lambda: dingo().run("5"),
+    "until: found nan": lambda: dingo().run(math.nan),
+    "name: found None": lambda: dingo().signal(None),
+    "values: found ['yes']": lambda: dingo().complete("Task", ["yes"]),
+    "path: found Definitions(": lambda: fame.Scenario.load(fame.read(MODEL)),
+    "seed: found '7'": lambda: fame.Scenario.load(SCENARIO, seed="7"),
+    "duration: found '10'": lambda: fame.Scenario.load(SCENARIO, duration="10"),
+    "robots: found ['Tractor']": lambda: fame.Scenario.load(FIELD, robots=["Tractor"]),
+    "robots: found {'Tractor': -3}": lambda: fame.Scenario.load(FIELD, robots={"Tractor": -3}),
+    "faults: found 'REX@3:engine'": lambda: fame.Scenario.load(SCENARIO, faults=["REX@3:engine"]),
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_an_argument_that_is_none_is_named(said: str) -> None:
+    with pytest.raises(fame.ConfigError) as caught:
+        WRONG[said]()
+    assert str(caught.value).startswith(said)
+    assert str(caught.value).endswith(" would be right")
+
+
+NOT_THERE = {
+    "nope.bpmn: cannot be read": lambda: fame.read("nope.bpmn"),
+    "nope.bpmn: cannot be read: ": lambda: fame.Simulation(Path("nope.bpmn")),
+    "nope.yaml: cannot be read": lambda: fame.Scenario.load("nope.yaml"),
+    "nope: is no folder": lambda: dingo(library="nope"),
+    "has no process or pool 'TURTLE'; it has Process_REX, Process_DINGO": lambda: fame.Simulation(MODEL, "TURTLE"),
+    "found no robot 'TURTLE' to be at fault; the robots are REX, DINGO": lambda: fame.Scenario.load(
+        SCENARIO, faults=[Fault("TURTLE", 1.0, "engine")]
+    ),
+}
+
+
+@pytest.mark.parametrize("said", NOT_THERE)
+def test_what_is_not_there_is_named(said: str) -> None:
+    with pytest.raises(fame.FameError) as caught:
+        NOT_THERE[said]()
+    assert said in str(caught.value)
+
+
+def test_a_model_may_be_given_by_its_path() -> None:
+    definitions = fame.read(MODEL)
+    assert fame.read(definitions) is definitions
+    for given in (definitions, MODEL, str(MODEL)):
+        assert fame.Simulation(given, process="DINGO").run().now == 0.0
+        assert [part.name for part in fame.split(given)] == ["REX", "DINGO"]
+
+
+def test_one_folder_of_behaviours_needs_no_list() -> None:
+    folder = ROOT / "models" / "library"
+    assert Library(folder).folders == Library(str(folder)).folders == Library([folder]).folders
+
+
+def test_numbers_of_numpy_are_numbers_and_an_endless_run_is_one_without_bound() -> None:
+    numpy = pytest.importorskip("numpy")
+    scenario = fame.Scenario.load(SCENARIO, seed=numpy.int64(3), duration=numpy.float32(0.5))
+    assert (scenario.seed, scenario.run().simulated) == (3, 0.5)
+    assert dingo().run(math.inf).run(numpy.int64(2)).now == 2.0
