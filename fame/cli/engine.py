@@ -66,7 +66,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _serve(arguments: Namespace) -> None:
-    from fame.deployment import EngineNode
+    from fame.deployment import EngineNode, engines
     from fame.deployment.warming import warm
     from fame.remote import serve
     from fame.signing import read_trusted
@@ -109,7 +109,7 @@ def _serve(arguments: Namespace) -> None:
             safe_suspended=suspended,
             trusted=trusted,
         )
-        warm(scheduler, lambda: engine.state == "waiting")
+        warm(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         return engine
 
     serve(arguments.middleware, arguments.network, build)

@@ -1,7 +1,8 @@
 """While an engine waits for its first process it loads what any process needs: that one starts as fast as all others.
 
-Not before it has said that it is there, and some seconds later: of many that are started at once, all have found each
-other by then. Step by step: a process that comes meanwhile waits for one step at most, and loads the rest itself.
+Not before it has said that it is there, and the later the more engines there are: when many are started at once on one
+machine, finding each other comes first. Step by step: a process that comes meanwhile waits for one step at most, and
+loads the rest itself.
 """
 
 from __future__ import annotations
@@ -11,21 +12,31 @@ from collections.abc import Callable, Iterator
 
 from fame.clock import SECOND, Kind, Scheduler
 
-QUIET = 3.0
-"""How long an engine has been there before it begins (s)."""
+SHARE = 0.15
+"""For how long it lets be, for each engine that there is (s): about what the start of one takes."""
 _PAUSE = 0.05
 """Between two steps (s)."""
 
 
-def warm(scheduler: Scheduler, waits: Callable[[], bool]) -> None:
-    """Enter the steps in the scheduler; there are no more as soon as the engine no longer `waits`."""
-    steps = _steps()
+def warm(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[], int]) -> None:
+    """Enter the steps in the scheduler; there are no more as soon as the engine no longer `waits`.
+
+    `engines` tells how many there are.
+    """
+    began, steps = scheduler.now, _steps()
+
+    def begin() -> None:
+        rest = began + round(SHARE * SECOND) * engines() - scheduler.now
+        if rest > 0:
+            scheduler.after(rest, begin, Kind.TIMER)
+        else:
+            go_on()
 
     def go_on() -> None:
         if waits() and next(steps, None) is not None:
             scheduler.after(round(_PAUSE * SECOND), go_on, Kind.TIMER)
 
-    scheduler.after(round(QUIET * SECOND), go_on, Kind.TIMER)
+    scheduler.after(0, begin, Kind.TIMER)
 
 
 def _steps() -> Iterator[str]:

@@ -165,11 +165,11 @@ def _message(lines: list[str], name: str) -> Definition:
 
 def _default(line: str) -> tuple[str, Any] | None:
     """The name and default of a field in a line of a `.msg` file: ``float64 w 1.0``. None if the line has none."""
-    import yaml
-
     match = re.match(r"\s*[^#\s]\S*\s+(\w+)\s+([^=#\s].*)", line)
     if match is None:
         return None
+    import yaml
+
     try:
         return match[1], yaml.safe_load(match[2])
     except yaml.YAMLError:
