@@ -6,6 +6,7 @@ its process of that id or, if it has just one, that. A file is read once.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -73,7 +74,15 @@ class Library:
                 raise ModelError(f"{path} has no process {call.called!r}: it has {has}", **where)  # type: ignore[arg-type]
             looked.append(str(folder))
         text = f"called element {call.called!r} is no process of this file, nor {call.called}.bpmn in"
-        raise ModelError(f"{text} {', '.join(looked)}", **where)  # type: ignore[arg-type]
+        raise ModelError(f"{text} {', '.join(looked)}{self._similar(caller, call.called)}", **where)  # type: ignore[arg-type]
+
+    def _similar(self, caller: Definitions, called: str) -> str:
+        """``; did you mean ...?`` with a name that differs in case, its ending, or a letter or two, if there is one."""
+        known = {process.id for process in caller.processes}
+        known.update(path.stem for folder in self.path(caller.file) for path in folder.glob("*.bpmn"))
+        plain = called.strip().removesuffix(".bpmn").replace(" ", "").lower()
+        similar = difflib.get_close_matches(plain, sorted(name.lower() for name in known), 1)
+        return "".join(f"; did you mean {name!r}?" for name in sorted(known) if [name.lower()] == similar)
 
     def closure(self, definitions: Definitions, process: Process) -> list[tuple[Definitions, Process]]:
         """A process and all that it calls, at any depth, each once, in the order of meeting. Raises ModelError."""

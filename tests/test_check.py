@@ -199,6 +199,11 @@ ERRORS = {
         row(throw("a", type=VECTOR, payload="{x: 1, w: 2}")),
         f"a: the payload does not fit: {VECTOR}: w: there is no such field; those of {VECTOR} are x, y, z",
     ),
+    "a text where the fields of a message belong": (
+        row(script("v = 1"), throw("a", type=VECTOR, payload="x: ${v}, y: ${v}")),
+        f"a: the payload does not fit: {VECTOR}: found 'x: ${{v}}, y: ${{v}}', "
+        f"expected {VECTOR} or a mapping with x, y, z",
+    ),
     "a computed field that the type does not have": (
         row(script("v = 1"), throw("a", type="geometry_msgs/msg/Twist", payload="{linear: {w: ${v}}}")),
         "a: the payload does not fit: geometry_msgs/msg/Twist: linear.w: there is no such field; "
@@ -255,6 +260,12 @@ def test_a_call_that_leads_nowhere_is_an_error_that_says_where_it_was_looked_for
     (error,) = (one for one in found if one.level == "error")
     assert error.element == "c"
     assert error.text.startswith(f"called element 'Jump' is no process of this file, nor Jump.bpmn in {tmp_path}, ")
+
+
+@pytest.mark.parametrize("called", ["goto", "Go To", "GoTo.bpmn", "GoToo"])
+def test_a_called_element_that_is_misspelt_is_told_with_its_right_name(called: str) -> None:
+    (error,) = (one for one in checked(alone(row(call("c", called)))) if one.level == "error")
+    assert error.text.endswith("; did you mean 'GoTo'?")
 
 
 def test_all_errors_are_told_not_only_the_first() -> None:
@@ -441,6 +452,23 @@ WARNINGS = {
     "a condition on what nothing sets": (
         row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b") + flow("g", "a", "low"),
         "g-a: reads `low`, which nothing sets",
+    ),
+    "a constant of Python where it is written small": (
+        START + script("x = 1") + choice("g", 'default="g-b"') + BRANCHES + flows("s t g b")
+        + flow("g", "a", "${x == True}"),
+        "g-a: reads `True`, which nothing sets; here it is true",
+    ),
+    "a constant of other languages in Python": (
+        row(script("x = true")),
+        "t: reads `true`, which nothing sets; in Python it is True",
+    ),
+    "a name that only Python has": (
+        row(throw("a", type="std_msgs/msg/Float64", payload="${math.pi}")),
+        "a: reads `math`, which nothing sets; math is of Python: plain Python, without ${ }, knows it",
+    ),
+    "JavaScript in Python": (
+        row(script("console.log(1)")),
+        "t: reads `console`, which nothing sets; a script in JavaScript has format javascript",
     ),
     "a timer of what nothing sets": (
         row(timer("intermediateCatchEvent", "timeDuration", "PT${pause}S")),
@@ -651,6 +679,11 @@ FINE = {
     "a payload of computed values": row(
         script("v = [1, 2]"), throw("a", type="geometry_msgs/msg/Pose", payload="{position: {x: ${v[0]}}}")
     ),
+    "an activity that a boundary event leads on from": (
+        START + script("await until(lambda: False)") + ends("e") + flows("s t", "w e")
+        + timer("boundaryEvent", "timeDuration", "PT1S", 'attachedToRef="t"')
+    ),
+    "a number made of two": row(script("v = 1"), throw("a", type="std_msgs/msg/Int32", payload="${v}${v}")),
     "a wrapper's payload": row(script("v = 1"), throw("a", type="std_msgs/msg/Float64", payload="${v}")),
     "a computed list": row(
         script("v = 1"),

@@ -220,3 +220,20 @@ def test_types_of_ones_own_are_given_as_folders(tmp_path: Path, capsys: pytest.C
     assert main([*words, "--types", str(tmp_path / "types")]) == 0
     assert main([*words, "--types", str(tmp_path / "empty")]) == 2
     assert "there is no .msg, .srv or .action file" in capsys.readouterr().err
+
+
+def test_an_uncaught_error_of_a_called_process_says_where_it_was_called(tmp_path: Path, capsys) -> None:
+    begin = '<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="c"/>'
+    mission = tmp_path / "bad.bpmn"
+    mission.write_text(process(f'{begin}\n<callActivity id="c" calledElement="GoTo"/>'))
+    assert main(["run", str(mission)]) == 1
+    line = next(number for number, text in enumerate(mission.read_text().splitlines(), 1) if "<callActivity" in text)
+    assert capsys.readouterr().err.endswith(f"name 'x_goal' is not defined; called at c ({mission}:{line})\n")
+
+
+def test_a_robot_that_never_started_says_what_it_waits_for(tmp_path: Path, capsys) -> None:
+    start = '<startEvent id="s"><signalEventDefinition signalRef="S"/></startEvent>'
+    mission = tmp_path / "waits.bpmn"
+    mission.write_text(process(start, root='<signal id="S" name="go"/>'))
+    main(["run", str(mission)])
+    assert "never started; waits for its start on topic /go" in capsys.readouterr().out

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from fame.bpmn.model import Activity, Expression, FlowNode, Gateway, SequenceFlow
+from fame.bpmn.model import Activity, Event, Expression, FlowNode, Gateway, SequenceFlow
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, is_event, link_of
 from fame.check.subject import Subject, Unit
@@ -52,8 +52,9 @@ def _loose_ends(unit: Unit, scope: Graph) -> Iterator[Finding]:
         return
     reached = scope.reach((node.id for node in scope.beginnings()), set())
     compensation = {id for association in scope.body.associations for id in association}
+    left = {node.attached_to for node in scope.body.nodes if isinstance(node, Event) and node.interrupting}
     for node in scope.body.nodes:
-        last = not node.outgoing and node.id in reached and node.id not in compensation
+        last = not node.outgoing and node.id in reached and node.id not in compensation | left
         if last and not (is_event(node, "end") or link_of(node) or is_handler(node) or isinstance(node, Gateway)):
             yield unit.finding("warning", "nothing follows it, though other flows lead to an end event", node)
 

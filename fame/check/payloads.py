@@ -14,7 +14,7 @@ from fame.middleware import messages
 from fame.scripting import UNDEFINED
 from fame.scripting.lexer import ExpressionError
 from fame.scripting.python import parse_python
-from fame.scripting.substitution import payload
+from fame.scripting.substitution import is_text, payload
 
 
 def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
@@ -28,6 +28,8 @@ def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: s
         return
     except Exception:  # a ${...} of constants that cannot be evaluated: no telling
         value = UNDEFINED
+    if value is UNDEFINED and is_text(expression.text) and _has_fields(type):
+        value = expression.text
     errors = [_misfit(type, value)] if value is not UNDEFINED else []
     for error in (*(_unknown_field(type, path) for path in computed), *errors):
         if error is not None:
@@ -62,6 +64,14 @@ def _publish(unit: Unit, node: FlowNode, call: ast.Call) -> Iterator[Finding]:
             error = _unknown_field(type.value, keyword.arg or "")
         if error is not None:
             yield unit.finding("error", f"what is published does not fit: {error}", node, keyword.value.lineno)
+
+
+def _has_fields(type: str) -> bool:
+    """Whether only a mapping can fill it: a text of digits may yet be the number of a message with one field."""
+    try:
+        return len(messages.fields(type)) > 1
+    except MessageError:
+        return False
 
 
 def _misfit(type: str, value: object) -> MessageError | None:

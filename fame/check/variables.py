@@ -8,6 +8,7 @@ variables is not judged.
 
 from __future__ import annotations
 
+import builtins
 import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -36,6 +37,9 @@ from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.scripting.interface import NAMES
 from fame.scripting.javascript.words import words_of
+
+_SMALL = {"true": "True", "false": "False", "null": "None"}
+"""Constants as most languages write them, and as Python does."""
 
 
 @dataclass(slots=True)
@@ -230,8 +234,8 @@ def _unset(space: _Space, uses: Mapping[Unit, Uses], strict: bool) -> Iterator[F
         for text in uses[unit].texts:
             for name in sorted(text.reads - space.known):
                 level: Level = "error" if strict and text.use == "payload" else "warning"
-                similar = difflib.get_close_matches(name, sorted(space.known), 1)
-                found = f"reads `{name}`, which nothing sets" + (f"; did you mean `{similar[0]}`?" if similar else "")
+                similar = _other_language(name, text.expression) or _similar(name, space.known)
+                found = f"reads `{name}`, which nothing sets{similar}"
                 if space.call is not None:
                     caller, call = space.call
                     advice = "" if similar else ": give it in the mapping"
@@ -241,3 +245,23 @@ def _unset(space: _Space, uses: Mapping[Unit, Uses], strict: bool) -> Iterator[F
                     yield root.finding(level, f"{unit.process.id} {found}", entered)
                 else:
                     yield unit.finding(level, found, text.element, text.expression.line)
+
+
+def _similar(name: str, known: frozenset[str]) -> str:
+    found = difflib.get_close_matches(name, sorted(known), 1)
+    return f"; did you mean `{found[0]}`?" if found else ""
+
+
+def _other_language(name: str, expression: Expression) -> str:
+    """What to do about a name that another language has."""
+    if expression.language == "python":
+        if name in _SMALL:
+            return f"; in Python it is {_SMALL[name]}"
+        return "; a script in JavaScript has format javascript" if name in ("console", "setTimeout") else ""
+    if expression.language == "javascript":
+        return ""
+    here = {large: small for small, large in _SMALL.items()}
+    if name in here:
+        return f"; here it is {here[name]}"
+    known = name in NAMES or hasattr(builtins, name)
+    return f"; {name} is of Python: plain Python, without ${{ }}, knows it" if known else ""

@@ -249,7 +249,7 @@ def _standing(robot: RobotResult) -> str:
     """How it is with one robot, in words."""
     running = robot.instances - robot.completed - robot.failed
     if not robot.instances:
-        return "never started"
+        return "; ".join(["never started", *(f"waits for {wait.text}" for wait in robot.waits)])
     counts = ((robot.failed, "failed"), (running, "running"), (robot.completed, "completed"))
     said = [(count, word) for count, word in counts if count]
     return said[0][1] if len(said) == 1 else ", ".join(f"{count} {word}" for count, word in said)

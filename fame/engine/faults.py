@@ -50,7 +50,7 @@ def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None
             break
         inner, failing, place = outside(place)
     else:
-        engine.abandon(scope.instance, node, describe(error, code), code, error)
+        engine.abandon(scope.instance, node, describe(error, code) + _called_at(scope, node), code, error)
     if engine.conditions:
         waiting.check_conditions(engine)
 
@@ -63,6 +63,17 @@ def outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
     while scope.node is not None and scope.node.kind == "handler" and scope.parent is not None:
         scope = scope.parent
     return scope, scope.node, scope.parent
+
+
+def _called_at(scope: Scope, node: Node) -> str:
+    """What stands in another file was called: where the mission did so."""
+    call: Node | None = None
+    place: Scope | None = scope
+    while place is not None:
+        if place.node is not None and place.node.file != node.file:
+            call = place.node
+        place = place.parent
+    return f"; called at {call.id} ({call.file}:{call.line})" if call is not None else ""
 
 
 def escalate(engine: Engine, scope: Scope, node: Node, code: str | None) -> None:

@@ -6,6 +6,7 @@ result of parsing is a function of the variables. No Python text is made or eval
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -143,7 +144,8 @@ class Parser:
         place, name = self.token.place, self.name()
         if self.at("("):
             known = ", ".join(sorted(self.dialect.functions))
-            raise ExpressionError(f"there is no function `{name}` here; there are {known}", place)
+            python = " (plain Python has it)" if hasattr(builtins, name) else ""
+            raise ExpressionError(f"there is no function `{name}` here{python}; there are {known}", place)
         if name not in self._bound:
             self.names[name] = None
         return variable(name, self.dialect.undefined_is_null)

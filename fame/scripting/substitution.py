@@ -63,6 +63,12 @@ def inside(text: str) -> str | None:
     return text[2:-1] if holes == [(0, len(text))] else None
 
 
+def is_text(text: str) -> bool:
+    """Whether a payload gives a text whatever its variables are: ``at ${x}``, neither ``${x}`` nor ``{x: ${x}}``."""
+    text = text.strip()
+    return not text.startswith(_COLLECTION) and inside(text) is None and bool(_HOLE.search(text))
+
+
 def template(text: str) -> tuple[Evaluate, Mapping[str, None]]:
     """A function that fills the text in, and the names that it reads. Raises ExpressionError; evaluated, Undefined."""
     substituted = Substituted(text)

@@ -1,0 +1,51 @@
+"""What docs/scripts.md says of scripts and expressions is what they find."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from bpmn_text import process
+
+from fame.bpmn import read_text
+from fame.scripting import NAMES
+from fame.scripting.juel import JUEL
+from fame.simulation import Simulation
+
+PAGE = (Path(__file__).parent.parent / "docs" / "scripts.md").read_text("utf-8")
+SPANS = set(re.findall(r"`([^`]+)`", PAGE))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_names_what_scripts_find(name: str) -> None:
+    assert any(re.match(rf"(await |raise )?{name}\b", span) or f" {name}." in span for span in SPANS)
+
+
+def test_the_functions_of_expressions_are_those_that_there_are() -> None:
+    text = PAGE[PAGE.index("Functions are") : PAGE.index("of texts\nand lists")]
+    assert set(re.findall(r"`([a-z]+)`", text)) == set(JUEL.functions) - {"cycle", "duration"}
+
+
+@pytest.mark.parametrize(
+    ("condition", "true"),
+    [
+        ("len(ready) == 5 and not late", False),
+        ("${x > 3 ? true : false}", True),
+        ("${x > 3 and not empty ready}", True),
+        ("${name.startsWith('Tractor') && ready.size() == 2}", True),
+        ("${count(ready) == 2}", True),
+        ("=count(ready) = 2", True),
+        ('=(if x > 3 then "far" else "near") = "far"', True),
+        ("=nothing = null", True),
+    ],
+)
+def test_its_expressions_mean_what_it_says(condition: str, true: bool) -> None:
+    text = condition.replace("&", "&amp;").replace("<", "&lt;")
+    content = f"""<startEvent id="s"/><exclusiveGateway id="g" default="no"/><task id="t"/><task id="e"/>
+    <sequenceFlow id="f" sourceRef="s" targetRef="g"/><sequenceFlow id="no" sourceRef="g" targetRef="e"/>
+    <sequenceFlow id="yes" sourceRef="g" targetRef="t"><conditionExpression>{text}</conditionExpression></sequenceFlow>
+    """
+    variables = {"ready": ["a", "b"], "late": False, "x": 4, "name": "Tractor_1"}
+    instance = Simulation(read_text(process(content)), variables=variables).run().instances[0]
+    assert instance.visits["t"] == true
