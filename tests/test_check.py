@@ -291,6 +291,16 @@ def test_errors_in_event_sub_processes_are_told_beside_others() -> None:
     assert elements == ["t", "h", "inner"]
 
 
+def test_of_a_process_that_is_refused_all_over_it_is_said_that_not_all_is_told() -> None:
+    found = checked(alone(row(*(f'<businessRuleTask id="t{n}"/>' for n in range(120)))))
+    assert sum(one.level == "error" for one in found) == 100
+    assert "P: 100 of its elements are refused: no more are looked for" in [
+        f"{one.element}: {one.text}" for one in found
+    ]
+    some = checked(alone(row(*(f'<businessRuleTask id="t{n}"/>' for n in range(90)))))
+    assert not any("no more are looked for" in one.text for one in some)
+
+
 def test_what_is_refused_brings_no_other_error_with_it() -> None:
     text = alone(START + '<eventBasedGateway id="g"/><receiveTask id="t"/>' + ends("e") + flows("s g t e"))
     assert told(text, "error") == ["t: a receive task needs a message"]

@@ -60,6 +60,8 @@ def _compiled(unit: Unit, as_callee: bool) -> Iterator[Finding]:
         if body == process.body:
             break
         process = replace(process, body=body)
+    else:
+        yield unit.finding("note", f"{ROUNDS} of its elements are refused: no more are looked for", unit.process)
     yield from host.findings
 
 
