@@ -152,6 +152,22 @@ def test_a_diagram_that_is_none_is_refused_and_the_next_one_is_taken(text):
     assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
 
 
+def test_a_diagram_with_a_mistake_does_not_take_the_place_of_the_one_that_robots_are_supplied_with():
+    farm = Farm("A")
+    farm.splitter()
+    farm.diagram(TEAM)
+    farm.pass_time(2)
+    wrong = "<timerEventDefinition><timeDuration>5s</timeDuration></timerEventDefinition>"
+    farm.diagram(
+        TEAM.replace('<userTask id="ub"/>', f'<intermediateCatchEvent id="ub">{wrong}</intermediateCatchEvent>')
+    )
+    farm.pass_time(1)
+    assert any("refused" in line and "ub: timer duration: '5s' is not an ISO 8601" in line for line in farm.lines)
+    farm.come("B")
+    farm.pass_time(5)
+    assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
+
+
 def test_a_diagram_that_a_robot_refuses_leaves_what_runs_running():
     farm = Farm("A", "B")
     farm.splitter()

@@ -28,7 +28,7 @@ from fame.errors import ConfigError, DeploymentError, FameError
 from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware
-from fame.splitter import split
+from fame.splitter import pools_of, split
 
 DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_splitter/deployed"
 HEARTBEAT = 1.0
@@ -155,11 +155,14 @@ class SplitterNode:
     def _read(self, text: str) -> tuple[str, Definitions]:
         """Check it as far as it can be without the robots. Raises FameError."""
         from fame.bpmn.reader import read_text
+        from fame.check.refusing import refuse_errors
 
         if len(text) > LIMIT:
             raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken")
         definitions = read_text(text, file=DIAGRAM)
-        split(definitions, self._options["library"])
+        library = self._options["library"]
+        refuse_errors(definitions, [pool.process for pool in pools_of(definitions)], library, sent=True)
+        split(definitions, library)
         return model_hash(text.encode(errors="replace")), definitions
 
     def _try(self) -> None:
