@@ -15,10 +15,10 @@ from __future__ import annotations
 import csv
 import json
 import os
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from fcntl import LOCK_EX, LOCK_NB, flock
 from io import BufferedWriter, FileIO, StringIO
 from pathlib import Path
 from stat import S_ISREG
@@ -86,17 +86,25 @@ def _opened(path: Path) -> _File:
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
     if S_ISREG(os.fstat(file.fileno()).st_mode):
-        try:
-            flock(file, LOCK_EX | LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            raise ConfigError(
-                "is written already, by another run or as another log of this one", file=str(path)
-            ) from None
-        except OSError:  # some network file systems know no locks
-            pass
+        _claim(file)
         file.truncate(0)
     return file
+
+
+def _claim(file: _File) -> None:
+    """Keep others from the file as long as it is open, where there are locks. Raises ConfigError if it is taken."""
+    if sys.platform == "win32":
+        return
+    from fcntl import LOCK_EX, LOCK_NB, flock
+
+    try:
+        flock(file, LOCK_EX | LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        text = "is written already, by another run or as another log of this one"
+        raise ConfigError(text, file=str(file.name)) from None
+    except OSError:  # a file system without locks
+        pass
 
 
 # ---- names -----------------------------------------------------------------------------------------------------------
