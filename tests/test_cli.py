@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -102,6 +103,20 @@ def test_a_bug_with_json_is_one_object_too(capsys) -> None:
     assert main(["run", "x.yaml", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert (told["status"], told["error"]["class"]) == ("error", "Broken")
+
+
+def test_an_interruption_of_which_a_library_made_another_error_is_one(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def import_numpy(arguments: object) -> int:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("could not import module datetime") from None
+        return 0
+
+    monkeypatch.setattr(run_command, "run", import_numpy)
+    assert main(["run", "x.yaml"]) == 130
+    assert capsys.readouterr().err == "fame: interrupted\n"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_an_interruption_is_told_and_has_its_code(monkeypatch: pytest.MonkeyPatch, capsys) -> None:

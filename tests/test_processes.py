@@ -288,6 +288,21 @@ def test_a_mission_in_many_processes_completes(tmp_path):
     assert {name: robot["completed"] for name, robot in said["robots"].items()} == {"A": 1, "B": 1}
 
 
+def test_a_mission_in_many_processes_ends_when_its_simulated_seconds_are_over(tmp_path):
+    model = tmp_path / "both.bpmn"
+    model.write_text(BOTH_WAIT)
+    path = tmp_path / "wait.yaml"
+    path.write_text(
+        "model: both.bpmn\nworld:\n  size: [9, 9]\n  robots:\n"
+        "    A: {type: car, at: [1, 1]}\n    B: {type: car, at: [5, 5]}\n"
+    )
+    code, said = fame("run", str(path), "--middleware", "dds", "--duration", "30", "--speed", "40")
+    assert (code, said["status"]) == (1, "timeout"), said
+    assert said["messages"][0] == "not over after 30 s"
+    assert len(said["messages"]) == 3
+    assert 30 <= said["world"]["time"] < 300
+
+
 @pytest.mark.parametrize("how", ["an engine is killed", "Ctrl-C", "we are killed"])
 def test_processes_of_one_run_end_together(tmp_path, field, how):
     path = tmp_path / "both.bpmn"

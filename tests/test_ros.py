@@ -36,7 +36,12 @@ def test_a_network_interface_that_is_not_there_is_refused_with_those_that_are(
 
 def test_an_interface_is_named_or_has_an_address() -> None:
     name = socket.if_nameindex()[0][1]
-    assert (interface(name), interface("10.0.0.7"), interface("fe80::1")) == (name, "10.0.0.7", "fe80::1")
+    assert (interface(name), interface("127.0.0.1")) == (name, "127.0.0.1")
+
+
+def test_an_address_that_is_not_of_this_machine_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status", "--network", "192.0.2.1"]) == 2  # RFC 5737: nobody has it
+    assert capsys.readouterr().err.startswith("fame: error: argument --network: found '192.0.2.1', one of ")
 
 
 def test_localhost_and_network_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,10 +8,14 @@ declares it, and a function of its parsed arguments that returns the exit code; 
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
+from types import FrameType
 
 from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
@@ -31,25 +35,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = without_ros_arguments(sys.argv[1:] if argv is None else argv)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
-    try:
-        arguments = parser(*given[:1]).parse_args(given)
-        register_types(arguments)
-        code: int = arguments.command(arguments)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # Whoever read our output has left. What is still buffered would raise again at exit, so it goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return _BROKEN_PIPE
-    except KeyboardInterrupt as interrupt:
-        return _say(FameError("interrupted"), interrupt, given, _INTERRUPTED)
-    except FameError as error:
-        return _say(error, error, given, error.exit_code)
-    except OSError as error:
-        return _say(FameError(f"{error.filename or 'input or output'}: {error.strerror or error}"), error, given, 2)
-    except Exception as error:
-        text = f"{type(error).__name__}: {error} (this is a bug in FAME; with FAME_DEBUG=1 you see where)"
-        return _say(FameError(text), error, given, 1)
+    with _noting_interrupts() as interrupts:
+        try:
+            arguments = parser(*given[:1]).parse_args(given)
+            register_types(arguments)
+            code: int = arguments.command(arguments)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # Whoever read our output has left. What is still buffered would raise again at exit, so it goes nowhere.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return _BROKEN_PIPE
+        except KeyboardInterrupt as interrupt:
+            return _say(FameError("interrupted"), interrupt, given, _INTERRUPTED)
+        except FameError as error:
+            return _say(error, error, given, error.exit_code)
+        except OSError as error:
+            return _say(FameError(f"{error.filename or 'input or output'}: {error.strerror or error}"), error, given, 2)
+        except Exception as error:
+            if interrupts:
+                return _say(FameError("interrupted"), error, given, _INTERRUPTED)
+            text = f"{type(error).__name__}: {error} (this is a bug in FAME; with FAME_DEBUG=1 you see where)"
+            return _say(FameError(text), error, given, 1)
     return code
+
+
+@contextmanager
+def _noting_interrupts() -> Iterator[list[int]]:
+    """Every Ctrl-C as long as the block lasts: a library may make another error of it, as numpy does while imported."""
+    noted: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        signal.default_int_handler(number, frame)
+
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not ours or threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def parser(asked: str = "") -> Parser:

@@ -38,13 +38,24 @@ def add_network(parser: Parser) -> None:
 def interface(text: str) -> str:
     """The name or address of a network interface of this machine."""
     with suppress(ValueError):
-        return str(ipaddress.ip_address(text))
+        address = ipaddress.ip_address(text)
+        if _is_here(address):
+            return str(address)
     names = [name for _, name in socket.if_nameindex()]
     if text not in names:
         raise ArgumentTypeError(
             f"found {text!r}, one of {', '.join(names)} would be right, or an address of this machine"
         )
     return text
+
+
+def _is_here(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    """Whether an interface of this machine has the address."""
+    family = socket.AF_INET if address.version == 4 else socket.AF_INET6
+    with socket.socket(family, socket.SOCK_DGRAM) as end, suppress(OSError):
+        end.bind((str(address), 0))
+        return not address.is_unspecified
+    return False
 
 
 def without_ros_arguments(words: Sequence[str]) -> list[str]:

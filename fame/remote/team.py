@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import time
@@ -97,6 +98,7 @@ class Team:
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
         self._last_look = False
+        self._until = math.inf  # s, when the duration is over
 
     def run(self) -> TeamResult:
         """Start all, deploy, wait until nothing runs any more or the duration is over, end all."""
@@ -108,8 +110,6 @@ class Team:
             self._listen()
             self._look()
             self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
-            lasting = self.scenario.duration / (self._speed or 1.0) + _APPEARING
-            self.scheduler.after(round(lasting * SECOND), self._time_is_up, Kind.TIMER)
             self.scheduler.run()
         finally:
             for number in (signal.SIGINT, signal.SIGTERM):
@@ -147,14 +147,21 @@ class Team:
         self._pids = {name: self._children.pid(name) for name in names}
 
     def _look(self) -> None:
-        """Show how things stand; if one process is no more, all end."""
+        """Show how things stand; if one process is no more, or the duration is over, all end."""
         ended = self._children.ended()
         if ended:
             self._fail(*ended)
             return
-        now = self.world["time"] if self.world is not None else self.scheduler.now / SECOND
-        self._watch(Sight(now, self.reports, self._pids))
-        self.scheduler.after(_LOOK, self._look, Kind.TIMER)
+        self._watch(Sight(self._time, self.reports, self._pids))
+        if self._time >= self._until and self.result.status == "timeout":
+            self._time_is_up()
+        else:
+            self.scheduler.after(_LOOK, self._look, Kind.TIMER)
+
+    @property
+    def _time(self) -> float:
+        """Of the mission (s): the world's, if there is one."""
+        return float(self.world["time"]) if self.world is not None else self.scheduler.now / SECOND
 
     def _listen(self) -> None:
         node = self.middleware.node("fame_team")
@@ -198,7 +205,9 @@ class Team:
     def _deployed(self, deployment: Deployment) -> None:
         if deployment.failed:
             self._fail(*(f"{each.robot}: {each.state}: {each.reason}" for each in deployment.standings.values()))
-        elif self._lockstep and self.scenario.world is not None:
+            return
+        self._until = self._time + self.scenario.duration
+        if self._lockstep and self.scenario.world is not None:
             self._world_time.call(None, lambda response: None)
 
     def _over(self) -> None:
