@@ -480,7 +480,13 @@ def test_a_report_that_is_none_harms_no_deployment():
     node = field.middleware.node("liar")
     for robot in "AB":
         liar = node.publisher(f"/{robot}/bpmn_status", deployment.STRING)
-        for text in ("", "[" * 100_000, '{"robot": 1, "state": 2}', '{"robot": "A", "state": "ready", "born": "x"}'):
+        for text in (
+            "",
+            "[" * 100_000,
+            '{"robot": 1, "state": 2}',
+            '{"robot": "A", "state": "x", "waits": [1]}',
+            '{"robot": "A", "state": "ready", "born": "x"}',
+        ):
             liar.publish(messages.create(deployment.STRING, text))
     assert not field.deploy(TEAM).failed
 

@@ -114,7 +114,10 @@ class Report:
     def from_json(cls, text: str) -> Report | None:
         """A report, or None if the text is none."""
         try:
-            return _made(cls, json.loads(text))
+            report = _made(cls, json.loads(text))
+            for wait in report.waits:
+                _checked({"element": str, "for": str, "since": (int, float), "topics": dict}, wait)
+            return report
         except (ValueError, TypeError, RecursionError):
             return None
 
@@ -158,12 +161,17 @@ def _text_hash(text: str) -> str:
 
 def _made(cls: type[_Said], said: Mapping[str, Any]) -> _Said:
     """An object of data that came from somewhere. Raises TypeError if a field is not what it has to be."""
-    for part in fields(cls):
-        if part.name in said:
-            kind, value = _KINDS[str(part.type).partition("[")[0]], said[part.name]
-            if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-                raise TypeError(part.name)
+    _checked({part.name: _KINDS[str(part.type).partition("[")[0]] for part in fields(cls)}, said)
     return cls(**said)
+
+
+def _checked(kinds: Mapping[str, Any], said: Mapping[str, Any]) -> None:
+    """Raises TypeError if one of the names that are there is not what it has to be."""
+    if not isinstance(said, dict):
+        raise TypeError("not an object")
+    for name in kinds.keys() & said.keys():
+        if not isinstance(said[name], kinds[name]) or (isinstance(said[name], bool) and kinds[name] is not bool):
+            raise TypeError(name)
 
 
 def engines(middleware: Middleware) -> list[str]:

@@ -30,8 +30,15 @@ class Sending:
     def deploy(self, only: Sequence[str], patience: float) -> Deployment:
         """Deploy to the engines that are there, and wait. Raises DeploymentError, ConfigError if some are missing."""
         self._find(only, self.scheduler.now + round(patience * SECOND))
-        deployment = self._begin(only, (), lambda _: self.scheduler.stop())
-        self.scheduler.run()
+        try:
+            deployment = self._begin(only, (), lambda _: self.scheduler.stop())
+        except ConfigError as error:  # who was there a moment ago has left
+            raise DeploymentError(str(error)) from None
+        try:
+            self.scheduler.run()
+        except BaseException:  # Ctrl-C: nobody is to wait for more
+            deployment.close()
+            raise
         return deployment
 
     def stay(self, served: Collection[str], say: Callable[[str], object]) -> None:
