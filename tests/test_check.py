@@ -363,6 +363,11 @@ def test_robots_own_topics_of_two_robots_may_differ() -> None:
 
 BRANCHES = ends("a", "b")
 WARNINGS = {
+    "a script that is ready for a message that does not fit": (
+        row(script('try:\n    robot.publish("led", "std_msgs/msg/ColorRGBA", red=1.0)\nexcept Exception:\n    pass')),
+        "t: what is published does not fit: std_msgs/msg/ColorRGBA: red: there is no such field; "
+        "those of std_msgs/msg/ColorRGBA are r, g, b, a",
+    ),
     "an element that nothing leads to": (
         row(script("x = 1")) + script("y = 1", "lost"),
         "lost: is never reached: no flow leads here from a start",
@@ -536,6 +541,14 @@ def test_it_is_a_note_where_others_may_be_at_the_other_end() -> None:
     for text in (alone(row(throw("a"))), team(row(throw("a")), pools='<participant id="X" name="crowd"/>')):
         assert told(text) == []
         assert [line for line in told(text, "note") if line.startswith("a")] == expected
+
+
+def test_a_script_in_javascript_may_try_a_type_that_nobody_knows() -> None:
+    makes = 'node.createPublisher("geometry_msgs/msg/Vektor3", "v")'
+    said = "t: type geometry_msgs/msg/Vektor3: there is no such message type; did you mean geometry_msgs/msg/Vector3"
+    for text, level in ((makes, "error"), (f"try {{ {makes} }} catch (e) {{}}", "warning")):
+        (found,) = told(alone(row(script(f"{text}; next()", format="js"))), level)
+        assert found.startswith(said)
 
 
 def test_scripts_are_at_the_ends_of_topics_too() -> None:

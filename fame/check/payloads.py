@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 
 from fame.bpmn.model import Expression, FlowNode, Task
-from fame.check.findings import Finding
+from fame.check.findings import Finding, Level
 from fame.check.subject import Unit
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
@@ -44,16 +44,22 @@ def publish_findings(unit: Unit) -> Iterator[Finding]:
                 tree = parse_python(node.script)
             except ModelError:  # the compiler tells
                 continue
+            caught = {id(one) for tried in ast.walk(tree) if isinstance(tried, ast.Try) for one in _inside(tried)}
             for call in ast.walk(tree):
                 if isinstance(call, ast.Call) and ast.unparse(call.func) == "robot.publish" and len(call.args) == 2:
-                    yield from _publish(unit, node, call)
+                    yield from _publish(unit, node, call, "warning" if id(call) in caught else "error")
+
+
+def _inside(tried: ast.Try) -> Iterator[ast.AST]:
+    """What a ``try`` with an ``except`` may catch the errors of."""
+    return (one for statement in tried.body if tried.handlers for one in ast.walk(statement))
 
 
 def _publishes(script: Expression) -> bool:
     return script.language == "python" and "publish" in script.text
 
 
-def _publish(unit: Unit, node: FlowNode, call: ast.Call) -> Iterator[Finding]:
+def _publish(unit: Unit, node: FlowNode, call: ast.Call, level: Level) -> Iterator[Finding]:
     type = call.args[1]
     if not isinstance(type, ast.Constant) or not isinstance(type.value, str):
         return
@@ -63,7 +69,7 @@ def _publish(unit: Unit, node: FlowNode, call: ast.Call) -> Iterator[Finding]:
         except ValueError:  # not a literal
             error = _unknown_field(type.value, keyword.arg or "")
         if error is not None:
-            yield unit.finding("error", f"what is published does not fit: {error}", node, keyword.value.lineno)
+            yield unit.finding(level, f"what is published does not fit: {error}", node, keyword.value.lineno)
 
 
 def _has_fields(type: str) -> bool:

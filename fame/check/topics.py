@@ -27,7 +27,10 @@ _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """An element at a topic, and what it says of it. `topic` is None for a script, `line` that of the text."""
+    """An element at a topic, and what it says of it. `topic` is None for a script, `line` that of the text.
+
+    `tries`: a wrong type is an error that the script may catch.
+    """
 
     unit: Unit
     node: FlowNode
@@ -37,6 +40,7 @@ class End:
     line: int
     topic: Topic | None = None
     payload: Expression | None = None
+    tries: bool = False
 
     def finding(self, level: Level, text: str) -> Finding:
         """A finding at this end."""
@@ -146,11 +150,12 @@ def _scripted(unit: Unit, node: FlowNode) -> Iterator[End]:
         named = script_topics(node.script)
     except ModelError:  # the compiler tells
         return
+    tries = node.script.language == "javascript" and re.search(r"\btry\b", node.script.text) is not None
     for topic in named:
         if topic.direction != "call":
             name = topic.name if topic.name.startswith(("/", "~/")) else f"~/{topic.name}"
             full = topic.type.replace("/", "/msg/") if topic.type and topic.type.count("/") == 1 else topic.type
-            yield End(unit, node, name, full, topic.direction == "publish", topic.line)
+            yield End(unit, node, name, full, topic.direction == "publish", topic.line, tries=tries)
 
 
 # ---- types -----------------------------------------------------------------------------------------------------------
@@ -188,7 +193,7 @@ def _types(name: str, ends: Sequence[End]) -> Iterator[Finding]:
         if end.type != said[0].type:
             there = f"{said[0].node.id} says {said[0].type}"
             text = f"topic {name} has type {end.type} here, but {there}: a topic has one type"
-            yield end.finding("error", text)
+            yield end.finding("warning" if end.tries else "error", text)
 
 
 def _unknown(ends: Sequence[End]) -> Iterator[Finding]:
@@ -197,7 +202,7 @@ def _unknown(ends: Sequence[End]) -> Iterator[Finding]:
             try:
                 messages.fields(end.type)
             except MessageError as error:
-                yield end.finding("error", f"type {error}")
+                yield end.finding("warning" if end.tries else "error", f"type {error}")
 
 
 def _taking(end: End, topic: Topic, type: str | None) -> Iterator[Finding]:
