@@ -1,6 +1,7 @@
 # make demo    run the ground-vehicle mission, with a picture, a film and logs under out/
 # make test    run the tests
 # make lint    style, format and types
+# make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
 # Everything is installed into a virtual environment of its own on first use. PYTHON names another interpreter.
 
@@ -10,7 +11,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 DEMO := out/ground_vehicles
 
-.PHONY: demo test lint clean
+ROS_PYTHON := .venv-ros/bin/python
+ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_engine_processes.py \
+	test_ros.py test_ros_parameters.py test_ros_package.py test_gazebo.py)
+
+.PHONY: demo test test-ros lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -20,13 +25,18 @@ demo: $(VENV)/sim.installed
 test: $(VENV)/dev.installed
 	$(BIN)/python -m pytest
 
+test-ros: $(ROS_PYTHON)
+	colcon --log-base out/ros/log build --base-paths tests/ros_workspace --build-base out/ros/build --install-base out/ros/install
+	. out/ros/install/setup.sh && ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
+		$(ROS_PYTHON) -m pytest -m ros -rs -W default $(ROS_TESTS)
+
 lint: $(VENV)/dev.installed
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy --strict fame robots sim2d
 
 clean:
-	rm -rf $(VENV) out dist
+	rm -rf $(VENV) .venv-ros out dist
 
 $(VENV)/%.installed: pyproject.toml | $(BIN)/python
 	$(PIP) install --editable '.[$*]'
@@ -34,3 +44,7 @@ $(VENV)/%.installed: pyproject.toml | $(BIN)/python
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
+
+$(ROS_PYTHON):
+	python3 -m venv --system-site-packages .venv-ros
+	.venv-ros/bin/pip install --quiet --editable . 'pytest>=8'

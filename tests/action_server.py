@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import pytest
+
 from fame.middleware.interface import Later, Node, QoS
-from fame.middleware.messages import create, register
+from fame.middleware.messages import create, register_files
 
 DRIVE = "farm_msgs/action/Drive"
-register("float64 distance\n---\nfloat64 driven\n---\nfloat64 remaining\n", DRIVE)
+register_files(Path(__file__).with_name("ros_workspace"))
+
+
+def skip_without_drive(backend: str) -> None:
+    """ROS knows the types of packages that are built and sourced."""
+    if "ros" in backend:
+        pytest.importorskip("farm_msgs.action", reason="farm_msgs is not built: make test-ros")
 
 
 class Server:

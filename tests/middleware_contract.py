@@ -2,7 +2,7 @@
 
 ``local`` is simulated time in one process. ``dds`` has all nodes in one participant and a scheduler that waits in DDS;
 ``dds apart`` has each node in a participant of its own, so that everything between two of them goes through discovery,
-and a plain scheduler. ``ros`` is rclpy, where it is installed.
+and a plain scheduler. ``ros`` and ``ros apart`` are the same with rclpy and its contexts, where it is installed.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, Protocol
 
 import pytest
@@ -35,6 +36,7 @@ BACKENDS = [
     pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("dds apart", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
+    pytest.param("ros apart", marks=[needs("rclpy"), pytest.mark.ros]),
 ]
 
 
@@ -124,11 +126,8 @@ def world(backend: str) -> World:
     """A new world of a backend."""
     if backend == "local":
         return LocalWorld()
-    if backend == "ros":
-        from fame.middleware.ros import RosMiddleware
-
-        return WallWorld(WallScheduler(), RosMiddleware)
-    return dds_world(apart=backend == "dds apart")
+    apart = backend.endswith("apart")
+    return ros_world(apart=apart) if "ros" in backend else dds_world(apart=apart)
 
 
 def dds_world(*, apart: bool) -> WallWorld:
@@ -138,6 +137,12 @@ def dds_world(*, apart: bool) -> WallWorld:
         return DdsMiddleware(scheduler, domain=DOMAIN, **options)
 
     return WallWorld(WallScheduler() if apart else DdsScheduler(), make, apart=apart)
+
+
+def ros_world(*, apart: bool) -> WallWorld:
+    from fame.middleware.ros import RosMiddleware
+
+    return WallWorld(WallScheduler(), partial(RosMiddleware, domain=DOMAIN), apart=apart)
 
 
 def middlewares(world: World) -> Iterable[Any]:

@@ -1,11 +1,11 @@
 """What a robot in Gazebo lacks is made from what it has."""
 
-import importlib.util
 import math
 import runpy
 from pathlib import Path
 
 import pytest
+from middleware_contract import needs
 
 from fame.clock import Scheduler
 from fame.middleware import messages
@@ -56,7 +56,8 @@ def test_the_planner_answers_a_goal(made, radius):
     assert math.dist((end.x, end.y), (4.0, 3.0)) < 0.2
 
 
-@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed")
+@needs("launch_ros")
+@pytest.mark.ros
 def test_the_launch_file_bridges_each_robot():
     from launch import LaunchContext
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import runpy
 import tomllib
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from lxml import etree
+from middleware_contract import needs
 
 from fame.cli import parser
 
@@ -17,6 +17,18 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = etree.parse(ROOT / "package.xml").getroot()
 CMAKE = (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+ARGUMENTS = {
+    "engine": ["REX"],
+    "deploy": ["m.bpmn"],
+    "complete": ["REX", "Task"],
+    "activate": ["REX", "Task"],
+    "world": ["w.yaml"],
+    "process": ["low_pass.yaml"],
+    "record": ["low_pass.yaml", "-o", "a.csv"],
+}
+"""What a command cannot do without."""
 
 
 def words(pattern: str) -> list[str]:
@@ -51,20 +63,22 @@ def test_each_installed_command_is_one_that_takes_a_middleware() -> None:
     commands = words(r"foreach\(command ([\w ]+)\)")
     assert "engine" in commands
     for command in commands:
-        needed = {"engine": ["REX"], "deploy": ["m.bpmn"], "world": ["w.yaml"]}.get(command, [])
+        needed = ARGUMENTS.get(command, [])
         assert parser().parse_args([command, "--middleware", "ros", *needed]).middleware == "ros"
 
 
 def test_what_is_installed_exists_and_can_be_executed() -> None:
     for file in (*words(r"install\(FILES ([\w/. ]+) DESTINATION"), *words(r"install\(PROGRAMS ([\w/. ]+) DESTINATION")):
         assert (ROOT / file).is_file()
+    launched = {str(file.relative_to(ROOT)) for file in (ROOT / "launch").glob("*.launch.*")}
+    assert launched == set(words(r"install\(FILES ([\w/. ]+) DESTINATION"))
     script = ROOT / "launch" / "command.py"
     assert script.read_text().startswith("#!/usr/bin/env python3\n")
     assert script.stat().st_mode & 0o111
 
 
 @pytest.mark.ros
-@pytest.mark.skipif(importlib.util.find_spec("launch_ros") is None, reason="launch_ros is not installed")
+@needs("launch_ros")
 def test_the_launch_file_starts_each_engine_in_the_namespace_of_its_robot() -> None:
     from launch import LaunchContext
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from action_server import DRIVE, Server
+from action_server import DRIVE, Server, skip_without_drive
 from bpmn_text import process, properties
 from middleware_contract import BACKENDS, World, middlewares, world
 
@@ -18,8 +18,9 @@ from fame.node import RobotNode, mission
 SET_BOOL = "std_srvs/srv/SetBool"
 
 
-@pytest.fixture(params=[backend for backend in BACKENDS if "dds apart" not in str(backend)])
+@pytest.fixture(params=[backend for backend in BACKENDS if "apart" not in str(backend)])
 def here(request: pytest.FixtureRequest) -> Iterator[World]:
+    skip_without_drive(request.param)
     made = world(request.param)
     yield made
     made.close()

@@ -8,7 +8,8 @@ processor names it; where several of a chain have the same, ``2.cutoff`` is that
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from fame.clock import SECOND, Scheduler
@@ -70,9 +71,8 @@ class ParameterServer:
 
     def __init__(self, node: Node, processors: Sequence[Any], say: Reporter) -> None:
         self.owners, self._say = owners(processors), say
-        ros = getattr(node, "ros", None)
-        if ros is not None:
-            self._declare(ros)
+        if hasattr(node, "ros"):
+            self._declare(node)
             return
         for kind, answer in (
             ("ListParameters", self._list),
@@ -134,21 +134,49 @@ class ParameterServer:
             return {"successful": False, "reason": str(error)}
         return {"successful": True}
 
-    def _declare(self, ros: Any) -> None:
-        """To rclpy."""
+    def _declare(self, node: Any) -> None:
+        """To rclpy, whose parameters begin with what its command line or a parameter file says of them."""
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
+        from fame.middleware.ros.translation import to_ros
+
+        def check(parameters: Any) -> Any:
+            try:
+                for name, value in self._changed(parameters):
+                    self._convert(name, value)
+            except ConfigError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=True)
+
+        def apply(parameters: Any) -> None:  # in the thread of rclpy's executor, if somebody else sets them
+            for name, value in self._changed(parameters):
+                node.middleware.scheduler.soon(partial(self.set, name, value))
+
+        node.ros.add_on_set_parameters_callback(check)
+        node.ros.add_post_set_parameters_callback(apply)
         for name, (processor, parameter) in self.owners.items():
-            value = getattr(processor, parameter.name)
-            described = ParameterDescriptor(description=_description(parameter), read_only=parameter.fixed)
-            ros.declare_parameter(name, list(value) if isinstance(value, tuple) else value, described)
+            value = _plain(getattr(processor, parameter.name))
+            told = descriptor(name, parameter) | {"dynamic_typing": value == []}  # which has no type in ROS
+            message = to_ros(messages.create("rcl_interfaces/msg/ParameterDescriptor", told), ParameterDescriptor)
+            try:
+                node.ros.declare_parameter(name, value, message)
+            except Exception as error:  # rclpy's own: what was said of it is not of its type, or was refused above
+                raise ConfigError(" ".join(str(error).split()), element=name, file=node.full_name) from None
 
-        def changed(parameters: Any) -> Any:
-            results = [self._try(item.name, item.value) for item in parameters if item.name in self.owners]
-            failed = next((result for result in results if not result["successful"]), {"successful": True})
-            return SetParametersResult(**failed)
+    def _changed(self, parameters: Any) -> Iterator[tuple[str, Any]]:
+        """Names and values of those that are ours and new."""
+        for item in parameters:
+            if item.name in self.owners:
+                processor, parameter = self.owners[item.name]
+                value = _plain(item.value)
+                if value != _plain(getattr(processor, parameter.name)):
+                    yield item.name, value
 
-        ros.add_on_set_parameters_callback(changed)
+    def _convert(self, name: str, value: Any) -> Any:
+        parameter = self.owners[name][1]
+        if parameter.fixed:
+            raise ConfigError("is given in the configuration, and cannot be changed", element=name)
+        return parameter.convert(value)
 
 
 class ParameterClient:
@@ -202,14 +230,13 @@ class ParameterClient:
 def to_value(parameter: Parameter, value: Any) -> dict[str, Any]:
     """As rcl_interfaces/msg/ParameterValue."""
     number, field = _FIELDS[parameter.type]
-    return {"type": number, field: list(value) if isinstance(value, tuple) else value}
+    return {"type": number, field: _plain(value)}
 
 
 def from_value(value: Any) -> Any:
     """What a ParameterValue holds; None if it is not set."""
     field = _BY_NUMBER.get(value.type)
-    held = getattr(value, field) if field else None
-    return held.tolist() if held is not None and hasattr(held, "tolist") else held
+    return _plain(getattr(value, field)) if field else None
 
 
 def type_of(value: Any) -> str:
@@ -236,11 +263,11 @@ def descriptor(name: str, parameter: Parameter) -> dict[str, Any]:
     if low is not None or high is not None:
         bounds: dict[str, Any]
         if parameter.type == "int":
-            bounds = {"from_value": low or 0, "to_value": 2**62 if high is None else high}
+            bounds = {"from_value": -(2**62) if low is None else low, "to_value": 2**62 if high is None else high}
             told["integer_range"] = [bounds]
         else:
             told["floating_point_range"] = [
-                {"from_value": float(low or 0), "to_value": 1e300 if high is None else high}
+                {"from_value": -1e300 if low is None else low, "to_value": 1e300 if high is None else high}
             ]
     elif parameter.type == "str" and parameter.range:
         told["additional_constraints"] = f"one of {', '.join(map(str, parameter.range))}"
@@ -249,6 +276,13 @@ def descriptor(name: str, parameter: Parameter) -> dict[str, Any]:
 
 def _description(parameter: Parameter) -> str:
     return parameter.description + (f" ({parameter.unit})" if parameter.unit else "")
+
+
+def _plain(value: Any) -> Any:
+    """A list for what holds several values: a tuple, an array."""
+    if isinstance(value, tuple):
+        return list(value)
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _shown(value: Any) -> str:

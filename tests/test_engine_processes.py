@@ -1,0 +1,68 @@
+"""An engine in a process of its own, on each middleware: it gets its process, runs it, says so, leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from bpmn_text import document
+from middleware_contract import DOMAIN, needs
+
+ROOT = Path(__file__).parent.parent
+ENVIRONMENT = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": os.pathsep.join((str(ROOT), *sys.path))}
+MODEL = document(
+    '<collaboration id="C"><participant id="A" name="REX" processRef="p"/></collaboration>'
+    '<process id="p"><startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="wait"/><userTask id="wait"/>'
+    '<sequenceFlow id="g" sourceRef="wait" targetRef="e"/><endEvent id="e"/></process>'
+)
+
+
+@pytest.fixture(
+    params=[
+        pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
+        pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
+    ]
+)
+def middleware(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def fame(*words: str) -> list[str]:
+    return [sys.executable, "-m", "fame", *words]
+
+
+def told(*words: str) -> str:
+    """What a command says that succeeds."""
+    done = subprocess.run(fame(*words), env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done
+    return done.stdout
+
+
+@pytest.fixture
+def engine(middleware: str) -> Iterator[subprocess.Popen[str]]:
+    words = fame("engine", "REX", "--insecure", "--middleware", middleware)
+    process = subprocess.Popen(words, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+@pytest.mark.processes
+def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
+    middleware: str, engine: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    (tmp_path / "wait.bpmn").write_text(MODEL)
+    over = ("--middleware", middleware)
+    told("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", *over)
+    robots = json.loads(told("status", "--json", *over))["robots"]
+    assert list(robots) == ["REX"]
+    assert '"wait"' in json.dumps(robots)
+    told("complete", "REX", "wait", *over)
+    engine.send_signal(signal.SIGINT)
+    assert engine.wait(timeout=20) == 0
