@@ -141,12 +141,24 @@ def test_if_one_robot_stays_silent_nobody_starts():
     assert field.engines["A"].state == "waiting"
 
 
+def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_it_was_called_off():
+    field, told = Field("B"), []
+    field.engines["A"] = EngineNode(
+        "A", scheduler=field.scheduler, middleware=field.middleware, on_report=told.append, trusted=[object()]
+    )
+    sent = field.deploy(TEAM, robots=["A", "B"])
+    assert sent.failed
+    assert {event.detail for event in told} == {"refused: not signed; this robot runs only what a trusted key signed"}
+    assert sent.standings["B"].reason in ("had not answered yet", "called off because of A")
+
+
 def test_a_topic_whose_other_end_does_not_come_is_named():
     field = Field("A")
     field.send("A", patrol(1))
     field.pass_time(0.1)
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert "/go (subscriber)" in sent.standings["A"].reason
+    assert (sent.standings["B"].state, sent.standings["B"].reason) == ("silent", "had not answered yet")
     assert field.variables("A") == {"mark": 1}
 
 

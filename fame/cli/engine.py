@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command
-from fame.cli.network import OPEN, add_network, lockstep
+from fame.cli.network import OPEN, add_network, lockstep, say_ready
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -110,6 +110,7 @@ def _serve(arguments: Namespace) -> None:
             trusted=trusted,
         )
         warm(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
+        say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
 
     serve(arguments.middleware, arguments.network, build)

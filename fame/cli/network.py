@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -74,6 +75,14 @@ def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]
         yield scheduler, middleware
     finally:
         middleware.close()
+
+
+def say_ready(text: str) -> None:
+    """Tell whoever started this command in a terminal of its own that it is there, and how it ends."""
+    from fame.remote.children import is_child
+
+    if not is_child():
+        print(f"{text}; Ctrl-C ends it", file=sys.stderr, flush=True)
 
 
 def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Steps:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
-from fame.cli.network import add_network, lockstep
+from fame.cli.network import add_network, lockstep, say_ready
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -47,9 +47,12 @@ def run(arguments: Namespace) -> int:
     def build(scheduler: WallScheduler, middleware: Middleware) -> WorldPart:
         steps = lockstep(middleware, lambda name: name != "world") if arguments.lockstep else None
         team = arguments.lockstep
-        return WorldPart(
+        world = WorldPart(
             config, chosen, scheduler, middleware, speed=speed, paused=arguments.pause, team=team, steps=steps
         )
+        robots = ", ".join(robot.name for robot in config.robots)
+        say_ready(f"a world with {robots}" + ("; its time stands still until fame resume" if arguments.pause else ""))
+        return world
 
     serve(arguments.middleware, arguments.network, build)
     return 0

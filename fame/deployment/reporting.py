@@ -22,7 +22,8 @@ _ANSWERS = 100
 
 class Status:
     """The voice of a robot: `standing` gives what a `Report` says beside the answer. It listens to `topic` for nothing
-    but what the middleware could not read there, and to itself: the younger of two with one name leaves.
+    but what the middleware could not read there, and to itself: the younger of two with one name leaves. `refused` is
+    told why something was refused.
     """
 
     def __init__(
@@ -35,9 +36,10 @@ class Status:
         node: Node,
         scheduler: Scheduler,
         middleware: Middleware,
+        refused: Callable[[str], object],
     ) -> None:
         self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
-        self._scheduler, self._middleware = scheduler, middleware
+        self._scheduler, self._middleware, self._refused = scheduler, middleware, refused
         self._warned = len(middleware.warnings)
         self._answers: dict[str, tuple[str, str]] = {}
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
@@ -61,6 +63,8 @@ class Status:
             **self._standing(),
         )
         self._out.publish(messages.create(STRING, report.to_json()))
+        if answer == "refused":
+            self._refused(reason)
 
     def answer(self, answer: str, deployment: str, reason: str = "") -> None:
         """The last word on a deployment so far, which is said `again` to whoever asks."""

@@ -85,6 +85,7 @@ class EngineNode:
             node=self.node,
             scheduler=scheduler,
             middleware=middleware,
+            refused=lambda reason: self._note(f"refused: {reason}"),
         )
         self._tasks = Tasks(self.node, lambda: self.running, self.status.say)
         self.status.begin()
@@ -103,6 +104,12 @@ class EngineNode:
 
     def _ended(self, instance: Instance) -> None:
         self.status.say()
+
+    def _note(self, text: str) -> None:
+        """Tell whoever looks at this engine."""
+        from fame.node import Event
+
+        self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", "report", text))
 
     # ---- what it is told -------------------------------------------------------------------------------------------
 
@@ -210,9 +217,7 @@ class EngineNode:
         self.running.start()
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
         if reason:
-            from fame.node import Event
-
-            self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", "report", reason))
+            self._note(reason)
         self.status.answer("started", envelope.deployment, reason)
         self._load_next_soon()
 

@@ -221,8 +221,18 @@ class Deployment:
     def _finish(self, failed: bool) -> None:
         if self.done:
             return
+        if failed and self._phase == "load":
+            self._explain()
         self._stop(failed)
         self._ended(self)
+
+    def _explain(self) -> None:
+        """Those who have nothing against it are told apart from those on whom it failed."""
+        against = [each for each in self.standings.values() if each.state in REFUSALS or each.reason]
+        names = ", ".join(each.robot for each in against)
+        for each in self.standings.values():
+            if each not in against:
+                each.reason = "had not answered yet" if each.state == "silent" else f"called off because of {names}"
 
     def _stop(self, failed: bool) -> None:
         """Say no more, but that nobody is to start if nobody was told to."""

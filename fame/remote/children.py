@@ -85,6 +85,11 @@ class Children:
                 self._hear(name, line.rstrip())
 
 
+def is_child() -> bool:
+    """Whether another process of FAME started this one, and shows how it goes."""
+    return _PARENT in os.environ
+
+
 def orphaned() -> bool:
     """Whether the process that started this one as its child is no more."""
     parent = os.environ.get(_PARENT)
