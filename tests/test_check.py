@@ -22,7 +22,9 @@ from fame.splitter import split
 ROOT = Path(__file__).parent.parent
 MODELS = sorted((ROOT / "models").rglob("*.bpmn"))
 SIGNALS = "".join(f'<signal id="S_{name}" name="{name}"/>' for name in ("done", "found", "log", "odom"))
-ERROR = '<error id="E" name="lost" errorCode="lost"/>'
+ERROR = '<error id="E" name="lost" errorCode="lost"/>' + "".join(
+    f'<error id="E_{code}" name="{code}" errorCode="{code}"/>' for code in ("lost", "script", "unreachabel")
+)
 
 
 # ---- drawing ---------------------------------------------------------------------------------------------------------
@@ -104,6 +106,12 @@ def timer(tag: str, kind: str, text: str, attributes: str = "") -> str:
     """A timer event ``w``."""
     inside = f"<timerEventDefinition><{kind}>{text}</{kind}></timerEventDefinition>"
     return f'<{tag} id="w" {attributes}>{inside}</{tag}>'
+
+
+def caught_at(activity: str, code: str) -> str:
+    """An error boundary event ``b``, and an end ``be``."""
+    inside = f'<errorEventDefinition errorRef="E_{code}"/>'
+    return f'<boundaryEvent id="b" attachedToRef="{activity}">{inside}</boundaryEvent>{ends("be")}{flow("b", "be")}'
 
 
 def alone(content: str) -> str:
@@ -485,6 +493,14 @@ WARNINGS = {
         row(script("console.log(1)")),
         "t: reads `console`, which nothing sets; a script in JavaScript has format javascript",
     ),
+    "an error that is misspelt where it is caught": (
+        row(script("x_goal, y_goal = 1, 1"), call("GoTo", "GoTo")) + caught_at("GoTo", "unreachabel"),
+        "b: catches error 'unreachabel', which nothing in GoTo throws; did you mean 'unreachable'?",
+    ),
+    "an error that another activity throws": (
+        row(script("raise BpmnError('spilt')")) + caught_at("t", "lost"),
+        "b: catches error 'lost', which nothing in t throws; it throws spilt",
+    ),
     "a timer of what nothing sets": (
         row(timer("intermediateCatchEvent", "timeDuration", "PT${pause}S")),
         "w: reads `pause`, which nothing sets",
@@ -702,6 +718,14 @@ FINE = {
     "a payload of computed values": row(
         script("v = [1, 2]"), throw("a", type="geometry_msgs/msg/Pose", payload="{position: {x: ${v[0]}}}")
     ),
+    "an error that a script throws": row(script("raise BpmnError('lost')")) + caught_at("t", "lost"),
+    "an error of whatever code": row(script("raise BpmnError(codes[0])\ncodes = []")) + caught_at("t", "lost"),
+    "an exception": row(script("x = 1 / 0")) + caught_at("t", "script"),
+    "an error of a service": row(service(service="a", type="std_srvs/srv/Trigger")) + caught_at("t", "lost"),
+    "an error inside": (
+        row('<subProcess id="p">' + row(script("raise BpmnError('lost')"), mark="2") + "</subProcess>")
+        + caught_at("p", "lost")
+    ),
     "an activity that a boundary event leads on from": (
         START + script("await until(lambda: False)") + ends("e") + flows("s t", "w e")
         + timer("boundaryEvent", "timeDuration", "PT1S", 'attachedToRef="t"')
@@ -728,6 +752,7 @@ def test_it_is_not_blamed(content: str) -> None:
 # ---- notes -----------------------------------------------------------------------------------------------------------
 
 NOTES = {
+    "a script task without a script": (row('<scriptTask id="t"/>'), "t: has no script: it completes at once"),
     "a plain task": (row('<task id="t"/>'), "t: a plain task does nothing: it completes at once"),
     "a user task": (
         row('<userTask id="t"/>'),

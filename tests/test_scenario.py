@@ -230,3 +230,9 @@ def test_a_run_without_a_world_is_over_when_its_last_element_is(tmp_path):
         )
     )
     assert run(path).simulated == 0.25
+
+
+def test_a_topic_that_nobody_hears_is_told_with_the_one_that_was_meant(tmp_path):
+    path = changed(tmp_path, model=(('robot.publish("led"', 'robot.publish("Led"'),))
+    told = [(event.robot, event.detail) for event in run(path).reports]
+    assert told == [("DINGO", "publishes on /DINGO/Led, which nobody hears; did you mean /DINGO/led?")]

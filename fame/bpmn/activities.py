@@ -145,7 +145,7 @@ def read_call(node: HalfRead) -> CallActivity:
 
 def _loop(node: HalfRead) -> MultiInstance | StandardLoop | None:
     if "multiInstanceLoopCharacteristics" in node.parts:
-        return _multi_instance(node.context, node.parts["multiInstanceLoopCharacteristics"][0])
+        return _multi_instance(node, node.parts["multiInstanceLoopCharacteristics"][0])
     if "standardLoopCharacteristics" not in node.parts:
         return None
     loop = node.parts["standardLoopCharacteristics"][0]
@@ -158,9 +158,10 @@ def _loop(node: HalfRead) -> MultiInstance | StandardLoop | None:
     )
 
 
-def _multi_instance(context: Context, loop: Node) -> MultiInstance:
-    said = extensions_of(context, loop)
-    named, each = said.take("outputCollection"), said.take("outputElement")
+def _multi_instance(node: HalfRead, loop: Node) -> MultiInstance:
+    """What it says of its results may stand at the activity: Camunda Modeler has properties there alone."""
+    context, said = node.context, extensions_of(node.context, loop)
+    named, each = (said.take(name) or node.extensions.take(name) for name in ("outputCollection", "outputElement"))
     collection = variable(context, loop, said.collection) if said.collection.strip() else None
     if collection is None:
         reference = child(loop, "loopDataInputRef")

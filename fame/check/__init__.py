@@ -4,6 +4,7 @@
 
     subject      the processes of a file and all that they call
     compiling    what the compiler refuses, all of it
+    catching     errors that nothing throws where they are caught
     flow         what tokens never reach, gateways without a way out, joins that wait in vain
     recursion    calls without end
     timers       times that are none
@@ -26,6 +27,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from fame.bpmn.model import Definitions
+from fame.check.catching import catching_findings
 from fame.check.compiling import compiler_findings
 from fame.check.findings import Finding, Level, arranged, of_error, summary
 from fame.check.flow import flow_findings
@@ -65,6 +67,7 @@ def check(
         *_pool_errors(definitions),
         *compiler_findings(about),
         *recursion_findings(about),
+        *catching_findings(about),
         *flow_findings(about),
         *timer_findings(about),
         *topic_findings(about, all_of_them),

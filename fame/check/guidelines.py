@@ -105,6 +105,8 @@ def _selection(unit: Unit, node: FlowNode) -> Iterator[Finding]:
     if isinstance(node, Task) and node.kind == "plain":
         yield unit.finding("note", "a plain task does nothing: it completes at once", node)
         return
+    if isinstance(node, Task) and node.kind == "script" and node.script is None:
+        yield unit.finding("note", "has no script: it completes at once", node)
     outside = _outside(node)
     if outside:
         yield unit.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)

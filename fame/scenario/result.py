@@ -78,7 +78,8 @@ class Result:
         """What went wrong, a line each, for people; also the weeds that are left, if the mission is completed."""
         lines = [str(error) for robot in self.robots for error in robot.errors]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
-            lines.append(f"{self.ending} after {self.simulated:g} simulated seconds")
+            alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
+            lines.append(f"{self.ending} after {self.simulated:g} simulated seconds{alone}")
         if self.status != "completed":
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]

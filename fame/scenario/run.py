@@ -20,6 +20,7 @@ from fame.observation import Observer, together
 from fame.scenario.captions import Captions
 from fame.scenario.garbage import seldom_collected
 from fame.scenario.result import Fault, Progress, Result, RobotResult, Status
+from fame.scenario.unheard import unheard
 from fame.scripting import heartbeat
 from fame.splitter import pools_of, shared_topics
 
@@ -129,6 +130,10 @@ class Run:
         world = self.world.summary() if self.world is not None else None
         if self.recorder is not None:
             self.recorder.finish(self.world)
+        names = {node.node.full_name: node.name for node in self.nodes}
+        for end, text in unheard(self.middleware.graph()):
+            if end in names:
+                self.reports.append(Event(self.scheduler.now, names[end], 0, 0, "", "log", text))
         self._stop()
         return Result(
             status=status,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from bpmn_text import properties
 from conftest import Play
 from engine_models import (
     TERMINATE,
@@ -139,6 +140,14 @@ def test_an_output_collection_has_one_element_for_each_instance_in_their_order(p
     said = many(extensions(tag))
     content = model(around(script("a", "await sleep(5 - item)\ny = item * 10", said)))
     run = play(content, {"items": [1, 2, 3]}).run()
+    assert run.variables["found"] == [10, 20, 30]
+
+
+def test_the_output_collection_may_be_a_property_of_the_activity(play: Play) -> None:
+    said = properties(outputCollection="found", outputElement="${item * 10}") + many(
+        "", collection="items", elementVariable="item"
+    )
+    run = play(model(around(script("a", "pass", said))), {"items": [1, 2, 3]}).run()
     assert run.variables["found"] == [10, 20, 30]
 
 
