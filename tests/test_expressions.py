@@ -91,6 +91,9 @@ JUEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
     ("[1, x, 'a']", {"x": 2}, [1, 2, "a"]),
     ("{'x': x, y: 1}", {"x": 2}, {"x": 2, "y": 1}),
     ("max(a, b) - abs(c)", {"a": 1, "b": 5, "c": -2}, 3),
+    ("-stamp % 10000000000000000000", {"stamp": 12345678901234567891}, -2345678901234567891),
+    ("xs.indexOf(5)", {"xs": [1, 2]}, -1),
+    ("xs.indexOf(2)", {"xs": (1, 2)}, 1),
 ]
 
 FEEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
@@ -151,6 +154,16 @@ FEEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
     ("odom.position.z", {"odom": Odometry()}, None),
     ("10 ** 400", {}, None),
     ("1 + 1 // and a remark", {}, 2),
+    ("string(6 / 2)", {}, "3"),
+    ("36893488147419103234 / 2", {}, 18446744073709551617),
+    ("xs = [1, 2]", {"xs": (1, 2)}, True),
+    ('contains(5, "a")', {}, None),
+    ("upper case(x)", {"x": 5}, None),
+    ("sqrt(-1) = null", {}, True),
+    ("modulo(5, 0)", {}, None),
+    ('max([1, "a"])', {}, None),
+    ('number("weed")', {}, None),
+    ("größe > 1 and class = 3", {"größe": 2, "class": 3}, True),
 ]
 
 

@@ -241,6 +241,8 @@ REFUSED = {
         START + f'<intermediateThrowEvent id="x">{DEFINITIONS["link"]}</intermediateThrowEvent>' + flow("s", "x"),
     "leads to t, which is no catching event or receive task": f'{START}<eventBasedGateway id="x"/>{TASK}'
         + flow("s", "x", "t"),
+    "what an event-based gateway waits for does not repeat": f'{START}<eventBasedGateway id="x"/><receiveTask id="t" '
+        f'messageRef="M"><standardLoopCharacteristics loopMaximum="2"/></receiveTask>' + flow("s", "x", "t"),
     "has no event to wait for": f'{START}<eventBasedGateway id="x"/>{flow("s", "x")}',
     "a complex gateway that joins needs an activation condition":
         gateway("complex", "joins").replace("activationCondition>activationCount == 1<", "documentation>a<")

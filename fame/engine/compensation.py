@@ -34,11 +34,13 @@ def remember(scope: Scope, *records: Record) -> None:
 
 def compensate(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A compensation event: undo what completed in its scope, or (`code`) one activity of it."""
-    handler = scope.node is not None and scope.node.kind == "handler"
-    home = scope.parent if handler and scope.parent is not None else scope
-    done = home.done or []
-    chosen = unrolled([record for record in done if node.code in (None, record.node.id)])
-    home.done = [record for record in done if node.code not in (None, record.node.id)] or None
+    homes, chosen = [scope], list[Record]()
+    if scope.node is not None and scope.node.kind == "handler" and scope.parent is not None:
+        homes.append(scope.parent)
+    for home in homes:
+        done = home.done or []
+        chosen += unrolled([record for record in done if node.code in (None, record.node.id)])
+        home.done = [record for record in done if node.code not in (None, record.node.id)] or None
     if not chosen:
         scope.counts[node.slot] += 1
         return node.next

@@ -71,6 +71,8 @@ def link_alternatives(wiring: Wiring, node: Node, element: model.Gateway) -> Non
             slot = wiring.main[target.id].slot
             choices = alternatives(wiring, target, node, slot)
         elif isinstance(target, model.Task) and target.kind == "receive" and target.topic is not None:
+            if target.loop is not None:
+                raise refuse("what an event-based gateway waits for does not repeat", target, wiring)
             slot = wiring.main[target.id].slot
             choice = wiring.compiler.node(target, steps.wait, wiring.file, part=f"@{element.id}")
             choice.kind, choice.keys = "message", wiring.compiler.assignments(target.keys, target, wiring.file)

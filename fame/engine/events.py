@@ -254,9 +254,13 @@ def compensable(wiring: Wiring, event: model.Event) -> None:
 
 
 def attach_undo(wiring: Wiring, activity: str, node: Node, handler: str) -> None:
-    """Let an activity be compensated; what is no scope of its own says by a node behind it that it has completed."""
+    """Let an activity be compensated, or each instance of one that repeats.
+
+    What is no scope of its own says by a node behind it that it has completed.
+    """
     main = wiring.main[activity]
-    main.undo, node.next = node, wiring.entries[handler]
+    undone = main if main.loop is None else main.loop.instance
+    undone.undo, node.next = node, wiring.entries[handler]
     if main.kind != "scope":
         last = wiring.compiler.node(wiring.model[activity], compensation.completed, wiring.file, part="/completed")
         last.guard = main

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.engine import compensation, faults, scopes, state, steps, waiting
 from fame.engine.host import Compiled
-from fame.engine.state import Node, Scope
+from fame.engine.state import Node, Record, Scope
 from fame.engine.variables import UNDEFINED, Variables
 
 if TYPE_CHECKING:
@@ -120,7 +120,9 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
     loop: Loop = node.loop
     items["done"] += 1
     whole.tokens -= 1
-    if instance.done:
+    if loop.instance.undo is not None:
+        compensation.remember(whole, Record(loop.instance, instance.variables, instance.done or []))
+    elif instance.done:
         compensation.remember(whole, *instance.done)
     if loop.standard:
         go_round(engine, whole, node, first=False)
@@ -140,6 +142,8 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
         begin_instance(engine, whole, node)
     elif not whole.tokens:
         scopes.finish(engine, whole)
+    if engine.conditions:
+        waiting.check_conditions(engine)
 
 
 def go_round(engine: Engine, whole: Scope, node: Node, first: bool) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fame.engine import activities, compensation, loops, state, suspension, waiting
-from fame.engine.state import DEAD, Body, Departure, Node, Rest, Scope
+from fame.engine.state import DEAD, Body, Departure, Node, Record, Rest, Scope
 
 if TYPE_CHECKING:
     from fame.engine.interpreter import Engine
@@ -102,6 +102,8 @@ def finish(engine: Engine, scope: Scope) -> None:
             activities.leave(engine, parent, node, scope)
             return
         count(engine, scope, node)
+        if scope.done:
+            compensation.remember(parent, Record(node, scope.variables, scope.done))
         parent.tokens -= 1
         if parent.suspender is scope:
             suspension.resume(engine, parent)

@@ -62,7 +62,9 @@ def field(value: Any, name: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """The value with arrays as lists, so that it can be compared."""
+    """The value with arrays and tuples as lists, so that it can be compared."""
+    if value.__class__ is tuple:
+        return list(value)
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from fame.scripting.data import NUMBERS, is_number
 from fame.scripting.feel_lists import COMPARE, bracket, index_or_filter, iteration, parenthesis, quantified, span
-from fame.scripting.feel_values import Bound, Range, equal, field_of, order, power, within
+from fame.scripting.feel_values import Bound, Range, equal, field_of, order, power, quotient, within
 from fame.scripting.functions import FUNCTIONS
 from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix, mapping
 from fame.scripting.lexer import ExpressionError
@@ -188,7 +188,7 @@ def _table() -> dict[str, tuple[int, Infix]]:
         "+": (SUM, _arithmetic(operator.add)),
         "-": (SUM, _arithmetic(operator.sub)),
         "*": (PRODUCT, _arithmetic(operator.mul)),
-        "/": (PRODUCT, _arithmetic(operator.truediv)),
+        "/": (PRODUCT, _arithmetic(quotient)),
         "**": (POWER, _arithmetic(power)),
     }
     table = {sign: infix(power, combine) for sign, (power, combine) in operators.items()}

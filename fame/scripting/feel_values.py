@@ -58,6 +58,12 @@ def power(base: Any, exponent: Any) -> Any:
     return int(result) if whole else result
 
 
+def quotient(dividend: Any, divisor: Any) -> Any:
+    """A whole quotient of whole numbers is whole."""
+    whole = isinstance(dividend, int) and isinstance(divisor, int) and dividend % divisor == 0
+    return dividend // divisor if whole else dividend / divisor
+
+
 def field_of(value: Any, name: str) -> Any:
     """``value.name``: of a list the list of its elements' fields; null where there is none."""
     if value.__class__ is not dict and is_list(value):

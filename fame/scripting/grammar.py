@@ -157,7 +157,8 @@ class Parser:
             name = " ".join(str(token.value) for token in tokens)
             if name in self.dialect.functions and self.at("(", words):
                 self._index += words + 1
-                return called(self.dialect.functions[name], name, self.listed(")"))
+                build = attempted if self.dialect.undefined_is_null else called
+                return build(self.dialect.functions[name], name, self.listed(")"))
         return None
 
 
@@ -198,6 +199,19 @@ def called(function: Callable[..., Any], name: str, arguments: list[Evaluate]) -
             return function(*values)
         except TypeError as error:
             raise TypeError(f"{name}({', '.join(map(repr, values))}): {error}") from None
+
+    return evaluate
+
+
+def attempted(function: Callable[..., Any], name: str, arguments: list[Evaluate]) -> Evaluate:
+    """The same where what cannot be computed is null."""
+
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        values = [argument(variables) for argument in arguments]
+        try:
+            return function(*values)
+        except (TypeError, ValueError, AttributeError, ArithmeticError):
+            return None
 
     return evaluate
 

@@ -69,6 +69,10 @@ def item_of(value: Any, key: Any) -> Any:
     return field(value, key)
 
 
+def _place(items: list[Any], item: Any) -> int:
+    return items.index(item) if item in items else -1
+
+
 _METHODS: dict[str, Callable[..., Any]] = {
     "size": len,
     "length": len,
@@ -76,7 +80,7 @@ _METHODS: dict[str, Callable[..., Any]] = {
     "contains": lambda value, item: item in plain(value),
     "containsKey": lambda value, key: key in value,
     "get": item_of,
-    "indexOf": lambda value, item: value.find(item) if isinstance(value, str) else list(value).index(item),
+    "indexOf": lambda value, item: value.find(item) if isinstance(value, str) else _place(list(plain(value)), item),
     "equals": equal,
     "startsWith": lambda value, part: to_text(value).startswith(part),
     "endsWith": lambda value, part: to_text(value).endswith(part),
@@ -143,7 +147,7 @@ def _plus(left: Evaluate, right: Evaluate) -> Evaluate:
 def _remainder(dividend: Any, divisor: Any) -> Any:
     """With the sign of the dividend, as in Java."""
     if isinstance(dividend, int) and isinstance(divisor, int):
-        return int(math.copysign(abs(dividend) % abs(divisor), dividend))
+        return abs(dividend) % abs(divisor) * (-1 if dividend < 0 else 1)
     return math.fmod(dividend, divisor)
 
 

@@ -254,3 +254,22 @@ def test_cancel_ends_the_innermost_transaction_alone(play: Play) -> None:
     inner = element("transaction", "q", start("t") + end("c", CANCEL) + path("t c"))
     content = start() + element("transaction", "p", inner) + boundary("x", "p", CANCEL) + path("s p")
     assert play(content).run().log == "s (p (q t c c!cancel -p -q =failed"
+
+
+def test_what_completed_in_a_handler_is_undone_with_its_scope(play: Play) -> None:
+    beside = handler("h", start("ht", signal("A"), interrupting=False) + script("a") + undo("a") + path("ht a"))
+    content = start() + sub("p", user("u") + beside) + throw("t", THROW) + path("s p t")
+    assert play(content).run().signal("A").complete("u").log.endswith("(t c_a u_a t) =completed")
+
+
+def test_a_handler_may_undo_what_completed_in_itself(play: Play) -> None:
+    inside = start("ht", signal("A"), interrupting=False) + script("a") + undo("a") + throw("t", only("a"))
+    run = play(start() + user("u") + path("s u") + handler("h", inside + path("ht a t"))).run().signal("A")
+    assert run.log == "s (u (h ht a (t c_a u_a t) h)"
+
+
+def test_of_an_activity_that_repeats_each_instance_is_undone(play: Play) -> None:
+    for tag, inside in (("multiInstance", "<loopCardinality>3</loopCardinality>"), ("standard", "")):
+        how = element(f"{tag}LoopCharacteristics", "m", inside, **({"loopMaximum": "3"} if not inside else {}))
+        run = play(start() + script("a", "pass", how) + undo("a") + throw("t", THROW) + path("s a t")).run()
+        assert run.log == "s a a a (t c_a u_a c_a u_a c_a u_a t) =completed"

@@ -4,7 +4,21 @@ from __future__ import annotations
 
 import pytest
 from conftest import Play
-from engine_models import catch, condition, end, gateway, path, properties, script, signal, start, timer, user
+from engine_models import (
+    Run,
+    catch,
+    condition,
+    element,
+    end,
+    gateway,
+    path,
+    properties,
+    script,
+    signal,
+    start,
+    timer,
+    user,
+)
 
 from fame.errors import ModelError
 
@@ -78,3 +92,10 @@ def test_a_multiple_catching_event_waits_for_any_of_its_triggers(play: Play) -> 
     run = play(content).run()
     assert (run.log, run.simulation.now) == ("s c e =completed", 5.0)
     assert not run.left_behind()
+
+
+def test_what_it_waits_for_does_not_repeat() -> None:
+    twice = "<standardLoopCharacteristics loopMaximum='2'/>"
+    task = element("receiveTask", "r", twice, messageRef="message_M")
+    with pytest.raises(ModelError, match="what an event-based gateway waits for does not repeat"):
+        Run(start() + gateway("eventBased", "g") + task + path("s g r"))

@@ -11,6 +11,7 @@ from engine_models import (
     boundary,
     call,
     catch,
+    condition,
     end,
     error,
     extensions,
@@ -235,3 +236,10 @@ def test_a_script_that_changes_its_counter_does_not_change_its_place(play: Play)
     out = extensions('<zeebe:loopCharacteristics outputCollection="out" outputElement="=x"/>')
     run = play(around(script("a", "x = loopCounter\nloopCounter = 1", many(out + times(2))))).run()
     assert run.variables == {"out": [1, 2]}
+
+
+def test_conditions_inside_see_how_many_have_completed(play: Play) -> None:
+    inner = user("u") + boundary("b", "u", condition("nrOfCompletedInstances > 0"))
+    run = play(around(sub("a", many(times(3)), inner))).run().complete("u")
+    assert run.visits["b"] == 2
+    assert run.status == "completed"
