@@ -7,6 +7,7 @@ loads the rest itself.
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable, Iterator
 
@@ -33,10 +34,20 @@ def warm(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[], 
             go_on()
 
     def go_on() -> None:
-        if waits() and next(steps, None) is not None:
+        if waits() and _load(steps):
             scheduler.after(round(_PAUSE * SECOND), go_on, Kind.TIMER)
 
     scheduler.after(0, begin, Kind.TIMER)
+
+
+def _load(steps: Iterator[str]) -> bool:
+    """Do the next step; whether there was one. What it loads stays, so nobody need look for garbage in it."""
+    gc.disable()
+    try:
+        return next(steps, None) is not None
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _steps() -> Iterator[str]:
