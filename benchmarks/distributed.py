@@ -47,7 +47,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90
 ROUNDS, TRIPS = 6, 1000
 PATIENCE = 60.0
-REST = 4.0  # s after which engines have loaded what they will need
+REST = 5.0  # s after which engines have loaded what they will need
 BYTECODE: dict[str, str] = {}
 
 

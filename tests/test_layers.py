@@ -172,7 +172,7 @@ def test_an_engine_that_waits_loads_what_its_first_process_will_need(engines: in
     code = (
         "from fame.clock import SECOND, Scheduler; from fame.deployment.warming import warm\n"
         f"scheduler, answers = Scheduler(), iter([True] * {steps} + [False])\n"
-        f"warm(scheduler, lambda: next(answers), lambda: {engines}); scheduler.run(2 * SECOND)\n"
+        f"warm(scheduler, lambda: next(answers), lambda: {engines}); scheduler.run(29 * SECOND // 10)\n"
         "import sys; print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

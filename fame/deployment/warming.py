@@ -1,8 +1,8 @@
 """While an engine waits for its first process it loads what any process needs: that one starts as fast as all others.
 
-Not before it has said that it is there, and the later the more engines there are: when many are started at once on one
-machine, finding each other comes first. Step by step: a process that comes meanwhile waits for one step at most, and
-loads the rest itself.
+Not before it has said that it is there, and step by step: a process that comes meanwhile waits for one step at most,
+and loads the rest itself. The more engines there are, the slower: when many start at once on one machine, finding each
+other comes first.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ from collections.abc import Callable, Iterator
 
 from fame.clock import SECOND, Kind, Scheduler
 
-SHARE = 0.15
-"""For how long it lets be, for each engine that there is (s): about what the start of one takes."""
-_PAUSE = 0.05
-"""Between two steps (s)."""
+TURN = 0.15
+"""Between two steps, for each engine that there is (s): it may be on this machine, and have work of its own to do."""
 
 
 def warm(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[], int]) -> None:
@@ -24,20 +22,16 @@ def warm(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[], 
 
     `engines` tells how many there are.
     """
-    began, steps = scheduler.now, _steps()
+    steps = _steps()
 
-    def begin() -> None:
-        rest = began + round(SHARE * SECOND) * engines() - scheduler.now
-        if rest > 0:
-            scheduler.after(rest, begin, Kind.TIMER)
-        else:
-            go_on()
+    def rest() -> None:
+        scheduler.after(round(TURN * SECOND) * engines(), go_on, Kind.TIMER)
 
     def go_on() -> None:
         if waits() and _load(steps):
-            scheduler.after(round(_PAUSE * SECOND), go_on, Kind.TIMER)
+            rest()
 
-    scheduler.after(0, begin, Kind.TIMER)
+    rest()
 
 
 def _load(steps: Iterator[str]) -> bool:
