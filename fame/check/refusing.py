@@ -10,13 +10,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from fame.bpmn.model import Definitions, Process
-from fame.check.compiling import compiler_findings
 from fame.check.findings import Finding, arranged
 from fame.check.recursion import recursion_findings
 from fame.check.subject import Subject, subject
 from fame.check.timers import timer_findings
 from fame.check.topics import fit_findings, types_of
-from fame.check.variables import variable_findings
 from fame.errors import ModelError
 from fame.library import Library
 
@@ -31,7 +29,12 @@ def refuse_literals(
     Raises ModelError for the first of them by file and line.
     """
     about = _running(definitions, processes, library)
-    _refuse(about, (*_literals(about), *(variable_findings(about, types_of(about), strict=True) if strict else ())))
+    unset: Iterable[Finding] = ()
+    if strict:
+        from fame.check.variables import variable_findings
+
+        unset = variable_findings(about, types_of(about), strict=True)
+    _refuse(about, (*_literals(about), *unset))
 
 
 def refuse_errors(
@@ -42,6 +45,8 @@ def refuse_errors(
     `sent`: to robots that may know message types that are not known here, so that these are for them to refuse.
     Raises ModelError for the first of them by file and line.
     """
+    from fame.check.compiling import compiler_findings
+
     about = _running(definitions, processes, library)
     _refuse(about, (*compiler_findings(about), *_literals(about, sent=sent)))
 

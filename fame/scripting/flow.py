@@ -7,7 +7,7 @@ Anchors and tags are refused.
 from __future__ import annotations
 
 import re
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 _INTEGER = re.compile(r"[-+]?[0-9]+")
@@ -34,8 +34,9 @@ def scalar(text: str) -> Any:
     return int(text, 0) if _BASED.fullmatch(text) else text
 
 
+@lru_cache(maxsize=1024)
 def flow(text: str) -> Any:
-    """The value of a flow collection or quoted scalar: flow-style YAML, of which JSON is a part.
+    """The value of a flow collection or quoted scalar: flow-style YAML, of which JSON is a part. Not to be changed.
 
     Raises ValueError that says where.
     """
