@@ -1,8 +1,8 @@
 """Signed deployments: a robot that trusts some keys runs what they signed, for it, now, and nothing else.
 
 Keys are Ed25519 (RFC 8032), kept as PEM files. What is signed is everything that an envelope says but the text of the
-model, which its hash stands for. A signature that is older than `FRESH` seconds is refused, so that an engine that has
-just started cannot be given an old envelope again; later ones are kept in order by their sequence.
+model, which its hash stands for. It holds for `FRESH` seconds and for one run of an engine, so that one that has just
+started cannot be given what was recorded before; while it runs, its envelopes are kept in order by their sequence.
 """
 
 from __future__ import annotations
@@ -69,8 +69,11 @@ def sign(said: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
     return base64.b64encode(key.sign(_signed_part(said))).decode()
 
 
-def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float) -> None:
-    """Raises DeploymentError unless a trusted key signed it, not long ago. `now` in s since 1970."""
+def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
+    """Raises DeploymentError unless a trusted key signed it, not long ago, for the engine that was `born` then (ns).
+
+    `now` in s since 1970.
+    """
     from cryptography.exceptions import InvalidSignature
 
     signature = said.get("signature", "")
@@ -91,6 +94,8 @@ def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: fl
     age = now - float(said.get("issued", 0.0))
     if not abs(age) <= FRESH:
         raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")
+    if said.get("born", 0) != born:
+        raise DeploymentError("signed for another run of this robot's engine: it may have been recorded")
 
 
 def _signed_part(said: Mapping[str, Any]) -> bytes:

@@ -23,9 +23,9 @@ class Farm(Field):
         self.wall = 1000.0
         self.lines: list[str] = []
 
-    def splitter(self) -> SplitterNode:
+    def splitter(self, kind: type[SplitterNode] = SplitterNode) -> SplitterNode:
         self.wall += 1
-        return SplitterNode(
+        return kind(
             scheduler=self.scheduler,
             middleware=self.middleware,
             say=self.lines.append,
@@ -255,3 +255,60 @@ def test_what_the_older_could_not_deploy_any_more_the_younger_does():
     farm.pass_time(8)
     assert younger.state == "keeping"
     assert [farm.engines[name].state for name in "AB"] == ["running", "running"]
+
+
+class Stoppable(SplitterNode):
+    """A splitter whose process can be stopped: what it is told waits, and comes when it goes on."""
+
+    def __init__(self, **options) -> None:
+        self.stopped, self.queue = False, []
+        super().__init__(**options)
+        heard = self._others.heard
+        self._others.heard = lambda text: self._later(heard, text)
+
+    def _later(self, action, *arguments) -> None:
+        if self.stopped:
+            self.queue.append((action, arguments))
+        else:
+            action(*arguments)
+
+    def _beat(self) -> None:
+        self._later(super()._beat)
+
+    def _heard(self, message) -> None:
+        self._later(super()._heard, message)
+
+    def _inherit(self, message) -> None:
+        self._later(super()._inherit, message)
+
+    def go_on(self, *, cut_off: bool) -> None:
+        """`cut_off`: what was volatile is lost, and the last words come again."""
+        self.stopped = False
+        kinds = [action.__name__ for action, _ in self.queue]
+        for number, (action, arguments) in enumerate(self.queue):
+            if not cut_off or (action.__name__ != "_heard" and action.__name__ not in kinds[number + 1 :]):
+                action(*arguments)
+
+
+@pytest.mark.parametrize("cut_off", [True, False])
+def test_an_older_splitter_that_was_stopped_takes_the_team_back_as_the_younger_left_it(cut_off):
+    farm = Farm("A", "B_1")
+    elder = farm.splitter(Stoppable)
+    younger = farm.splitter()
+    farm.pass_time(2)
+    farm.diagram(TRACTORS)
+    farm.pass_time(3)
+    elder.stopped = True
+    farm.pass_time(6)
+    assert younger.state == "keeping"
+    farm.diagram(TRACTORS.replace('"ub"', '"ub2"'))
+    farm.pass_time(3)
+    kept = [farm.engines[name].running for name in ("A", "B_1")]
+    elder.go_on(cut_off=cut_off)
+    farm.pass_time(4)
+    assert (elder.state, younger.state) == ("keeping", "standby")
+    assert [farm.engines[name].running for name in ("A", "B_1")] == kept
+    farm.come("B_2")
+    farm.pass_time(12)
+    assert farm.engines["B_2"].hash == farm.engines["B_1"].hash
+    assert [farm.engines[name].running for name in ("A", "B_1")] == kept

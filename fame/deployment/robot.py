@@ -118,7 +118,8 @@ class EngineNode:
         try:
             envelope = read_envelope(message.data, self.robot)
             said = envelope.deployment
-            self._check_signature(envelope)
+            if self._trusted:
+                verify(asdict(envelope), self._trusted, self._wall_time(), self.born)
         except DeploymentError as error:
             self.status.say("refused", said, str(error))
             return
@@ -132,13 +133,6 @@ class EngineNode:
             self.status.again(said, otherwise=_NONE)
         else:
             self._decide(self.candidate, envelope.phase)
-
-    def _check_signature(self, envelope: Envelope) -> None:
-        if self._trusted:
-            verify(asdict(envelope), self._trusted, self._wall_time())
-            if envelope.born != self.born:
-                text = "signed for an engine of this robot that is no more, or for none: it may have been recorded"
-                raise DeploymentError(text)
 
     def _take(self, envelope: Envelope) -> None:
         """A model: it waits its turn, as the newest."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.deployment.casting import cast_of, promises
 from fame.deployment.envelope import (
     LAST,
     PROCESS_QOS,
@@ -21,12 +22,11 @@ from fame.deployment.envelope import (
     engines,
     model_hash,
 )
-from fame.errors import DeploymentError
 from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import Middleware
 from fame.signing import sign
-from fame.splitter import Pool, bind, expected, plays, pools_of, shared_topics, split
+from fame.splitter import Pool, split
 
 PATIENCE = 10.0
 """How long a deployment waits for a robot (s)."""
@@ -249,47 +249,3 @@ class Deployment:
         if not self.done:
             self._stop(failed=True)
         self.node.close()
-
-
-def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]) -> dict[str, Pool]:
-    """Who plays which pool. Robots that were `found`, not named, may belong to others; `only` some leave pools open.
-
-    Raises DeploymentError and ConfigError for robots that are not there, ModelError for pools that cannot be played.
-    """
-    pools = pools_of(definitions)
-    if found:
-        robots = [robot for robot in robots if any(plays(robot, pool) for pool in pools)]
-    unknown = [name for name in only if name not in robots]
-    wanted = ", ".join(expected(pool) for pool in pools)
-    if unknown:
-        there = f"there are {', '.join(robots)}" if robots else "there is none"
-        text = f"no engine of a robot named {', '.join(unknown)}; of those that the model wants ({wanted}) {there}"
-        raise DeploymentError(text)
-    if only:
-        pools = [pool for pool in pools if any(plays(robot, pool) for robot in robots)]
-    cast = bind(pools, robots, file=definitions.file)
-    if not cast:
-        raise DeploymentError(f"no engine of a robot that the model wants: {wanted}")
-    return cast
-
-
-def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Library) -> dict[str, dict[str, str]]:
-    """For each robot, the public topics whose opposite end another robot of the collaboration has."""
-    ends: dict[str, tuple[set[str], set[str]]] = {}
-    for robot, pool in cast.items():
-        for name, use in shared_topics(definitions, [pool], library).items():
-            if not name.startswith("~/"):
-                throws, catches = ends.setdefault(name, (set(), set()))
-                if use.throws:
-                    throws.add(robot)
-                if use.catches:
-                    catches.add(robot)
-    found: dict[str, dict[str, str]] = {robot: {} for robot in cast}
-    for name, (throws, catches) in ends.items():
-        for robot in throws:
-            if catches - {robot}:
-                found[robot][name] = "subscriber"
-        for robot in catches - throws:
-            if throws - {robot}:
-                found[robot][name] = "publisher"
-    return found

@@ -10,11 +10,9 @@ Of diagrams that wait, the newest is taken. One whose pools have no robots yet w
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -23,6 +21,7 @@ from fame.bpmn.xml import LIMIT
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deployment.keeping import Keeper
+from fame.deployment.role import GONE, Others, Role
 from fame.deployment.sender import PATIENCE, REFUSALS, Deployment
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.library import Library
@@ -33,27 +32,6 @@ from fame.splitter import pools_of, split
 DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_splitter/deployed"
 HEARTBEAT = 1.0
 """How often a splitter says that it is there (s)."""
-GONE = 3.0
-"""After how long a splitter that says nothing is taken to be gone (s)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Role:
-    """What a splitter says of itself. `born` (ns since 1970) is its age and name; `deployed` the hash of a diagram."""
-
-    born: int
-    state: str
-    deployed: str = ""
-    text: str = ""
-
-    @classmethod
-    def from_json(cls, text: str) -> Role | None:
-        """What another one said, or None if it is nothing of that kind."""
-        try:
-            role = cls(**json.loads(text))
-        except (ValueError, TypeError, RecursionError):
-            return None
-        return role if isinstance(role.born, int) and isinstance(role.deployed, str) else None
 
 
 class SplitterNode:
@@ -79,7 +57,8 @@ class SplitterNode:
         }
         self.born = round(wall_time() * SECOND)
         self._sequence = 0
-        self._elders: dict[int, tuple[int, Role]] = {}  # born -> when it was heard last, and what it said
+        self._others = Others(self.born, scheduler)
+        self._beaten = scheduler.now
         self._diagram: tuple[str, Definitions] | None = None  # hash and model, the newest
         self._deployed = ""  # the hash of the diagram that the team has
         self._text = ""
@@ -87,7 +66,7 @@ class SplitterNode:
         self._keeper: Keeper | None = None
         self.node = middleware.node("fame_splitter")
         self._status = self.node.publisher(STATUS, STRING, LATCHED)
-        self.node.subscription(STATUS, STRING, self._met, STATUS_QOS)
+        self.node.subscription(STATUS, STRING, lambda message: self._others.heard(message.data), STATUS_QOS)
         self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
         self.node.subscription(DEPLOYED, STRING, self._inherit, LATCHED)
         self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS)
@@ -105,29 +84,37 @@ class SplitterNode:
     # ---- who has the role ------------------------------------------------------------------------------------------
 
     def _beat(self) -> None:
-        horizon = self.scheduler.now - round(GONE * SECOND)
-        heirloom = [role.deployed for heard, role in self._elders.values() if heard < horizon]
-        self._elders = {born: said for born, said in self._elders.items() if said[0] >= horizon}
-        if self._leads and self._elders:
-            self._leads = False
-            self._let_be()
-            self._report("stands by: there is an older splitter")
-        elif not self._leads and not self._elders:
+        heirloom = self._others.forget_silent()
+        self._step_down_if_away()
+        if self._leads and self._others.older:
+            self._step_down("there is an older splitter")
+        elif not self._leads and not self._others.older and not self._away:
             self._leads = True
             self._report("has the role" + ("; the one before is gone" if heirloom else ""))
-            self._take_over(heirloom)
+            self._take_over([*heirloom, self._others.regent])
         elif self._leads and self._deployment is None:
             self._try()
         self._publish()
+        self._beaten = self.scheduler.now
         self._pulse = self.scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)
 
-    def _met(self, message: Any) -> None:
-        role = Role.from_json(message.data)
-        if role is not None and 0 < role.born < self.born:
-            self._elders[role.born] = self.scheduler.now, role
+    @property
+    def _away(self) -> bool:
+        """Whether it was stopped for so long that another one may have taken the role."""
+        return self.scheduler.now - self._beaten > GONE * SECOND
+
+    def _step_down_if_away(self) -> None:
+        if self._leads and (self._away or self._others.regent):
+            self._step_down("it was stopped or cut off, and listens what became of the team")
+
+    def _step_down(self, reason: str) -> None:
+        self._leads = False
+        self._let_be()
+        self._report(f"stands by: {reason}")
 
     def _take_over(self, heirloom: Sequence[str]) -> None:
         """The team of the one before is kept; what it had not deployed is deployed."""
+        self._others.regent = ""
         if self._diagram is not None and self._diagram[0] in heirloom:
             self._keep(self._diagram, served=engines(self.middleware))
         else:
@@ -142,12 +129,14 @@ class SplitterNode:
             self._report(f"refused: {error}")
             return
         self._diagram = diagram
+        self._step_down_if_away()
         if self._leads and self._deployment is None:
             self._deployed = ""  # the same again is a restart
             self._try()
 
     def _inherit(self, message: Any) -> None:
         """What the one that has the role has deployed."""
+        self._step_down_if_away()
         if not self._leads:
             with suppress(FameError):
                 self._diagram = self._read(message.data)
@@ -254,7 +243,7 @@ class SplitterNode:
 
     def _publish(self) -> None:
         role = Role(born=self.born, state=self.state, deployed=self._deployed, text=self._text)
-        self._status.publish(messages.create(STRING, json.dumps(asdict(role))))
+        self._status.publish(messages.create(STRING, role.to_json()))
 
     def stop(self) -> bool:
         """It is over at once: the robots go on without it."""

@@ -10,7 +10,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, WallScheduler
 from fame.deployment import Deployment, Keeper, engines
-from fame.deployment.sender import cast_of
+from fame.deployment.casting import cast_of
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
 from fame.remote.process import run_until_told
