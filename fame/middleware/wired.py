@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 from fame.clock import SECOND, Scheduler
+from fame.errors import MessageError
+from fame.middleware import codec, messages
 from fame.middleware.interface import SIGNAL, Message, QoS, resolve
-from fame.middleware.refusals import second_type
+from fame.middleware.refusals import check_name, second_service, second_type, unanswered, unavailable, unpublishable
 
 NAMING = SECOND // 5
 """How long after an end the name of its node may come (ns)."""
@@ -49,17 +51,16 @@ class WireNode:
         middleware.changed()
 
     def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> Any:
-        return self._keep(self.publishers, self.kinds.publisher(self, resolve(topic, self.namespace), type, qos))
+        return self._keep(self.publishers, self.kinds.publisher(self, self._full(topic), type, qos))
 
     def subscription(self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL) -> Any:
-        end = self.kinds.subscription(self, resolve(topic, self.namespace), type, callback, qos)
-        return self._keep(self.subscriptions, end)
+        return self._keep(self.subscriptions, self.kinds.subscription(self, self._full(topic), type, callback, qos))
 
     def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Any:
-        return self._keep(self.services, self.kinds.service(self, resolve(name, self.namespace), type, handler))
+        return self._keep(self.services, self.kinds.service(self, self._full(name), type, handler))
 
     def client(self, name: str, type: str) -> Any:
-        return self._keep(self.services, self.kinds.client(self, resolve(name, self.namespace), type))
+        return self._keep(self.services, self.kinds.client(self, self._full(name), type))
 
     def close(self) -> None:
         """Leave: all its ends are closed. Does nothing the second time."""
@@ -69,10 +70,92 @@ class WireNode:
             self.middleware.nodes.remove(self)
             self.middleware.changed()
 
+    def _full(self, name: str) -> str:
+        full = resolve(name, self.namespace)
+        check_name(full)
+        return full
+
     def _keep(self, ends: list[Any], end: Any) -> Any:
         ends.append(end)
         self.middleware.changed()
         return end
+
+
+class WireEnd:
+    """An end of a topic or service, closed once; `leave` gives back what the backend has made for it."""
+
+    def __init__(self, node: Any) -> None:
+        self.node, self.closed = node, False
+
+    def close(self) -> None:
+        if not self.closed:
+            self.closed = True
+            for ends in (self.node.publishers, self.node.subscriptions, self.node.services):
+                if self in ends:
+                    ends.remove(self)
+            self.leave()
+
+    def leave(self) -> None:
+        """For the backend to fill."""
+
+
+class TopicEnd(WireEnd):
+    """An end of a topic. Raises MessageError if its node's process uses the topic with another type."""
+
+    def __init__(self, node: Any, topic: str, type: str, qos: QoS) -> None:
+        super().__init__(node)
+        self.topic, self.qos = topic, qos
+        self.message_class = messages.message_type(type)
+        self.type: str = self.message_class.__msgtype__
+        if users := [end for end in _ends(node.middleware.nodes, topic) if end.type != self.type]:
+            raise second_type(topic, users[0].type, (end.node.full_name for end in users), self.type)
+
+    def pack(self, message: Message) -> bytes:
+        """What a publisher sends, as CDR. Raises MessageError if it is no message of the type, or the end is closed."""
+        if self.closed or message.__class__ is not self.message_class:
+            raise unpublishable(self, message, closed=self.closed)
+        return codec.serialize(message)
+
+    def unpack(self, data: bytes, callback: Callable[[Message], object]) -> None:
+        """Call back with what a subscription has got, unless it is closed, or the data are no message."""
+        if self.closed:
+            return
+        try:
+            message = codec.deserialize(data, self.type)
+        except MessageError as error:
+            self.node.middleware.warn(f"{self.topic}: dropped a message: {error}")
+        else:
+            callback(message)
+
+
+class ServiceEnd(WireEnd):
+    """A service, or a client of one. Raises MessageError for an unknown type."""
+
+    def __init__(self, node: Any, name: str, type: str) -> None:
+        super().__init__(node)
+        self.name, self.type = name, type
+        self.request_type, self.response_type = messages.service(type)
+
+    @property
+    def available(self) -> bool:
+        """For a client: whether somebody offers the service now."""
+        raise NotImplementedError
+
+    def check_offer(self) -> None:
+        """Raise MessageError if somebody offers a service of that name already."""
+        for _, owner in self.node.middleware.offers(self.name):
+            raise second_service(self.name, owner, self.type)
+
+    def request(self, said: Any) -> Message:
+        """What a client asks. Raises MessageError if it does not fit, or nobody offers the service with this type."""
+        if not self.available:
+            offers = self.node.middleware.offers(self.name)
+            raise unavailable(self.name, self.request_type, (type for type, _ in offers))
+        return messages.create(self.request_type, said)
+
+    def give_up(self) -> None:
+        """A client has asked, and the service has left."""
+        self.node.middleware.warn(unanswered(self.name, self.node.full_name))
 
 
 class Warnings:
@@ -91,23 +174,52 @@ class Warnings:
             self._scheduler.soon(partial(self._tell, text))
 
 
-def check_type(nodes: Iterable[WireNode], topic: str, type: str) -> None:
-    """Raise MessageError if one of the nodes uses the topic with another type."""
-    if users := [end for end in _ends(nodes, topic) if end.type != type]:
-        raise second_type(topic, users[0].type, (end.node.full_name for end in users), type)
+class WireMiddleware:
+    """A backend between processes: its nodes, and its `warnings`; `leave` gives back what it is made of."""
 
+    def __init__(self, scheduler: Any, network: str | None, on_warning: Callable[[str], object] | None) -> None:
+        self.scheduler, self.network, self.closed = scheduler, network, False
+        self.nodes: list[Any] = []
+        self.warn = Warnings(scheduler, on_warning)
+        self.warnings = self.warn.said
 
-def wait_matched(nodes: Sequence[WireNode], topics: Iterable[str], timeout: float) -> list[str]:
-    """Block until each end that the nodes have on the topics (full names) is connected to one of another node.
+    def connecting(self, node: Any) -> list[str]:
+        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
+        self.refresh()
+        return [end.topic for end in node.publishers if end.subscribers() < self.hearers(end)]
 
-    At most `timeout` s; returns the topics with an end that is not.
-    """
-    waiting, deadline = list(topics), time.monotonic() + timeout
-    while True:
-        waiting = [topic for topic in waiting if not all(end.matched() for end in _ends(nodes, topic))]
-        if not waiting or time.monotonic() >= deadline:
-            return waiting
-        time.sleep(_LOOK)
+    def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
+        """Block until each own end on the topics (full names) is connected to one of another node.
+
+        At most `timeout` s; returns the topics with an end that is not.
+        """
+        waiting, deadline = list(topics), time.monotonic() + timeout
+        while True:
+            waiting = [topic for topic in waiting if not all(end.matched() for end in _ends(self.nodes, topic))]
+            if not waiting or time.monotonic() >= deadline:
+                return waiting
+            time.sleep(_LOOK)
+
+    def close(self) -> None:
+        """Leave, at once for all others too. Does nothing the second time."""
+        if not self.closed:
+            for node in list(self.nodes):
+                node.close()
+            self.closed = True
+            self.leave()
+
+    def refresh(self) -> None:
+        """See who is there now, if the backend does not do so by itself."""
+
+    def changed(self) -> None:
+        """Nodes or their ends are not what they were, if the backend does not see that by itself."""
+
+    def hearers(self, end: Any) -> int:
+        """How many subscriptions there are that can hear a publisher."""
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        """For the backend to fill."""
 
 
 def _ends(nodes: Iterable[WireNode], topic: str) -> Iterator[Any]:

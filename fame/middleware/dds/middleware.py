@@ -12,7 +12,7 @@ discovered; it is said in `warnings` a moment later, when their nodes are known 
 from __future__ import annotations
 
 import atexit
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -34,10 +34,10 @@ from fame.middleware.dds.scheduler import DdsScheduler
 from fame.middleware.dds.services import DdsClient
 from fame.middleware.interface import UNKNOWN, TopicInfo
 from fame.middleware.qos import compatible
-from fame.middleware.wired import NAMING, Warnings, wait_matched
+from fame.middleware.wired import NAMING, WireMiddleware
 
 
-class DdsMiddleware:
+class DdsMiddleware(WireMiddleware):
     """Nodes on DDS. `warnings` collects what a person should know; `on_warning` is told of each in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None keeps everything on loopback; the name or address of an interface
@@ -55,13 +55,9 @@ class DdsMiddleware:
         network: str | None = None,
         on_warning: Callable[[str], object] | None = None,
     ) -> None:
-        self.scheduler = scheduler
-        self.domain, self.network = domain_id(domain), network
-        self.warn = Warnings(scheduler, on_warning)
-        self.warnings = self.warn.said
-        self.nodes: list[DdsNode] = []
+        super().__init__(scheduler, network, on_warning)
+        self.domain = domain_id(domain)
         self.holds: Callable[[str], bool] = lambda name: False
-        self._closed = False
         self._open = open_domain(self.domain, network)
         self.confined = confined(self.domain)
         try:
@@ -91,11 +87,6 @@ class DdsMiddleware:
                 topics.setdefault(endpoint.topic.removeprefix(wire.TOPIC), []).append(endpoint)
         return [_info(name, topics[name], owners) for name in sorted(topics)]
 
-    def connecting(self, node: DdsNode) -> list[str]:
-        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
-        self.refresh()
-        return [end.topic for end in node.publishers if end.subscribers() < self._hearers(end)]
-
     def namespaces(self) -> list[str]:
         """The namespaces of all nodes of the domain."""
         self.refresh()
@@ -106,17 +97,7 @@ class DdsMiddleware:
         self.refresh()
         return sorted(node.full_name for node in self.discovery.all_nodes())
 
-    def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
-        """See `fame.middleware.wired.wait_matched`."""
-        return wait_matched(self.nodes, topics, timeout)
-
-    def close(self) -> None:
-        """Leave the domain, at once for all others too. Does nothing the second time."""
-        if self._closed:
-            return
-        for node in list(self.nodes):
-            node.close()
-        self._closed = True
+    def leave(self) -> None:
         atexit.unregister(self.close)
         self._watch.close()
         if isinstance(self.scheduler, DdsScheduler) and self.scheduler.watch is self.data:
@@ -163,7 +144,7 @@ class DdsMiddleware:
 
     def _announce(self) -> None:
         try:
-            if not self._closed:
+            if not self.closed:
                 self.discovery.announce()
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
@@ -196,7 +177,7 @@ class DdsMiddleware:
                 if isinstance(end, DdsClient):
                     end.check()
 
-    def _hearers(self, end: DdsPublisher) -> int:
+    def hearers(self, end: DdsPublisher) -> int:
         """How many subscriptions there are that can hear a publisher."""
         return sum(
             not other.writes and other.type == end.type and compatible(end.qos, other.qos) is None

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 from cyclonedds.core import DDSException
 
 from fame.errors import MessageError
-from fame.middleware import codec, messages
 from fame.middleware.dds import wire
 from fame.middleware.dds.entities import matched
 from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.services import DdsClient, DdsService
 from fame.middleware.interface import Message, QoS
-from fame.middleware.refusals import unpublishable
-from fame.middleware.wired import Kinds, WireNode, check_type
+from fame.middleware.wired import Kinds, TopicEnd, WireNode
 
 if TYPE_CHECKING:
     from fame.middleware.dds.middleware import DdsMiddleware
@@ -25,15 +23,12 @@ _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
 
 
-class DdsPublisher:
+class DdsPublisher(TopicEnd):
     """One end of a topic."""
 
     def __init__(self, node: DdsNode, topic: str, type: str, qos: QoS) -> None:
-        self.node, self.topic, self.qos = node, topic, qos
-        self._class = messages.message_type(type)
-        self.type: str = self._class.__msgtype__
-        self._closed = self._unheard = False
-        check_type(node.middleware.nodes, topic, self.type)
+        super().__init__(node, topic, type, qos)
+        self._unheard = False
         self._writer = node.middleware.entities.writer(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
         self.gid, self.handle = self._writer.guid.bytes, wire.handle(self._writer.get_instance_handle())
         for subscription in node.subscriptions:
@@ -41,11 +36,10 @@ class DdsPublisher:
 
     def publish(self, message: Message) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
-        if self._closed or message.__class__ is not self._class:
-            raise unpublishable(self, message, closed=self._closed)
+        data = self.pack(message)
         self._unheard = True
         try:
-            self._writer.write(self._writer.data_type(codec.serialize(message)))
+            self._writer.write(self._writer.data_type(data))
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
@@ -67,14 +61,11 @@ class DdsPublisher:
         own = {end.handle for end in self.node.subscriptions}
         return not own.issuperset(map(wire.handle, matched(self._writer)))
 
-    def close(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self.node.publishers.remove(self)
-            self.node.middleware.discard(self._writer)
+    def leave(self) -> None:
+        self.node.middleware.discard(self._writer)
 
 
-class DdsSubscription:
+class DdsSubscription(TopicEnd):
     """The other end.
 
     What has come waits in Cyclone until an entry of the scheduler takes it: there is at most one such entry. It calls
@@ -82,16 +73,14 @@ class DdsSubscription:
     """
 
     def __init__(self, node: DdsNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
-        self.node, self.topic, self.qos = node, topic, qos
-        self.type: str = messages.message_type(type).__msgtype__
+        super().__init__(node, topic, type, qos)
         self._callback = callback
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
         self._batch = _BATCH if qos.history == "keep_all" else min(qos.depth, _BATCH)
         self._taken: deque[bytes] = deque()
         self._senders: dict[int, str] = {}
-        self._more = self._entered = self._closed = False
+        self._more = self._entered = False
         self._soon = node.middleware.scheduler.soon
-        check_type(node.middleware.nodes, topic, self.type)
         self._reader = node.middleware.entities.reader(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
         node.middleware.data.add(self._reader, self._arrived)
         self.gid, self.handle = self._reader.guid.bytes, wire.handle(self._reader.get_instance_handle())
@@ -115,12 +104,9 @@ class DdsSubscription:
         """Whether there is a publisher of another node."""
         return not self._own.issuperset(map(wire.handle, matched(self._reader)))
 
-    def close(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self._taken.clear()
-            self.node.subscriptions.remove(self)
-            self.node.middleware.discard(self._reader)
+    def leave(self) -> None:
+        self._taken.clear()
+        self.node.middleware.discard(self._reader)
 
     def _arrived(self) -> None:
         """Something waits in Cyclone. Another thread may call this."""
@@ -140,7 +126,7 @@ class DdsSubscription:
 
     def _deliver(self) -> None:
         self._entered = False
-        if self._closed:
+        if self.closed:
             return
         if not self._taken and self._more:
             self._take()
@@ -163,14 +149,7 @@ class DdsSubscription:
 
     def hand_over(self, data: bytes) -> None:
         """Call back for a message, unless it is none."""
-        if self._closed:
-            return
-        try:
-            message = codec.deserialize(data, self.type)
-        except MessageError as error:
-            self.node.middleware.warn(f"{self.topic}: dropped a message: {error}")
-        else:
-            self._callback(message)
+        self.unpack(data, self._callback)
 
 
 class DdsNode(WireNode):

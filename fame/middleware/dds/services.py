@@ -21,7 +21,7 @@ from fame.middleware import codec, messages
 from fame.middleware.dds import policies, wire
 from fame.middleware.dds.entities import matched
 from fame.middleware.interface import Message, QoS, respond
-from fame.middleware.refusals import second_service, unanswered, unavailable
+from fame.middleware.wired import ServiceEnd
 
 if TYPE_CHECKING:
     from fame.middleware.dds.nodes import DdsNode
@@ -90,25 +90,22 @@ class _Exchange:
                 self._hear(message, _NUMBERS.unpack_from(data, wire.HEADER), sender)
 
 
-class DdsService:
+class DdsService(ServiceEnd):
     """What answers requests. See `fame.middleware.interface.Service`."""
 
     def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
-        self.node, self.name, self.type, self._handler = node, name, type, handler
-        _, self._response_type = messages.service(type)
-        for _, owner in node.middleware.offers(name):
-            raise second_service(name, owner, type)
+        super().__init__(node, name, type)
+        self.check_offer()
+        self._handler = handler
         self.exchange = _Exchange(node, name, type, "service", self._answer)
         self._reachable: set[int] = set()
 
-    def close(self) -> None:
-        if not self.exchange.closed:
-            self.node.services.remove(self)
-            self.exchange.close()
+    def leave(self) -> None:
+        self.exchange.close()
 
     def _answer(self, request: Message, numbers: Numbers, client: int) -> None:
         def tell(said: Any) -> None:
-            response = messages.create(self._response_type, said)
+            response = messages.create(self.response_type, said)
             self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
 
         respond(self._handler(request), tell)
@@ -136,12 +133,11 @@ class DdsService:
         return True
 
 
-class DdsClient:
+class DdsClient(ServiceEnd):
     """What asks a service. See `fame.middleware.interface.Client`."""
 
     def __init__(self, node: DdsNode, name: str, type: str) -> None:
-        self.node, self.name, self.type = node, name, type
-        self._request_type, _ = messages.service(type)
+        super().__init__(node, name, type)
         self.exchange = _Exchange(node, name, type, "client", self._hear)
         self._guid = wire.handle(self.exchange.writer.get_instance_handle())
         self._numbers = count(1)
@@ -155,19 +151,14 @@ class DdsClient:
 
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
-        if not self.available:
-            offers = self.node.middleware.offers(self.name)
-            raise unavailable(self.name, self._request_type, (type for type, _ in offers))
-        message = messages.create(self._request_type, request)
+        message = self.request(request)
         number = next(self._numbers)
         self._waiting[number] = callback
         self.exchange.write(message, (self._guid, number))
 
-    def close(self) -> None:
-        if not self.exchange.closed:
-            self._waiting.clear()
-            self.node.services.remove(self)
-            self.exchange.close()
+    def leave(self) -> None:
+        self._waiting.clear()
+        self.exchange.close()
 
     def check(self) -> None:
         """Some service has left. If it was this one, those who wait for it wait in vain."""
@@ -177,7 +168,7 @@ class DdsClient:
     def _give_up(self) -> None:
         if self._waiting and not self.available:
             self._waiting.clear()
-            self.node.middleware.warn(unanswered(self.name, self.node.full_name))
+            self.give_up()
 
     def _hear(self, response: Message, numbers: Numbers, service: int) -> None:
         guid, number = numbers

@@ -7,7 +7,6 @@ Importing the package raises UnavailableError where no ROS 2 is sourced. Needed 
     middleware        the backend: a context, its executor in a thread, the graph, warnings
     nodes             nodes, publishers and subscriptions
     services          services and clients
-    environment       what ROS reads from the command line and the environment
     translation       types, messages and quality of service in the words of rclpy, and back
 """
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 
 from rclpy.context import Context
@@ -21,16 +21,16 @@ from fame.clock import WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import TopicInfo, resolve
 from fame.middleware.qos import compatible
-from fame.middleware.ros.environment import confine, ros_arguments
 from fame.middleware.ros.nodes import RosNode, RosPublisher
 from fame.middleware.ros.translation import from_profile, owner
-from fame.middleware.wired import NAMING, Warnings, wait_matched
+from fame.middleware.wired import NAMING, WireMiddleware
 
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _EVERYWHERE = ("/rosout", "/parameter_events")
 """Topics that every node of ROS has; the graph leaves them out."""
 
 
-class RosMiddleware:
+class RosMiddleware(WireMiddleware):
     """Nodes of rclpy. `warnings` collects what a person should know; `on_warning` is told of each in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None confines discovery to this machine; anything else opens it, on the
@@ -48,11 +48,7 @@ class RosMiddleware:
         network: str | None = None,
         on_warning: Callable[[str], object] | None = None,
     ) -> None:
-        self.scheduler, self.network = scheduler, network
-        self.warn = Warnings(scheduler, on_warning)
-        self.warnings = self.warn.said
-        self.nodes: list[RosNode] = []
-        self._closed = False
+        super().__init__(scheduler, network, on_warning)
         confine(network)
         self.context = Context()
         try:
@@ -80,35 +76,18 @@ class RosMiddleware:
         topics = dict(self._observer.get_topic_names_and_types())
         return [self._info(name, topics[name]) for name in sorted(topics) if name not in _EVERYWHERE]
 
-    def connecting(self, node: RosNode) -> list[str]:
-        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
-        return [end.topic for end in node.publishers if end.subscribers() < self._hearers(end)]
-
     def namespaces(self) -> list[str]:
         """The namespaces of all nodes, hidden ones apart."""
         found = {space.strip("/") for name, space in self._observer.get_node_names_and_namespaces() if name[0] != "_"}
         return sorted(found - {""})
 
-    def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
-        """See `fame.middleware.wired.wait_matched`."""
-        return wait_matched(self.nodes, topics, timeout)
-
-    def close(self) -> None:
-        """Leave. Does nothing the second time."""
-        if self._closed:
-            return
-        for node in list(self.nodes):
-            node.close()
-        self._closed = True
+    def leave(self) -> None:
         self._observer.destroy_node()  # ROS leaves the domain with the last node of a context
         self.context.try_shutdown()
         self._thread.join()
         self.executor.shutdown(timeout_sec=0)  # who still waits for a response waits in vain
 
     # ---- for nodes and their ends ------------------------------------------------------------------------------------
-
-    def changed(self) -> None:
-        """rclpy tells the others itself."""
 
     def mismatched(self, topic: str) -> None:
         """Ends of a topic do not match, which rclpy says without saying which: find out when nodes have names."""
@@ -125,7 +104,7 @@ class RosMiddleware:
             found += [(type, resolve(name, space.strip("/"))) for type in services.get(service, ())]
         return found
 
-    def _hearers(self, end: RosPublisher) -> int:
+    def hearers(self, end: RosPublisher) -> int:
         """How many subscriptions there are that can hear a publisher."""
         return sum(
             other.topic_type == end.type and compatible(end.qos, from_profile(other.qos_profile)) is None
@@ -138,7 +117,7 @@ class RosMiddleware:
         return TopicInfo(topic, tuple(sorted(types)), tuple(map(owner, writers)), tuple(map(owner, readers)))
 
     def _report(self, topic: str) -> None:
-        if self._closed:
+        if self.closed:
             return
         own = {node.full_name for node in self.nodes}
         for writer in self._observer.get_publishers_info_by_topic(topic):
@@ -158,3 +137,21 @@ class RosMiddleware:
                 return  # the context was shut down
             except Exception as error:  # rclpy raises what its C++ gives it, and stops; a robot must not go deaf
                 self.warn(f"ROS 2: {error}")
+
+
+def ros_arguments(words: list[str]) -> list[str]:
+    """What of a command line is for ROS: from ``--ros-args`` on.
+
+    >>> ros_arguments(["fame", "engine", "REX", "--ros-args", "-p", "use_sim_time:=true"])
+    ['--ros-args', '-p', 'use_sim_time:=true']
+    """
+    return words[words.index("--ros-args") :] if "--ros-args" in words else []
+
+
+def confine(network: str | None) -> None:
+    """Let ROS look for others on this machine only, or on the network. It reads that from the environment."""
+    if network is None:
+        os.environ[_RANGE] = "LOCALHOST"
+    elif os.environ.get(_RANGE, "LOCALHOST") in ("LOCALHOST", "OFF"):
+        os.environ[_RANGE] = "SUBNET"
+    os.environ.pop("ROS_LOCALHOST_ONLY", None)  # that of earlier distributions, which would overrule it

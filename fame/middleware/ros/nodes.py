@@ -13,29 +13,23 @@ from typing import TYPE_CHECKING
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 
-from fame.errors import ConfigError, MessageError
-from fame.middleware import codec, messages
+from fame.errors import ConfigError
 from fame.middleware.echoes import Echoes
 from fame.middleware.interface import Message, QoS
 from fame.middleware.qos import compatible
-from fame.middleware.refusals import check_name, unpublishable
 from fame.middleware.ros.services import RosClient, RosService
 from fame.middleware.ros.translation import profile, ros_class
-from fame.middleware.wired import Kinds, WireNode, check_type
+from fame.middleware.wired import Kinds, TopicEnd, WireNode
 
 if TYPE_CHECKING:
     from fame.middleware.ros.middleware import RosMiddleware
 
 
-class RosPublisher:
+class RosPublisher(TopicEnd):
     """One end of a topic. `kept` is what those get who come late."""
 
     def __init__(self, node: RosNode, topic: str, type: str, qos: QoS) -> None:
-        check_name(topic)
-        self.node, self.topic, self.qos = node, node.ros.resolve_topic_name(topic), qos
-        self._class, self._closed = messages.message_type(type), False
-        self.type: str = self._class.__msgtype__
-        check_type(node.middleware.nodes, self.topic, self.type)
+        super().__init__(node, node.ros.resolve_topic_name(topic), type, qos)
         said = PublisherEventCallbacks(
             incompatible_qos=lambda event: node.middleware.mismatched(self.topic), use_default_callbacks=False
         )
@@ -45,9 +39,7 @@ class RosPublisher:
 
     def publish(self, message: Message) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
-        if self._closed or message.__class__ is not self._class:
-            raise unpublishable(self, message, closed=self._closed)
-        data = codec.serialize(message)
+        data = self.pack(message)
         for subscription in self.node.subscriptions:
             subscription.expect(self, (data,))
         self.kept.append(data)
@@ -59,26 +51,19 @@ class RosPublisher:
 
     def matched(self) -> bool:
         """Whether there is a subscription of another node."""
-        return self.subscribers() > sum(other.hears(self) for other in self.node.subscriptions)
+        return bool(self._end.get_subscription_count() > sum(other.hears(self) for other in self.node.subscriptions))
 
-    def close(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self.node.publishers.remove(self)
-            self.node.ros.destroy_publisher(self._end)
+    def leave(self) -> None:
+        self.node.ros.destroy_publisher(self._end)
 
 
-class RosSubscription:
+class RosSubscription(TopicEnd):
     """The other end. What has come waits here until an entry of the scheduler takes it, at most `qos.depth`."""
 
     def __init__(self, node: RosNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
-        check_name(topic)
-        self.node, self.topic, self.qos = node, node.ros.resolve_topic_name(topic), qos
-        self._callback, self._closed = callback, False
-        self.type: str = messages.message_type(type).__msgtype__
-        check_type(node.middleware.nodes, self.topic, self.type)
+        super().__init__(node, node.ros.resolve_topic_name(topic), type, qos)
+        self._callback, self._echoes = callback, Echoes()
         self._waiting: deque[bytes] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
-        self._echoes = Echoes()
         if qos.durability == "transient_local":
             for publisher in node.publishers:
                 self.expect(publisher, publisher.kept)
@@ -102,12 +87,9 @@ class RosSubscription:
         """Whether there is a publisher of another node."""
         return bool(self._end.get_publisher_count() > sum(map(self.hears, self.node.publishers)))
 
-    def close(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self._waiting.clear()
-            self.node.subscriptions.remove(self)
-            self.node.ros.destroy_subscription(self._end)
+    def leave(self) -> None:
+        self._waiting.clear()
+        self.node.ros.destroy_subscription(self._end)
 
     def _arrived(self, data: bytes) -> None:
         """In the executor's thread."""
@@ -115,17 +97,10 @@ class RosSubscription:
         self.node.middleware.scheduler.soon(self._deliver)
 
     def _deliver(self) -> None:
-        if self._closed or not self._waiting:
-            return
-        data = self._waiting.popleft()
-        if self._echoes.take(data, self.node.middleware.scheduler.now):
-            return
-        try:
-            message = codec.deserialize(data, self.type)
-        except MessageError as error:
-            self.node.middleware.warn(f"{self.topic}: dropped a message: {error}")
-        else:
-            self._callback(message)
+        if self._waiting:
+            data = self._waiting.popleft()
+            if not self._echoes.take(data, self.node.middleware.scheduler.now):
+                self.unpack(data, self._callback)
 
 
 class RosNode(WireNode):

@@ -13,8 +13,8 @@ from rclpy.task import Future
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.interface import Message, respond
-from fame.middleware.refusals import check_name, second_service, unanswered, unavailable
 from fame.middleware.ros.translation import from_ros, ros_class, to_ros
+from fame.middleware.wired import ServiceEnd
 
 if TYPE_CHECKING:
     from fame.middleware.ros.nodes import RosNode
@@ -23,7 +23,7 @@ _LOOK = SECOND // 10
 """How often a client that waits looks whether its service is still there (ns)."""
 
 
-class RosService:
+class RosService(ServiceEnd):
     """What answers requests. See `fame.middleware.interface.Service`.
 
     rclpy asks in its executor's thread and may be given a coroutine: it waits there while the handler runs in the
@@ -31,22 +31,15 @@ class RosService:
     """
 
     def __init__(self, node: RosNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
-        check_name(name)
-        self.node, self.name, self.type = node, node.ros.resolve_service_name(name), type
-        self._handler, self._closed = handler, False
-        self._request_type, self._response_type = messages.service(type)
-        for _, owner in node.middleware.offers(self.name):
-            raise second_service(self.name, owner, type)
-        self._class = ros_class(self._request_type.removesuffix("_Request"))
+        super().__init__(node, node.ros.resolve_service_name(name), type)
+        self.check_offer()
+        self._handler, self._class = handler, ros_class(self.request_type.removesuffix("_Request"))
         self._responses: deque[tuple[Any, Any]] = deque()
         group = ReentrantCallbackGroup()  # a response that is not known yet keeps nobody else of the node waiting
         self._end = node.ros.create_service(self._class, name, self._asked, callback_group=group)
 
-    def close(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self.node.services.remove(self)
-            self.node.ros.destroy_service(self._end)
+    def leave(self) -> None:
+        self.node.ros.destroy_service(self._end)
 
     async def _asked(self, request: Any, response: Any) -> Any:
         """In the executor's thread."""
@@ -59,12 +52,12 @@ class RosService:
 
     def _answer(self, request: Any, answer: Any) -> None:
         def tell(said: Any) -> None:
-            self._responses.append((answer, to_ros(messages.create(self._response_type, said), self._class.Response)))
+            self._responses.append((answer, to_ros(messages.create(self.response_type, said), self._class.Response)))
             if len(self._responses) == 1:
                 self._send()
 
-        if not self._closed:
-            respond(self._handler(from_ros(request, self._request_type)), tell)
+        if not self.closed:
+            respond(self._handler(from_ros(request, self.request_type)), tell)
 
     def _send(self) -> None:
         answer, response = self._responses[0]
@@ -77,45 +70,36 @@ class RosService:
             self._send()
 
 
-class RosClient:
+class RosClient(ServiceEnd):
     """What asks a service. See `fame.middleware.interface.Client`."""
 
     def __init__(self, node: RosNode, name: str, type: str) -> None:
-        check_name(name)
-        self.node, self.name, self.type = node, node.ros.resolve_service_name(name), type
-        self._request_type, self._response_type = messages.service(type)
-        self._class = ros_class(self._request_type.removesuffix("_Request"))
-        self._closed = False
+        super().__init__(node, node.ros.resolve_service_name(name), type)
+        self._class = ros_class(self.request_type.removesuffix("_Request"))
         self._waiting: dict[Any, Callable[[Message], object]] = {}
         self._end = node.ros.create_client(self._class, name)
 
     @property
     def available(self) -> bool:
         """Whether somebody offers the service now."""
-        return not self._closed and bool(self._end.service_is_ready())
+        return not self.closed and bool(self._end.service_is_ready())
 
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
-        if not self.available:
-            offers = self.node.middleware.offers(self.name)
-            raise unavailable(self.name, self._request_type, (type for type, _ in offers))
-        message = messages.create(self._request_type, request)
+        message = self.request(request)
         future = self._end.call_async(to_ros(message, self._class.Request))
         self._waiting[future] = callback
         future.add_done_callback(lambda done: self.node.middleware.scheduler.soon(partial(self._hear, done)))
         self.node.middleware.scheduler.after(_LOOK, self._look)
 
-    def close(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self._waiting.clear()
-            self.node.services.remove(self)
-            self.node.ros.destroy_client(self._end)
+    def leave(self) -> None:
+        self._waiting.clear()
+        self.node.ros.destroy_client(self._end)
 
     def _hear(self, future: Any) -> None:
         callback = self._waiting.pop(future, None)
         if callback is not None:
-            callback(from_ros(future.result(), self._response_type))
+            callback(from_ros(future.result(), self.response_type))
 
     def _look(self) -> None:
         """If the service has left, those who wait for it wait in vain."""
@@ -123,4 +107,4 @@ class RosClient:
             self.node.middleware.scheduler.after(_LOOK, self._look)
         elif self._waiting:
             self._waiting.clear()
-            self.node.middleware.warn(unanswered(self.name, self.node.full_name))
+            self.give_up()
