@@ -13,6 +13,7 @@ import pytest
 
 from fame.cli import COMMANDS, main
 from fame.cli import run as run_command
+from fame.cli.output import table, table_within
 
 ROOT = Path(__file__).parent.parent
 
@@ -128,3 +129,10 @@ def test_an_interruption_is_told_and_has_its_code(monkeypatch: pytest.MonkeyPatc
     assert capsys.readouterr().err == "fame: interrupted\n"
     assert main(["run", "x.yaml", "--json"]) == 130
     assert json.loads(capsys.readouterr().out)["status"] == "interrupted"
+
+
+def test_a_narrow_terminal_gets_the_columns_that_matter() -> None:
+    heads, rows = ("process", "robot", "state"), [(4711, "Tractor_1", "running")]
+    assert table_within(80, heads, rows, ["process", "state"]) == table(heads, rows)
+    assert table_within(20, heads, rows, ["process", "state"]) == "robot      state\nTractor_1  running"
+    assert table_within(9, heads, rows, ["process", "state"]) == "robot\nTractor_1"

@@ -45,6 +45,16 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def table_within(width: int, heads: Sequence[str], rows: Sequence[Sequence[str | int]], spare: Sequence[str]) -> str:
+    """A table without the first of the columns that can be spared, as many as it takes to be narrower than `width`."""
+    for left_out in range(len(spare) + 1):
+        kept = [column for column, head in enumerate(heads) if head not in spare[:left_out]]
+        text = table([heads[column] for column in kept], [[row[column] for column in kept] for row in rows])
+        if max(map(len, text.splitlines())) < width:
+            break
+    return text
+
+
 class ProgressLine:
     """One line on a terminal, written again and again; from two seconds on it says for how long it has stood."""
 

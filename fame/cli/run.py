@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
-from fame.cli.output import live_table, print_json, progress_line, table
+from fame.cli.output import live_table, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _EXAMPLES = (
     "fame run examples/agriculture.yaml --robots Tractor=12 --fault Tractor_2@40:engine",
     "fame run mission.bpmn --duration 60 --log out/run.jsonl --log out/run.xes",
 )
+_SPARE = ("process", "model", "publishers", "instances", "since", "token at")
+"""Columns of the live table that a narrow terminal can do without, the first one first."""
 
 
 def add(commands: Commands) -> None:
@@ -176,7 +179,8 @@ def _seen(sight: Sight) -> str:
         lines += [
             (str(pid) if number == 0 else "", *row, *[""] * (len(HEADS) - len(row))) for number, row in enumerate(found)
         ]
-    return f"{sight.time:.1f} s\n{table(('process', *HEADS), lines)}"
+    width = shutil.get_terminal_size().columns
+    return f"{sight.time:.1f} s\n{table_within(width, ('process', *HEADS), lines, _SPARE)}"
 
 
 @contextmanager
