@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fame.cli import COMMANDS, parser
+from robots import ROBOTS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -21,8 +22,8 @@ def blocks(language: str) -> list[str]:
     return [text for kind, text in found if kind == language]
 
 
-def commands() -> list[str]:
-    lines = [line.strip() for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) for line in block.splitlines()]
+def commands(page: str = README) -> list[str]:
+    lines = [line.strip() for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
     return [re.sub(r" +#.*", "", line).replace(".venv/bin/", "") for line in lines if "fame " in line]
 
 
@@ -30,6 +31,18 @@ def test_the_commands_are_those_that_exist() -> None:
     assert len(commands()) >= 3
     for command in commands():
         assert parser().parse_args(shlex.split(command)[1:]).command
+
+
+def test_the_commands_of_the_deployment_page_exist_and_so_do_their_files() -> None:
+    page = (ROOT / "docs" / "deployment.md").read_text(encoding="utf-8").replace("wlan0", "127.0.0.1")
+    told = [shlex.split(command) for command in commands(page) if command.startswith("fame ")]
+    assert len(told) > 30
+    for words in told:
+        arguments = parser().parse_args(words[1:])
+        assert arguments.command
+        assert getattr(arguments, "type", None) in {None, *ROBOTS}
+    files = {word for words in told for word in words if word.startswith(("models/", "examples/"))}
+    assert {name for name in files if not (ROOT / name).is_file()} == set()
 
 
 def test_the_reference_lists_every_command_and_every_option_of_run() -> None:

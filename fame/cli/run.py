@@ -162,7 +162,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     if not quiet:
         rows = [(name, said.started, said.state) for name, said in sorted(result.reports.items())]
         print(table(("robot", "instances", "state"), rows), end="\n\n")
-        print(f"{result.status}: {result.seconds:.1f} s", flush=True)
+        simulated = f"{result.world['time']:.1f} s simulated in " if result.world is not None else ""
+        print(f"{result.status}: {simulated}{result.seconds:.1f} s", flush=True)
     for message in result.messages:
         print(f"fame: {message}", file=sys.stderr)
     return result.exit_code
