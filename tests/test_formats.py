@@ -354,7 +354,7 @@ def test_another_language_is_an_error_that_names_the_accepted_forms() -> None:
 
 def test_what_has_no_effect_is_noted() -> None:
     notes = [one.text for one in check(fame.read(FORMATS / "ignored.bpmn")) if one.text.endswith("has no effect")]
-    names = ("historyTimeToLive", "jobPriority", "initiator", "assignee", "candidateGroups", "asyncBefore", "formKey")
+    names = ("jobPriority", "initiator", "assignee", "candidateGroups", "asyncBefore", "formKey")
     assert sorted(notes) == sorted(f"camunda:{name} has no effect" for name in (*names, "formData"))
 
 

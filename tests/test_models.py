@@ -31,7 +31,8 @@ from fame.monitoring import UNITS
 
 MODELS = Path(__file__).parent.parent / "models"
 LIBRARY = [path for folder in ("library", "monitoring") for path in sorted((MODELS / folder).glob("*.bpmn"))]
-FILES = [*sorted(MODELS.glob("*.bpmn")), *LIBRARY]
+LIBRARY.append(MODELS / "delivery" / "Deliver.bpmn")  # that of one mission
+FILES = [*sorted(MODELS.glob("*.bpmn")), MODELS / "delivery" / "delivery.bpmn", *LIBRARY]
 
 every_model = pytest.mark.parametrize("model", [read(file) for file in FILES], ids=[file.stem for file in FILES])
 

@@ -17,10 +17,12 @@ from fame.bpmn.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local, tex
 IGNORED = {
     "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",
     "candidateUsers", "candidateGroups", "candidateStarterUsers", "candidateStarterGroups", "potentialStarter",
-    "dueDate", "followUpDate", "priority", "historyTimeToLive", "asyncBefore", "asyncAfter", "async", "jobPriority",
+    "dueDate", "followUpDate", "priority", "asyncBefore", "asyncAfter", "async", "jobPriority",
     "taskPriority", "failedJobRetryTimeCycle", "initiator", "field", "variableEvents", "variableName",
 }  # fmt: skip
-"""Kept in the file, no effect here: the reader notes each."""
+"""Kept in the file, no effect here: the reader notes each. Nothing is said of `historyTimeToLive`: the modeler puts it
+there by itself.
+"""
 _NO_JAVA = "FAME has no Java: make it a script task, or name an operation that is registered"
 _OF_A_TOOL = "it is a task of type {} of its tool; make it a script task, or name an operation that is registered"
 REFUSED: Mapping[str, str] = {

@@ -1,0 +1,66 @@
+"""The small examples: five cars that set off together, a car that delivers, and gives up in good order."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from fame.clock import SECOND
+from fame.node import Event
+from fame.scenario import Fault, Result, Scenario
+
+CONVOY = Path("examples/convoy.yaml")
+DELIVERY = Path("examples/delivery.yaml")
+
+
+def played(path: Path, *faults: Fault) -> tuple[Result, list[Event]]:
+    """How it went, and each element that was entered."""
+    events: list[Event] = []
+    result = Scenario.load(path, faults=list(faults)).run(observer=events.append)
+    return result, [event for event in events if event.what == "enter"]
+
+
+def times(events: list[Event], element: str) -> dict[str, float]:
+    """When each robot came to an element, s."""
+    return {event.robot: event.time / SECOND for event in events if event.element == element}
+
+
+def without_crate(tmp_path: Path) -> Path:
+    text = re.sub(r"  obstacles:\n.*\n", "", DELIVERY.read_text()).replace("../models", str(Path("models").resolve()))
+    path = tmp_path / "delivery.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_cars_set_off_together_when_the_last_one_is_there() -> None:
+    result, events = played(CONVOY)
+    there, off = times(events, "Activity_Barrier"), times(events, "Activity_Go")
+    assert result.status == "completed"
+    assert len(off) == 5
+    assert set(off.values()) == {max(there.values())}
+    assert max(there.values()) - min(there.values()) > 0.5
+
+
+def test_who_is_missing_is_not_waited_for_without_end() -> None:
+    _, events = played(CONVOY, Fault("Car_3", 1.0, "engine"))
+    there, off = times(events, "Activity_Barrier"), times(events, "Activity_Go")
+    assert sorted(off) == ["Car_1", "Car_2", "Car_4", "Car_5"]
+    assert all(off[car] == there[car] + 30 for car in off)
+
+
+def test_what_cannot_be_delivered_is_tried_three_times_and_unloaded_at_home() -> None:
+    result, events = played(DELIVERY)
+    ways = [event.element for event in events]
+    assert result.status == "completed"
+    assert (ways.count("Activity_Drive"), ways.count("Activity_CountAttempts")) == (5, 2)
+    assert ways[-1] == "Event_GivenUp"
+    assert [event.detail for event in result.reports] == ["unloaded again"]
+    porter = result.world["robots"]["PORTER"]
+    assert abs(porter["x"] - 0.6) < 0.2
+    assert abs(porter["y"] - 2.0) < 0.2
+
+
+def test_with_free_doors_everything_is_delivered(tmp_path: Path) -> None:
+    result, events = played(without_crate(tmp_path))
+    assert events[-1].element == "Event_Delivered"
+    assert [event.detail for event in result.reports] == ["delivered; attempts: 1 1 1"]
