@@ -110,8 +110,10 @@ def state_of(process: RobotNode | None) -> str:
     return "running" if process.engine.instances else "idle"
 
 
-def progress(process: RobotNode) -> dict[str, Any]:
+def progress(process: RobotNode | None) -> dict[str, Any]:
     """The part of a report that tells how a process goes."""
+    if process is None:
+        return {}
     last = process.instances[-1].error if process.instances else None
     return {
         "instances": len(process.engine.instances),

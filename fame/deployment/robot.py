@@ -22,7 +22,6 @@ from fame.middleware.interface import Middleware
 from fame.signing import verify
 
 if TYPE_CHECKING:
-    from fame.engine import Instance
     from fame.library import Library
     from fame.node import Event, RobotNode, Service
 
@@ -65,7 +64,7 @@ class EngineNode:
             "on_report": on_report,
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
-            "on_end": self._ended,
+            "on_end": lambda instance: self.status.say(),
         }
         self._on_report = on_report or (lambda event: None)
         self.born = round(wall_time() * SECOND)
@@ -77,15 +76,9 @@ class EngineNode:
         self._stopped = False
         self.node = middleware.node("fame_deployment", robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._heard, PROCESS_QOS)
-        self.status = Status(
-            robot,
-            self._process.topic,
-            self.born,
-            self._standing,
-            node=self.node,
-            scheduler=scheduler,
-            middleware=middleware,
-            refused=lambda reason: self._note(f"refused: {reason}"),
+        about = (robot, self._process.topic, self.born, self._standing)
+        self.status: Status = Status(
+            *about, refused=self._refused, node=self.node, scheduler=scheduler, middleware=middleware
         )
         self._tasks = Tasks(self.node, lambda: self.running, self.status.say)
         self.status.begin()
@@ -99,11 +92,10 @@ class EngineNode:
 
     def _standing(self) -> dict[str, Any]:
         said = {"state": self.state, "hash": self.hash, "deployed": self.deployed, "sequence": self._newest[0]}
-        goes = progress(self.running) if self.running is not None else {}
-        return {**said, "now": self._time.now / SECOND, **goes}
+        return {**said, "now": self._time.now / SECOND, **progress(self.running)}
 
-    def _ended(self, instance: Instance) -> None:
-        self.status.say()
+    def _refused(self, reason: str) -> None:
+        self._note(f"refused: {reason}")
 
     def _note(self, text: str) -> None:
         """Tell whoever looks at this engine."""

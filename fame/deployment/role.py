@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 
 from fame.clock import SECOND, Scheduler
 
+HEARTBEAT = 1.0
+"""How often a splitter says that it is there (s)."""
 GONE = 3.0
 """After how long a splitter that says nothing is taken to be gone (s)."""
 

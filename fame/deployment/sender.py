@@ -219,8 +219,6 @@ class Deployment:
         self._finish(failed=True)
 
     def _finish(self, failed: bool) -> None:
-        if self.done:
-            return
         if failed and self._phase == "load":
             self._explain()
         self._stop(failed)

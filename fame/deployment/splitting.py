@@ -21,7 +21,7 @@ from fame.bpmn.xml import LIMIT
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deployment.keeping import Keeper
-from fame.deployment.role import GONE, Others, Role
+from fame.deployment.role import GONE, HEARTBEAT, Others, Role
 from fame.deployment.sender import PATIENCE, REFUSALS, Deployment
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.library import Library
@@ -30,8 +30,6 @@ from fame.middleware.interface import LATCHED, Middleware
 from fame.splitter import pools_of, split
 
 DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_splitter/deployed"
-HEARTBEAT = 1.0
-"""How often a splitter says that it is there (s)."""
 
 
 class SplitterNode:
@@ -215,14 +213,9 @@ class SplitterNode:
         self._let_be()
         self._deployed = diagram[0]
         self._team.publish(messages.create(STRING, diagram[1].source.decode(errors="replace")))
-        self._keeper = Keeper(
-            diagram[1],
-            partial(self._send, diagram[1]),
-            scheduler=self.scheduler,
-            middleware=self.middleware,
-            served=served,
-            say=self._report,
-        )
+        send = partial(self._send, diagram[1])
+        around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
+        self._keeper = Keeper(diagram[1], send, served=served, say=self._report, **around)
 
     def _let_be(self, but: Deployment | None = None) -> None:
         """Work no more for anybody."""

@@ -4,6 +4,7 @@ process   what a process does: scheduler, middleware, and a part built on both, 
 sending   deploying to whoever is there, and staying for those who are not
 world     a simulated world, which makes the time of all
 team      a scenario in many processes
+result    how such a run stands, and how it went
 children  the processes of a team: started, heard and ended together
 """
 
@@ -15,13 +16,14 @@ from typing import TYPE_CHECKING, Any
 from fame.remote.process import BACKENDS, connect, scheduler_for, serve
 
 if TYPE_CHECKING:
+    from fame.remote.result import Sight, TeamResult
     from fame.remote.sending import Sending
-    from fame.remote.team import Sight, Team, TeamResult
+    from fame.remote.team import Team
     from fame.remote.world import WorldPart
 
 __all__ = ["BACKENDS", "Sending", "Sight", "Team", "TeamResult", "WorldPart", "connect", "scheduler_for", "serve"]
 
-_HOMES = {"Sending": "sending", "Sight": "team", "Team": "team", "TeamResult": "team", "WorldPart": "world"}
+_HOMES = {"Sending": "sending", "Sight": "result", "Team": "team", "TeamResult": "result", "WorldPart": "world"}
 
 
 def __getattr__(name: str) -> Any:

@@ -15,6 +15,10 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fame.scenario import Scenario
 
 ENDING = 5.0
 """How long a process may take to end (s)."""
@@ -88,6 +92,27 @@ class Children:
 def is_child() -> bool:
     """Whether another process of FAME started this one, and shows how it goes."""
     return _PARENT in os.environ
+
+
+def command_lines(
+    scenario: Scenario, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path]
+) -> dict[str, list[str]]:
+    """The processes of a scenario, and what each is started with after ``fame``: the world, and an engine per robot."""
+    lines: dict[str, list[str]] = {}
+    places = [word for place in types for word in ("--types", str(place.resolve()))]
+    tail = ["--middleware", backend]
+    kinds: dict[str, str] = {}
+    time: list[str] = []
+    if scenario.world is not None:
+        pace = ["--speed", str(speed)] if speed is not None else []
+        waits = ["--pause", *(word for robot in scenario.cast for word in ("--lockstep", robot))] if lockstep else []
+        lines["world"] = ["world", scenario.file, "--seed", str(scenario.seed), *pace, *waits, *tail]
+        kinds = {robot.name: robot.type for robot in scenario.world.robots}
+        time = ["--lockstep" if lockstep else "--use-sim-time"]
+    for robot in scenario.cast:
+        kind = ["--type", kinds[robot]] if robot in kinds else []
+        lines[robot] = ["engine", robot, *kind, *time, *places, *tail]
+    return lines
 
 
 def orphaned() -> bool:

@@ -9,7 +9,6 @@ import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +17,9 @@ from fame.check.refusing import refuse_errors
 from fame.clock import SECOND, Kind
 from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.interface import LATCHED
-from fame.remote.children import Children
+from fame.remote.children import Children, command_lines
 from fame.remote.process import connect, scheduler_for
+from fame.remote.result import Sight, TeamResult
 from fame.remote.world import EMPTY, RESUME, WORLD_STATE
 
 if TYPE_CHECKING:
@@ -27,43 +27,6 @@ if TYPE_CHECKING:
 
 _LOOK = SECOND // 5  # ns between two looks at the processes
 _APPEARING = 15.0  # s until all engines have to be there
-
-
-@dataclass(slots=True)
-class TeamResult:
-    """How a run in many processes went. `reports` are the last words of the robots, `world` those of the world."""
-
-    status: str
-    reports: dict[str, Report] = field(default_factory=dict)
-    world: Mapping[str, Any] | None = None
-    seconds: float = 0.0
-    messages: list[str] = field(default_factory=list)
-
-    @property
-    def exit_code(self) -> int:
-        """That of the command."""
-        return {"completed": 0, "interrupted": 130}.get(self.status, 1)
-
-    def to_json(self) -> dict[str, Any]:
-        """Fit for JSON."""
-        from dataclasses import asdict
-
-        return {
-            "status": self.status,
-            "seconds": round(self.seconds, 3),
-            "robots": {name: asdict(report) for name, report in self.reports.items()},
-            "world": self.world,
-            "messages": self.messages,
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Sight:
-    """How things stand: s of the mission, what robots said last, and the number of each process."""
-
-    time: float
-    reports: Mapping[str, Report]
-    pids: Mapping[str, int]
 
 
 class Team:
@@ -88,7 +51,7 @@ class Team:
         refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
         self.scenario, self.backend, self._watch = scenario, backend, watch
         self._speed, self._lockstep = speed, lockstep
-        self._types = [word for place in types for word in ("--types", str(place.resolve()))]
+        self._types = types
         self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
@@ -131,20 +94,12 @@ class Team:
         self.scheduler.stop()
 
     def _start(self) -> None:
-        tail = ["--middleware", self.backend]
-        types = {robot.name: robot.type for robot in self.scenario.world.robots} if self.scenario.world else {}
-        if self.scenario.world is not None:
-            command = ["world", self.scenario.file, "--seed", str(self.scenario.seed)]
-            command += ["--speed", str(self._speed)] if self._speed is not None else []
-            if self._lockstep:
-                command += ["--pause", *(word for robot in self.scenario.cast for word in ("--lockstep", robot))]
-            self._children.start("world", [*command, *tail])
-        for robot in self.scenario.cast:
-            kind = ["--type", types[robot]] if robot in types else []
-            time = ["--lockstep" if self._lockstep else "--use-sim-time"] if self.scenario.world is not None else []
-            self._children.start(robot, ["engine", robot, *kind, *time, *self._types, *tail])
-        names = [*(["world"] if self.scenario.world is not None else []), *self.scenario.cast]
-        self._pids = {name: self._children.pid(name) for name in names}
+        words = command_lines(
+            self.scenario, self.backend, speed=self._speed, lockstep=self._lockstep, types=self._types
+        )
+        for name, line in words.items():
+            self._children.start(name, line)
+            self._pids[name] = self._children.pid(name)
 
     def _look(self) -> None:
         """Show how things stand; if one process is no more, or the duration is over, all end."""
@@ -171,8 +126,10 @@ class Team:
         self._world_time = node.client(RESUME, EMPTY)
 
     def _seen(self, message: Any) -> None:
-        with suppress(ValueError):
-            self.world = json.loads(message.data)
+        with suppress(ValueError, TypeError, KeyError, RecursionError):
+            said = json.loads(message.data)
+            float(said["time"])
+            self.world = said
             if self._last_look:
                 self.scheduler.stop()
 
