@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from fame.__main__ import main as begin
 from fame.cli import COMMANDS, main
 from fame.cli import run as run_command
 from fame.cli.output import table, table_within
@@ -118,6 +119,20 @@ def test_an_interruption_of_which_a_library_made_another_error_is_one(monkeypatc
     assert main(["run", "x.yaml"]) == 130
     assert capsys.readouterr().err == "fame: interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interruption_of_the_first_import_is_one(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    class Interrupted:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "fame.cli.arguments":
+                raise KeyboardInterrupt
+
+    for name in [name for name in sys.modules if name == "fame.cli" or name.startswith("fame.cli.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delattr("fame.cli")
+    monkeypatch.setattr(sys, "meta_path", [Interrupted(), *sys.meta_path])
+    assert begin() == 130
+    assert capsys.readouterr().err == "fame: interrupted\n"
 
 
 def test_an_interruption_is_told_and_has_its_code(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
