@@ -52,16 +52,12 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Listen, and tell."""
-    from fame.clock import SECOND
-
     with connected(arguments) as (scheduler, middleware):
-        if arguments.duration is not None:
-            scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
         return _PARTS[arguments.part](arguments, scheduler, middleware)
 
 
 def _list(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
-    scheduler.run()
+    _run(arguments, scheduler)
     topics = list(middleware.graph())
     if arguments.json:
         told = [
@@ -139,7 +135,7 @@ def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
     types = wait_for_types(middleware, scheduler, [topic for topic, _, _ in named])
     node = middleware.node("fame_topic")
     series = [Series(node, scheduler, topic, types[topic], parse_path(path)) for topic, _, path in named]
-    scheduler.run()
+    _run(arguments, scheduler)
     if not any(each.stamps for each in series):
         raise MissionError("nothing was said on these topics")
     plot_series(series, arguments.output, thresholds=arguments.threshold)
@@ -160,10 +156,19 @@ def _listen(arguments: Namespace, scheduler: Scheduler, middleware: Middleware, 
 
     middleware.node("fame_topic").subscription(arguments.topic, type, heard, SENSOR_DATA)
     try:
-        scheduler.run()
+        _run(arguments, scheduler)
     except KeyboardInterrupt:
         print()
     return 0
+
+
+def _run(arguments: Namespace, scheduler: Scheduler) -> None:
+    """Listen from now on, for as long as was asked for."""
+    from fame.clock import SECOND
+
+    if arguments.duration is not None:
+        scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
+    scheduler.run()
 
 
 _PARTS = {"list": _list, "echo": _echo, "hz": _hz, "plot": _plot}
