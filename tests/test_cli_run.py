@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from bpmn_text import process, properties
+from bpmn_text import document, process, properties
 
 from fame.cli import main
 from fame.cli.output import progress_line, progress_text, table
@@ -237,3 +237,19 @@ def test_a_robot_that_never_started_says_what_it_waits_for(tmp_path: Path, capsy
     mission.write_text(process(start, root='<signal id="S" name="go"/>'))
     main(["run", str(mission)])
     assert "never started; waits for its start on topic /go" in capsys.readouterr().out
+
+
+def test_who_waits_for_what_came_too_early_is_told_so(tmp_path: Path, capsys) -> None:
+    event = '<{tag} id="{id}"><signalEventDefinition signalRef="S"/></{tag}>'
+    robots = {
+        "EARLY": event.format(tag="intermediateThrowEvent", id="t"),
+        "LATE": '<scriptTask id="w"><script>await sleep(1)</script></scriptTask>'
+        + event.format(tag="intermediateCatchEvent", id="c")
+        + '<sequenceFlow id="f" sourceRef="w" targetRef="c"/>',
+    }
+    pools = "".join(f'<participant id="{name}" name="{name}" processRef="P_{name}"/>' for name in robots)
+    drawn = "".join(f'<process id="P_{name}">{content}</process>' for name, content in robots.items())
+    mission = tmp_path / "early.bpmn"
+    mission.write_text(document(f'<collaboration id="C">{pools}</collaboration>{drawn}<signal id="S" name="go"/>'))
+    assert main(["run", str(mission)]) == 1
+    assert "LATE waits at c for topic /go (its last message came 1 s ago, when nobody waited" in capsys.readouterr().err

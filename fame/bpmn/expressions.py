@@ -123,7 +123,8 @@ def variable(context: Context, element: Node, text: str) -> Expression:
     if seen is not None:
         return seen
     if not _NAME.fullmatch(text):
-        raise context.error(element, f"{text!r}: expected the name of a variable, ${{...}} or =...")
+        right = f"; the constant is ${{{text}}}" if text.lstrip("+-").replace(".", "", 1).isdecimal() else ""
+        raise context.error(element, f"{text!r}: expected the name of a variable, ${{...}} or =...{right}")
     return Expression(text, "python", line)
 
 

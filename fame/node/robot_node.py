@@ -86,6 +86,7 @@ class RobotNode:
         self.started = self.completed = self.failed = 0
         self._keep, self._on_end, self._units = keep, on_end, units
         self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
+        self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
         self._timers = Timers(scheduler, epoch, self._fire)
         self._ends = Ends(self.node, mission.types, middleware)
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
@@ -184,6 +185,8 @@ class RobotNode:
         if self._early is not None:
             self._early.append((topic, message))
             return
+        if topic not in self.engine.listeners:
+            self.missed[topic] = self.scheduler.now
         self.engine.deliver(topic, message)
         self.runner.poll()
 

@@ -6,6 +6,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from fame.clock import SECOND
 from fame.engine.state import Node, joins_reached
 from fame.middleware.interface import resolve
 
@@ -74,20 +75,28 @@ def _awaited(robot: RobotNode, rest: Any) -> list[str]:
 def _wait_text(robot: RobotNode, rest: Any, heard: Mapping[str, int]) -> str:
     node = rest.node
     if node.topic:
-        return _topic_text(resolve(node.topic, robot.namespace), heard)
+        return _catch_text(robot, node.topic, heard)
     if node.kind == "timer":
         return f"{node.timer} timer"
     if node.kind == "user":
         return "somebody to complete it"
     if node.alternatives:
         return " or ".join(
-            _topic_text(resolve(item.topic, robot.namespace), heard) if item.topic else item.kind
-            for item in node.alternatives
+            _catch_text(robot, item.topic, heard) if item.topic else item.kind for item in node.alternatives
         )
     awaited = robot.runner.awaited_topic(rest.key)
     if awaited is not None:
         return f"receive on {_topic_text(resolve(awaited, robot.namespace), heard)}"
     return robot.runner.waits(rest.key) or node.kind
+
+
+def _catch_text(robot: RobotNode, topic: str, heard: Mapping[str, int]) -> str:
+    """With the message that came too early, if one did: a signal is lost on who waits for it later."""
+    text = _topic_text(resolve(topic, robot.namespace), heard)
+    if topic not in robot.missed:
+        return text
+    ago = (robot.scheduler.now - robot.missed[topic]) / SECOND
+    return f"{text} (its last message came {ago:.3g} s ago, when nobody waited for it)"
 
 
 def _topic_text(topic: str, heard: Mapping[str, int]) -> str:
