@@ -1,7 +1,8 @@
-"""What the backends between processes share: nodes that keep their ends, and warnings that come from any thread.
+"""What the backends between processes share: a middleware and its nodes, which keep their ends, and what ends refuse.
 
-What an end is, and who is at the other one, is the matter of each backend: it gives the `Kinds` of its ends, and each
-end tells whether it is `matched`.
+A backend derives its own from these and holds what is its own: how an end is made (`Kinds`), whether it is `matched`,
+who else is there, and, in `leave`, what is to be given back. Its callbacks may run in any thread: `Warnings` may be
+called from there, and everything else is entered in the scheduler.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 Topics are made once and stay until the participant goes. Nobody sees a topic without ends; but each one that is made
 costs memory that cyclonedds does not give back, and Cyclone 11.0.1 crashes now and then when a type is declared after
-others were forgotten (its library of types keeps pointers to what they shared). For the same reason a process should
-not close one of several middlewares of a domain and go on with others.
+others of this process were forgotten: the tree in which it notes what types consist of keeps entries that were freed
+(`gv->typedeps`; eclipse-cyclonedds/cyclonedds, issue 2426). No harm was seen of types that other processes
+forget. For the same reason a process should not close one of several middlewares of a domain and go on with others.
 """
 
 from __future__ import annotations

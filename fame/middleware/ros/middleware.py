@@ -57,7 +57,8 @@ class RosMiddleware(WireMiddleware):
             hidden = {"enable_rosout": False, "start_parameter_services": False}
             self._observer = Node(f"_fame_{os.getpid()}", context=self.context, **hidden)
         except Exception as error:  # rclpy raises what its C++ gives it
-            raise ConfigError(f"ROS 2 does not start: {error}") from None
+            text = " ".join(str(error).split())
+            raise ConfigError(f"ROS 2 does not start: {text}") from None
         self.executor.add_node(self._observer)
         self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
         self._thread.start()
