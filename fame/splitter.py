@@ -15,6 +15,7 @@ from fame.bpmn.model import Definitions, Process
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.errors import ConfigError, ModelError
 from fame.library import Library
+from fame.middleware.refusals import NAMES, is_ros_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +118,7 @@ def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dic
     """Which pool each robot (namespace) plays, in the order of the robots.
 
     A multi-instance pool is as many robots as there are, also none. Raises ConfigError for a robot that no pool knows,
-    another pool without a robot, and two robots whose names fall together.
+    another pool without a robot, and two robots whose names fall together; ModelError for a pool that can have none.
     """
     bound: dict[str, Pool] = {}
     folded: dict[str, str] = {}
@@ -133,6 +134,9 @@ def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dic
         bound[robot] = pool
     for pool in pools:
         if not pool.multi_instance and pool not in bound.values():
+            if not is_ros_name(f"/{pool.name}"):
+                text = f"no robot can have the name of pool {pool.name!r}; {NAMES} would be right"
+                raise ModelError(text, file=file, line=pool.line)
             have = f"the robots are {', '.join(names)}" if names else "there are no robots at all"
             raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; {have}", file=file)
     return bound

@@ -12,6 +12,7 @@ from fame.clock import SECOND, Scheduler
 from fame.deployment import Deployment, EngineNode, Report
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.remote.sending import Sending
 
 BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
 
@@ -130,6 +131,15 @@ def test_a_collaboration_starts_when_all_are_ready_and_no_first_message_is_lost(
     assert field.engines["A"].running.instances[0].waiting == ["ua"]
     assert field.engines["B"].running.instances[0].waiting == ["ub"]
     assert field.answers() == ["ready", "ready", "started", "started"]
+
+
+def test_a_sender_says_whom_it_waits_for():
+    scheduler, said = Scheduler(), []
+    sending = Sending(read_text(TEAM, file="t.bpmn"), scheduler, LocalMiddleware(scheduler))
+    with pytest.raises(fame.DeploymentError, match="pool 'A' has no robot A.*; start an engine with"):
+        sending.deploy([], 10.0, said.append)
+    assert said == ["waiting up to 10 s: t.bpmn: pool 'A' has no robot A; there are no robots at all"]
+    assert scheduler.now // SECOND == 10
 
 
 def test_if_one_robot_stays_silent_nobody_starts():

@@ -89,6 +89,11 @@ def test_names_that_fall_together_are_refused():
         bind(pools_of(collaboration('name="REX"')), ["REX", "rex"])
 
 
+def test_a_pool_whose_name_no_robot_can_have_is_named():
+    with pytest.raises(fame.ModelError, match=r"no robot can have the name of pool 'Go To'; letters, digits and _"):
+        bind(pools_of(collaboration('name="Go To"')), [])
+
+
 def test_a_black_box_alone_leaves_nothing_to_run():
     with pytest.raises(fame.ModelError, match=r"black boxes: P0"):
         pools_of(collaboration(""))

@@ -50,12 +50,16 @@ def run(arguments: Namespace) -> int:
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
     with connected(arguments) as (scheduler, middleware):
         sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)
-        deployment = sending.deploy(arguments.to, arguments.wait)
+        deployment = sending.deploy(arguments.to, arguments.wait, _say)
         _tell(deployment, json=arguments.json)
         if arguments.stay and not deployment.failed:
             deployment.close()
-            sending.stay(deployment.standings, lambda text: print(text, file=sys.stderr, flush=True))
+            sending.stay(deployment.standings, _say)
     return 1 if deployment.failed else 0
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _tell(deployment: Deployment, *, json: bool) -> None:

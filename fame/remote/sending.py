@@ -27,9 +27,14 @@ class Sending:
     ) -> None:
         self.definitions, self.scheduler, self.middleware, self._options = definitions, scheduler, middleware, options
 
-    def deploy(self, only: Sequence[str], patience: float) -> Deployment:
-        """Deploy to the engines that are there, and wait. Raises DeploymentError, ConfigError if some are missing."""
-        self._find(only, self.scheduler.now + round(patience * SECOND))
+    def deploy(
+        self, only: Sequence[str], patience: float, say: Callable[[str], object] = lambda text: None
+    ) -> Deployment:
+        """Deploy to the engines that are there, and wait: `say` is told for what, if that takes time.
+
+        Raises DeploymentError, ConfigError if some are missing.
+        """
+        self._find(only, patience, say)
         try:
             deployment = self._begin(only, (), lambda _: self.scheduler.stop())
         except ConfigError as error:  # who was there a moment ago has left
@@ -54,14 +59,19 @@ class Sending:
         run_until_told(self.scheduler)
         keeper.close()
 
-    def _find(self, only: Sequence[str], until: int) -> None:
+    def _find(self, only: Sequence[str], patience: float, say: Callable[[str], object]) -> None:
         """Wait until every pool has its robot."""
+        begun, said = self.scheduler.now, False
+        until = begun + round(patience * SECOND)
         while True:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
             try:
                 cast_of(self.definitions, engines(self.middleware), found=True, only=only)
             except (ConfigError, DeploymentError) as error:
                 if self.scheduler.now < until:
+                    if not said and self.scheduler.now > begun + SECOND:
+                        said = True
+                        say(f"waiting up to {patience:g} s: {error}")
                     continue
                 text = f"{error}; start an engine with: fame engine NAME"
                 raise DeploymentError(text) from None
