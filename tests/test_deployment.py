@@ -136,7 +136,7 @@ def test_a_collaboration_starts_when_all_are_ready_and_no_first_message_is_lost(
 def test_a_sender_says_whom_it_waits_for():
     scheduler, said = Scheduler(), []
     sending = Sending(read_text(TEAM, file="t.bpmn"), scheduler, LocalMiddleware(scheduler))
-    with pytest.raises(fame.DeploymentError, match="pool 'A' has no robot A.*; start an engine with"):
+    with pytest.raises(fame.DeploymentError, match=r"pool 'A' has no robot A.*; start an engine with"):
         sending.deploy([], 10.0, said.append)
     assert said == ["waiting up to 10 s: t.bpmn: pool 'A' has no robot A; there are no robots at all"]
     assert scheduler.now // SECOND == 10
