@@ -1,7 +1,7 @@
 """A battery: it drains with what a robot does, and says once a second what is left.
 
 Power is what the robot always takes (`idle`), what it takes for its speed (`motion`), and what it takes for its work
-(`work`: a tractor's blade, a drone's hovering). An empty battery stays empty, and what it drives stands still.
+(`work`: a tractor's blade, a drone's hovering). A charger gives some back. What an empty battery drives stands still.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from sim2d.reading import parameter
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 _HOUR = 3600.0
+_CHARGING, _DISCHARGING, _FULL = 1, 2, 4  # as sensor_msgs/msg/BatteryState has them
 _SAG = 0.1
 """By what part of itself the voltage of an empty battery is lower than that of a full one."""
 
@@ -48,14 +49,13 @@ class Battery:
                 "temperature": float("nan"),  # not measured, as the type says
                 "capacity": amperes,
                 "design_capacity": amperes,
-                "power_supply_status": 2,  # discharging
                 "power_supply_health": 1,  # good
                 "power_supply_technology": 2,  # lithium ion
                 "present": True,
             },
         )
         self._header = header_maker(f"{node.namespace}/base_link")
-        self._make = maker(template, "header", "voltage", "current", "charge", "percentage")
+        self._make = maker(template, "header", "voltage", "current", "charge", "percentage", "power_supply_status")
 
     @property
     def charge(self) -> float:
@@ -65,11 +65,11 @@ class Battery:
     def empty(self) -> bool:
         return self._left <= 0
 
-    def drain(self, duration: float, speed: float, works: bool) -> None:
-        """Give power for `duration` s at a speed (m/s)."""
+    def drain(self, duration: float, speed: float, works: bool, charging: float = 0.0) -> None:
+        """Give power for `duration` s at a speed (m/s), and get what a charger has (W)."""
         p = self._parameters
-        self._power = p.idle + p.motion * abs(speed) + (p.work if works else 0.0)
-        self._left = max(0.0, self._left - self._power * duration)
+        self._power = p.idle + p.motion * abs(speed) + (p.work if works else 0.0) - charging
+        self._left = min(max(0.0, self._left - self._power * duration), self._full)
 
     def measure(self, now: int) -> None:
         """Publish what is left."""
@@ -81,5 +81,6 @@ class Battery:
             current=-self._power / voltage if charge else 0.0,
             charge=charge * p.capacity / p.voltage,
             percentage=charge,
+            power_supply_status=_DISCHARGING if self._power >= 0 else _CHARGING if charge < 1 else _FULL,
         )
         self._publisher.publish(state)

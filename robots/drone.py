@@ -60,7 +60,7 @@ class Drone:
         self.body, self.outline = flight.body, flight.outline
         self._odometer = Odometer(node, p.odom, world.random(config.name, "odom"), flies=True)
         self._camera = Camera(node, p.camera, world.random(config.name, "camera"), world.weeds)
-        self._battery = Battery(node, p.battery)
+        self._battery, self._charging = Battery(node, p.battery), world.charging
         self._every = tuple(period(rate, world.step) for rate in (p.odom.rate, p.camera.rate, p.battery.rate))
         self._drain_time = self._every[0] * world.step
         self._planner_node = world.middleware.node("planner", config.name)
@@ -117,7 +117,8 @@ class Drone:
             motion = flight.motion
             self._odometer.measure(now, flight.pose, motion, flight.altitude)
             if count:
-                self._battery.drain(self._drain_time, math.hypot(*motion[:3]), flight.airborne)
+                gained = 0.0 if flight.airborne else self._charging((flight.pose.x, flight.pose.y))
+                self._battery.drain(self._drain_time, math.hypot(*motion[:3]), flight.airborne, gained)
                 flight.dead |= self._battery.empty
         if flight.airborne and count % camera == 0:
             self._camera.measure(now, flight.pose, flight.altitude)

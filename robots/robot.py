@@ -93,6 +93,9 @@ class Surroundings(Protocol):
     def random(self, robot: str, sensor: str) -> np.random.Generator:
         """The generator of one sensor."""
 
+    def charging(self, place: Point) -> float:
+        """What a battery at a place gets from chargers, W."""
+
 
 class Robot(Protocol):
     """A robot of any type. `outline` is its corners in its own frame, m: x ahead, y to the left.

@@ -52,7 +52,7 @@ class Tractor(Vehicle):
         super().__init__(config, world)
         p: TractorParameters = config.parameters
         self._blade = Blade(self.node, p.blade, config.name, world.weeds)
-        self._battery = Battery(self.node, p.battery)
+        self._battery, self._charging = Battery(self.node, p.battery), world.charging
         self._tell, self._drain = period(p.battery.rate, world.step), period(p.odom.rate, world.step)
         self._drain_time = self._drain * world.step
 
@@ -69,7 +69,8 @@ class Tractor(Vehicle):
         if self._blade.turns:
             self._blade.cut(now, self.pose)
         if count and count % self._drain == 0:
-            self._battery.drain(self._drain_time, self.drive.motion.ahead, self._blade.turns)
+            gained = self._charging((self.pose.x, self.pose.y))
+            self._battery.drain(self._drain_time, self.drive.motion.ahead, self._blade.turns, gained)
             if self._battery.empty:
                 self.drive.blocked = self._blade.blocked = True
                 self._blade.turn(False)

@@ -85,6 +85,10 @@ def background(record: Record, view: View, title: str) -> Image:
     for thing in record.config.targets:
         _solid(draw, view, thing.shape, style.TARGET, style.TARGET_EDGE)
         _name_target(draw, view, thing, record)
+    for charger in record.config.chargers:
+        (x, y), radius = view.at(charger.at), charger.radius * view.scale
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=style.CHARGER, width=4)
+        write(draw, (x, y + radius + 4), charger.name, style.CHARGER, anchor="ma", size=11)
     for weed in record.weeds:
         draw_weed(draw, view, weed, style.WEED, style.WEED_EDGE)
     if len(record.weeds) <= style.MOST_NAMES:

@@ -1,13 +1,13 @@
-"""What a world file says, checked: bounds, obstacles, targets, weeds, robots. `docs/world.md` describes the file."""
+"""What a world file says, checked: bounds, what stands and lies there, robots. `docs/world.md` describes the file."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from os import PathLike
-from typing import Any
+from typing import Any, TypeVar
 
 from fame.errors import ConfigError
 from fame.purposes import meant_for
@@ -18,7 +18,7 @@ from sim2d.shapes import Circle, Shape, bounding_box, box, convex
 Bounds = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
 
-_KEYS = ("size", "bounds", "step", "walls", "resolution", "obstacles", "targets", "weeds", "robots")
+_KEYS = ("size", "bounds", "step", "walls", "resolution", "obstacles", "targets", "weeds", "chargers", "robots")
 _SHAPES = {
     "radius": ("name", "at", "radius"),
     "size": ("name", "at", "size", "angle"),
@@ -46,6 +46,19 @@ class WeedConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ChargerConfig:
+    """A place that charges the batteries of robots that stand on it with `power` W. Flat as a weed; in m."""
+
+    name: str
+    at: Point
+    radius: float = 0.5
+    power: float = 500.0
+
+
+_Flat = TypeVar("_Flat", WeedConfig, ChargerConfig)
+
+
+@dataclass(frozen=True, slots=True)
 class RobotConfig:
     """A robot: where it starts (m; `heading` in rad, counter-clockwise from x), and its type's parameters."""
 
@@ -66,6 +79,7 @@ class WorldConfig:
     obstacles: tuple[Thing, ...] = ()
     targets: tuple[Thing, ...] = ()
     weeds: tuple[WeedConfig, ...] = ()
+    chargers: tuple[ChargerConfig, ...] = ()
     step: float = 0.01
     walls: bool = True
     resolution: float = 0.05
@@ -90,7 +104,8 @@ def world_config(data: Mapping[str, Any], source: Source = Source(), path: str =
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
         obstacles=_things(keys.get("obstacles"), "obstacle", bounds),
         targets=_things(keys.get("targets"), "target", bounds),
-        weeds=_weeds(keys.get("weeds"), bounds),
+        weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, bounds)),
+        chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, bounds)),
         step=keys["step"].number(above=0, maximum=0.05) if "step" in keys else 0.01,
         walls=keys["walls"].flag() if "walls" in keys else True,
         resolution=keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05,
@@ -156,18 +171,20 @@ def _shape(kind: str, entry: Entry, keys: Mapping[str, Entry]) -> Shape:
     return box(centre, width, height, math.radians(angle))
 
 
-def _weeds(listed: Entry | None, bounds: Bounds) -> tuple[WeedConfig, ...]:
-    weeds: dict[str, WeedConfig] = {}
+def _flat(listed: Entry | None, kind: str, make: type[_Flat], bounds: Bounds) -> Iterator[_Flat]:
+    """What lies on the ground: a name, a place, and numbers above 0 that have defaults."""
+    numbers: list[str] = [one.name for one in fields(make) if one.name not in ("name", "at")]
+    names: set[str] = set()
     for number, entry in enumerate(listed.items() if listed else (), 1):
-        keys = entry.mapping(("name", "at", "radius"))
-        name = keys["name"].text() if "name" in keys else f"weed_{number}"
-        if name in weeds:
-            raise entry.error(f"found a second weed named {name!r}, another name would be right")
+        keys = entry.mapping(("name", "at", *numbers))
+        name = keys["name"].text() if "name" in keys else f"{kind}_{number}"
+        if name in names:
+            raise entry.error(f"found a second {kind} named {name!r}, another name would be right")
+        names.add(name)
         at = required(entry, keys, "at", "[x, y] in m").point()
         if not inside(bounds, at):
             raise keys["at"].wrong(f"a place on the ground, inside {list(bounds)},")
-        weeds[name] = WeedConfig(name, at, keys["radius"].number(above=0) if "radius" in keys else 0.1)
-    return tuple(weeds.values())
+        yield make(name, at, **{key: keys[key].number(above=0) for key in numbers if key in keys})
 
 
 def inside(bounds: Bounds, place: Point) -> bool:

@@ -14,6 +14,7 @@ from sim2d.config import Thing
 from sim2d.record import Record, Track
 from sim2d.shapes import Circle, Shape, bounding_box, placed
 from sim2d.style import (
+    CHARGER,
     FAINT,
     GROUND,
     INK,
@@ -58,6 +59,10 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
         axes.add_patch(_patch(thing.shape, facecolor=OBSTACLE, edgecolor=OBSTACLE_EDGE, linewidth=1.2, zorder=2))
     for thing in record.config.targets:
         _target(axes, thing, record)
+    for charger in record.config.chargers:
+        disc = Circle(charger.at, charger.radius)
+        axes.add_patch(_patch(disc, fill=False, edgecolor=CHARGER, linewidth=1.6, zorder=2))
+        _label(axes, (charger.at[0], charger.at[1] - charger.radius), charger.name, CHARGER, above=False, size=8)
     for weed in record.weeds:
         _weed(axes, weed, record)
     for index, track in enumerate(record.tracks):

@@ -16,6 +16,7 @@ TARGET = "#e0a100"
 TARGET_EDGE = "#8c6500"
 WEED = "#4f9a2f"
 WEED_EDGE = "#2c5d17"
+CHARGER = "#1b7f8c"
 STUBBLE = "#d9cfae"
 """A weed that was cut; its edge has the colour of who cut it."""
 ROBOTS = ("#2364c9", "#d9630b", "#1f8a4c", "#8a3ab9", "#0d8fa3", "#c2257e", "#6b6f1a", "#7a4a2b")

@@ -21,7 +21,7 @@ from robots.robot import ROBOT, Robot
 from sim2d.config import Thing, WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
 from sim2d.randomness import generator
-from sim2d.reading import suggestion
+from sim2d.reading import Point, suggestion
 from sim2d.shapes import Circle
 from sim2d.weeds import Weeds
 
@@ -90,6 +90,10 @@ class World:
     def random(self, robot: str, sensor: str) -> np.random.Generator:
         """The generator of one sensor of one robot."""
         return generator(self.seed, robot, sensor)
+
+    def charging(self, place: Point) -> float:
+        """What a battery at a place (m) gets from the chargers there, W."""
+        return sum(one.power for one in self.config.chargers if math.dist(one.at, place) <= one.radius)
 
     def start(self) -> None:
         """Let the robots say what they say once and measure what is; then step, until `stop`. Once is enough."""

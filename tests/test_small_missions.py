@@ -1,4 +1,4 @@
-"""The small examples: five cars that set off together, a car that delivers, and gives up in good order."""
+"""The small examples: cars that set off together, a car that delivers and gives up, a tractor that charges in between."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from fame.scenario import Fault, Result, Scenario
 
 CONVOY = Path("examples/convoy.yaml")
 DELIVERY = Path("examples/delivery.yaml")
+SHUTTLE = Path("examples/shuttle.yaml")
 
 
 def played(path: Path, *faults: Fault) -> tuple[Result, list[Event]]:
@@ -64,3 +65,15 @@ def test_with_free_doors_everything_is_delivered(tmp_path: Path) -> None:
     result, events = played(without_crate(tmp_path))
     assert events[-1].element == "Event_Delivered"
     assert [event.detail for event in result.reports] == ["delivered; attempts: 1 1 1"]
+
+
+def test_the_tractor_charges_in_between_and_goes_on_where_it_was() -> None:
+    result, events = played(SHUTTLE)
+    ways = [
+        event.element for event in events if event.kind in ("callActivity", "conditional", "startEvent", "endEvent")
+    ]
+    trips = [way for way in ways if way in ("Activity_ToField", "Activity_ToBarn", "Event_Low", "Event_GoesOn")]
+    assert result.status == "completed"
+    assert trips.count("Activity_ToField") == trips.count("Activity_ToBarn") == 4  # none is begun anew
+    assert trips[3:6] == ["Event_Low", "Event_GoesOn", "Activity_ToBarn"]
+    assert result.world["robots"]["MULE"]["battery"] > 0.2

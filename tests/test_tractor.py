@@ -127,6 +127,22 @@ def test_the_battery_drains_with_motion_and_blade():
     assert used(0.5, 1) == pytest.approx(185, rel=0.05)
 
 
+def test_a_charger_fills_the_battery_of_who_stands_on_it_and_no_more():
+    def charged(at, seconds=20):
+        g = field(rex={"battery": {"charge": 0.5, "capacity": 2}}, chargers=[{"at": at, "power": 365}])
+        heard = g.hear("/REX/battery_state", BATTERY)
+        g.run(seconds)
+        return heard[-1]
+
+    here = field().world.robots["REX"].pose
+    state = charged([here.x, here.y + 0.4], 5)
+    assert state.percentage == pytest.approx(0.5 + 360 * 5 / 7200, abs=1e-3)
+    assert (state.current > 0, state.power_supply_status) == (True, state.POWER_SUPPLY_STATUS_CHARGING)
+    full = charged([here.x, here.y])
+    assert (full.percentage, full.power_supply_status) == (1.0, full.POWER_SUPPLY_STATUS_FULL)
+    assert charged([here.x, here.y + 0.6]).percentage < 0.5
+
+
 def test_battery_state_is_told_as_the_type_says():
     g = field(rex={"battery": {"charge": 0.5}})
     heard = g.hear("/REX/battery_state", BATTERY)
