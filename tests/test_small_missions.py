@@ -1,4 +1,4 @@
-"""The small examples: cars that set off together, a car that delivers and gives up, a tractor that charges in between."""
+"""The small examples: cars that set off together, a car that delivers, a tractor that charges in between."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ def test_with_free_doors_everything_is_delivered(tmp_path: Path) -> None:
 
 def test_the_tractor_charges_in_between_and_goes_on_where_it_was() -> None:
     result, events = played(SHUTTLE)
-    ways = [
-        event.element for event in events if event.kind in ("callActivity", "conditional", "startEvent", "endEvent")
-    ]
+    ways = [event.element for event in events]
     trips = [way for way in ways if way in ("Activity_ToField", "Activity_ToBarn", "Event_Low", "Event_GoesOn")]
     assert result.status == "completed"
     assert trips.count("Activity_ToField") == trips.count("Activity_ToBarn") == 4  # none is begun anew
-    assert trips[3:6] == ["Event_Low", "Event_GoesOn", "Activity_ToBarn"]
+    low = trips.index("Event_Low")
+    assert trips[low : low + 2] == ["Event_Low", "Event_GoesOn"]
+    assert 0 < low < len(trips) - 2
     assert result.world["robots"]["MULE"]["battery"] > 0.2
