@@ -21,9 +21,9 @@ _ANSWERS = 100
 
 
 class Status:
-    """The voice of a robot: `standing` gives what a `Report` says beside the answer. It listens to `topic` for nothing
-    but what the middleware could not read there, and to itself: the younger of two with one name leaves. `refused` is
-    told why something was refused.
+    """The voice of a robot: `standing` gives what a `Report` says beside the answer. It minds who speaks on `topic`
+    with another type, and listens to itself: the younger of two with one name leaves. `refused` is told why something
+    was refused.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Status:
         self._pulse.cancel()
 
     def _refuse_unread(self) -> None:
-        """What the middleware could not even hand over: messages of another type, bytes that are none."""
+        """What the middleware does not even bring: messages of another type."""
         new = self._middleware.warnings[self._warned :]
         self._warned += len(new)
         for text in new:

@@ -80,6 +80,7 @@ class EngineNode:
         self.status: Status = Status(
             *about, refused=self._refused, node=self.node, scheduler=scheduler, middleware=middleware
         )
+        self._process.dropped = lambda text: self.status.say("refused", reason=text)
         self._tasks = Tasks(self.node, lambda: self.running, self.status.say)
         self.status.begin()
 

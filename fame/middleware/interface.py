@@ -62,10 +62,11 @@ class Publisher(Protocol):
 
 
 class Subscription(Protocol):
-    """The other end."""
+    """The other end. `dropped` is told of each message that cannot be read; if nothing else is set, it is a warning."""
 
     topic: str
     type: str
+    dropped: Callable[[str], object]
 
     def close(self) -> None: ...
 

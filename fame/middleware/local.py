@@ -200,6 +200,7 @@ class LocalSubscription:
     def __init__(self, node: LocalNode, shared: Topic, callback: Callable[[Message], object], qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self._shared, self._callback = shared, callback
+        self.dropped: Callable[[str], object] = node.middleware.warn  # never: nothing is written and read here
         self._waiting: deque[Message] = deque()
         self._depth = -1 if qos.history == "keep_all" else qos.depth
         self._pushed_out = 0  # entries of the scheduler, always the first to come up, whose message waits no more

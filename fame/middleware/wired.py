@@ -106,6 +106,7 @@ class TopicEnd(WireEnd):
     def __init__(self, node: Any, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node)
         self.topic, self.qos = topic, qos
+        self.dropped: Callable[[str], object] = node.middleware.warn
         self.message_class = messages.message_type(type)
         self.type: str = self.message_class.__msgtype__
         if users := [end for end in _ends(node.middleware.nodes, topic) if end.type != self.type]:
@@ -124,7 +125,7 @@ class TopicEnd(WireEnd):
         try:
             message = codec.deserialize(data, self.type)
         except MessageError as error:
-            self.node.middleware.warn(f"{self.topic}: dropped a message: {error}")
+            self.dropped(f"{self.topic}: dropped a message: {error}")
         else:
             callback(message)
 
