@@ -9,6 +9,9 @@ from functools import partial
 from fame.clock import Entry, Kind, Scheduler
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 
+AT_ONE_INSTANT = 1_000_000
+"""Timers set without time going on before they are due: a loop over one of no duration would never end."""
+
 
 class Timers:
     """Those that are set, by the engine's key. `fire` is called with the key, and whether it was the last time.
@@ -20,15 +23,27 @@ class Timers:
     def __init__(self, scheduler: Scheduler, epoch: datetime, fire: Callable[[int, bool], object]) -> None:
         self._scheduler, self._epoch, self._fire = scheduler, epoch, fire
         self._set: dict[int, tuple[Entry, Iterator[int], int]] = {}
+        self._instant, self._at_once = 0, 0
 
     def set(self, key: int, kind: str, text: str) -> None:
-        """Set one: a ``duration``, ``date`` or ``cycle``. Raises ValueError for a text that is none."""
+        """Set one: a ``duration``, ``date`` or ``cycle``.
+
+        Raises ValueError for a text that is none, and when too many have been due at the instant they were set.
+        """
         now = self._scheduler.now
         date = self._epoch + timedelta(microseconds=now // 1000)
         delays = _delays(kind, text, date)
         first = next(delays, None)
         if first is not None:
+            if first <= 0:
+                self._count(now)
             self._await(key, delays, now, first)
+
+    def _count(self, now: int) -> None:
+        self._at_once = self._at_once + 1 if now == self._instant else 1
+        self._instant = now
+        if self._at_once > AT_ONE_INSTANT:
+            raise ValueError(f"{AT_ONE_INSTANT} timers without time going on: a loop over one has to take some")
 
     def cancel(self, key: int) -> None:
         """Forget one, if it is set."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from conftest import Play
-from engine_models import boundary, catch, end, error, path, script, start, sub, timer, user
+from engine_models import boundary, catch, end, error, flow, path, script, start, sub, timer, user
 
 
 @pytest.mark.parametrize(
@@ -57,3 +57,19 @@ def test_a_timer_of_a_cancelled_activity_does_not_fire(play: Play) -> None:
     run = play(content).run(1).complete("u").run(9)
     assert run.log == "s u (v"
     assert run.node.engine.rests == {}
+
+
+def test_a_loop_over_a_timer_that_takes_no_time_fails(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fame.node.timers.AT_ONE_INSTANT", 100)
+    run = play(start() + catch("c", timer("PT0S")) + path("s c") + flow("c", "c")).run()
+    assert run.status == "failed"
+    assert "100 timers without time going on" in str(run.instance.error)
+    assert run.visits["c"] == 100
+
+
+def test_timers_that_take_no_time_are_counted_anew_when_time_goes_on(
+    play: Play, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fame.node.timers.AT_ONE_INSTANT", 100)
+    content = start() + catch("c", timer("PT0S")) + catch("d", timer("PT1S")) + path("s c d c")
+    assert play(content).run(150.5).visits["c"] == 151
