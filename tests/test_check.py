@@ -97,6 +97,12 @@ def reading(id: str, object: str, text: str = "pass") -> str:
     return f'<scriptTask id="{id}">{association}<script>{text}</script></scriptTask>'
 
 
+def filling(id: str, object: str, text: str) -> str:
+    """A script task with an output association."""
+    output = f'<dataOutputAssociation id="{id}-{object}"><targetRef>{object}</targetRef></dataOutputAssociation>'
+    return f'<scriptTask id="{id}">{output}<script>{text}</script></scriptTask>'
+
+
 def service(**said: str) -> str:
     """A service task."""
     return f'<serviceTask id="t">{properties(**said)}</serviceTask>'
@@ -493,6 +499,18 @@ WARNINGS = {
         row(script("console.log(1)")),
         "t: reads `console`, which nothing sets; a script in JavaScript has format javascript",
     ),
+    "an arrow to a data object that should come from it": (
+        data("d", x="4") + row(filling("t", "d", "y = x")),
+        "d: sets x when t has ended, which reads it: an arrow from it sets it before",
+    ),
+    "a decimal comma": (
+        data("d", x="4,5") + row(reading("t", "d", "y = x")),
+        "d: x is the text '4,5': the number is 4.5",
+    ),
+    "a sleep that blocks": (
+        row(script("import time\ntime.sleep(1)")),
+        "t: time.sleep holds up all that the robot does: await sleep(...)",
+    ),
     "an error that is misspelt where it is caught": (
         row(script("x_goal, y_goal = 1, 1"), call("GoTo", "GoTo")) + caught_at("GoTo", "unreachabel"),
         "b: catches error 'unreachabel', which nothing in GoTo throws; did you mean 'unreachable'?",
@@ -718,6 +736,7 @@ FINE = {
     "a payload of computed values": row(
         script("v = [1, 2]"), throw("a", type="geometry_msgs/msg/Pose", payload="{position: {x: ${v[0]}}}")
     ),
+    "results of a script in a data object": data("d", x="${x}") + row(filling("t", "d", "x = 1")),
     "an error that a script throws": row(script("raise BpmnError('lost')")) + caught_at("t", "lost"),
     "an error of whatever code": row(script("raise BpmnError(codes[0])\ncodes = []")) + caught_at("t", "lost"),
     "an exception": row(script("x = 1 / 0")) + caught_at("t", "script"),

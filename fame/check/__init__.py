@@ -13,6 +13,7 @@
     texts        what each text reads and writes
     variables    what is read and never set
     guidelines   the guidelines of the FaMe paper, as notes
+    slips        a decimal comma, an arrow the wrong way round
     quirks       habits of other tools that a model relies on
     refusing     what a run and a deployment refuse
     findings     what all of them give

@@ -15,6 +15,7 @@ from fame.check.guidelines import guideline_findings
 from fame.check.names import name_findings
 from fame.check.quirks import unfinished_findings
 from fame.check.recursion import recursion_findings
+from fame.check.slips import slip_findings
 from fame.check.subject import Subject, subject
 from fame.check.timers import timer_findings
 from fame.check.topics import topic_findings, types_of
@@ -51,6 +52,7 @@ def check(
         *topic_findings(about, all_of_them),
         *name_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
+        *slip_findings(about),
         *guideline_findings(about),
         *unfinished_findings(about),
     ]
