@@ -253,3 +253,12 @@ def test_who_waits_for_what_came_too_early_is_told_so(tmp_path: Path, capsys) ->
     mission.write_text(document(f'<collaboration id="C">{pools}</collaboration>{drawn}<signal id="S" name="go"/>'))
     assert main(["run", str(mission)]) == 1
     assert "LATE waits at c for topic /go (its last message came 1 s ago, when nobody waited" in capsys.readouterr().err
+
+
+def test_who_waits_for_somebody_is_told_how_to_reach_it(tmp_path: Path, capsys) -> None:
+    mission = tmp_path / "asks.bpmn"
+    mission.write_text(process('<userTask id="u"/>', attributes='name="REX"'))
+    assert main(["run", str(mission)]) == 1
+    err = capsys.readouterr().err
+    assert "REX waits at u for somebody to complete it\n" in err
+    assert "fame complete reaches robots in processes of their own: run it with --middleware dds\n" in err

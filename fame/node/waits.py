@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from fame.node.robot_node import RobotNode
 
 
+SOMEBODY = "somebody to complete it"
+"""What user and manual tasks wait for."""
+
+
 @dataclass(frozen=True, slots=True)
 class Wait:
     """An element that holds a resting token, and what it waits for, in words.
@@ -79,7 +83,7 @@ def _wait_text(robot: RobotNode, rest: Any, heard: Mapping[str, int]) -> str:
     if node.kind == "timer":
         return f"{node.timer} timer"
     if node.kind == "user":
-        return "somebody to complete it"
+        return SOMEBODY
     if node.alternatives:
         return " or ".join(
             _catch_text(robot, item.topic, heard) if item.topic else item.kind for item in node.alternatives

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from fame.clock import SECOND
 from fame.errors import MissionError
 from fame.node import Event, Wait
+from fame.node.waits import SOMEBODY
 
 if TYPE_CHECKING:
     from sim2d.record import Record
@@ -83,6 +84,8 @@ class Result:
         if self.status != "completed":
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
+            if any(wait.text == SOMEBODY for wait in waits):
+                lines.append("fame complete reaches robots in processes of their own: run it with --middleware dds")
         weeds = self.world["weeds"] if self.world is not None else {}
         lines += [f"nobody cut the weed {name}" for name, weed in weeds.items() if weed["by"] is None]
         return lines
