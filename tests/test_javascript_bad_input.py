@@ -28,11 +28,12 @@ WRONG = {
     "a value that does not fit": (
         f"{NODE}node.createPublisher('std_msgs/msg/Bool', 'led').publish({{ data: 'maybe' }});\nnext();", 1, "data: ",
     ),
+    # Composed: what a script says literally is known to be wrong before it runs.
     "a publisher of an unknown type": (
-        f"{NODE}node.createPublisher('std_msgs/msg/Boole', 'led');\nnext();", 1, "there is no such message type",
+        f"{NODE}node.createPublisher('std_msgs/msg/' + 'Boole', 'led');\nnext();", 1, "there is no such message type",
     ),
     "a subscription to an unknown type": (
-        f"{NODE}node.createSubscription('std_msgs/msg/Boole', 'led', () => {{}});\nnext();", 1,
+        f"{NODE}node.createSubscription('std_msgs/msg/' + 'Boole', 'led', () => {{}});\nnext();", 1,
         "there is no such message type",
     ),
     "a client of an unknown type": (
