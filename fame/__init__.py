@@ -12,8 +12,7 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fame.errors import (
     ConfigError,
@@ -24,6 +23,7 @@ from fame.errors import (
     ModelError,
     UnavailableError,
 )
+from fame.lazy import from_homes
 
 if TYPE_CHECKING:
     from fame.bpmn.reader import read
@@ -49,9 +49,5 @@ _HOMES = {
     "write": "bpmn.writer",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Heavy parts are imported when they are first asked for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'fame' has no attribute {name!r}")
-    return getattr(import_module(f"fame.{_HOMES[name]}"), name)
+__getattr__ = from_homes(__name__, _HOMES)
+"""Heavy parts are imported when they are first asked for."""

@@ -29,8 +29,7 @@ take a run apart. A figure that comes from the data that was learned from says s
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+from fame.lazy import from_homes
 
 _HOMES = {
     "AnomalyDetector": "detector",
@@ -63,9 +62,5 @@ __all__ = [
     "write_csv",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """What is asked for, imported now: importing `fame.anomaly` itself costs nothing."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = from_homes(__name__, _HOMES)
+"""What is asked for, imported now: importing `fame.anomaly` itself costs nothing."""

@@ -6,8 +6,9 @@ back. They are imported when first used, so that whoever needs the dataclasses a
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from fame.lazy import from_homes
 
 if TYPE_CHECKING:
     from fame.bpmn.extraction import extract_process
@@ -26,8 +27,4 @@ _HOMES = {
     "write": "writer",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'fame.bpmn' has no attribute {name!r}")
-    return getattr(import_module(f"fame.bpmn.{_HOMES[name]}"), name)
+__getattr__ = from_homes(__name__, _HOMES)

@@ -25,8 +25,9 @@ What is called is checked too; of other files errors and warnings are told, thei
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from fame.lazy import from_homes
 
 if TYPE_CHECKING:
     from fame.check.findings import Finding, Level, summary
@@ -42,9 +43,5 @@ _HOMES = {
     "summary": "findings",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Imported when asked for: a run that refuses needs a few of them alone."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'fame.check' has no attribute {name!r}")
-    return getattr(import_module(f"fame.check.{_HOMES[name]}"), name)
+__getattr__ = from_homes(__name__, _HOMES)
+"""Imported when asked for: a run that refuses needs a few of them alone."""

@@ -27,10 +27,10 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fame.deployment.envelope import STATUS_QOS, STRING, Envelope, Report, engines, model_hash, read_envelope
+from fame.lazy import from_homes
 
 if TYPE_CHECKING:
     from fame.deployment.keeping import Keeper
@@ -61,9 +61,5 @@ _HOMES = {
     "Standing": "sender",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Either end is imported when it is first asked for: a robot needs nothing of the sender's."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'fame.deployment' has no attribute {name!r}")
-    return getattr(import_module(f"fame.deployment.{_HOMES[name]}"), name)
+__getattr__ = from_homes(__name__, _HOMES)
+"""Either end is imported when it is first asked for: a robot needs nothing of the sender's."""

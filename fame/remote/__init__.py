@@ -10,9 +10,9 @@ children  the processes of a team: started, heard and ended together
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from fame.lazy import from_homes
 from fame.remote.process import BACKENDS, connect, scheduler_for, serve
 
 if TYPE_CHECKING:
@@ -25,9 +25,5 @@ __all__ = ["BACKENDS", "Sending", "Sight", "Team", "TeamResult", "WorldPart", "c
 
 _HOMES = {"Sending": "sending", "Sight": "result", "Team": "team", "TeamResult": "result", "WorldPart": "world"}
 
-
-def __getattr__(name: str) -> Any:
-    """What only some processes do is imported when it is first asked for."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'fame.remote' has no attribute {name!r}")
-    return getattr(import_module(f"fame.remote.{_HOMES[name]}"), name)
+__getattr__ = from_homes(__name__, _HOMES)
+"""What only some processes do is imported when it is first asked for."""
