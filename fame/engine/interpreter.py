@@ -304,6 +304,7 @@ class Engine:
         """An instance failed: nothing caught its error."""
         instance.error = MissionError(text, element=node.id, file=node.file, line=node.line, code=code)
         instance.error.__cause__ = cause
+        scopes.tell_cancelled(self, instance.root)
         last = scopes.replace(self, instance.root, ())
         self.host.make_safe("failed")
         scopes.proceed(self, steps.FAILED, last)

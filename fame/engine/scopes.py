@@ -181,9 +181,12 @@ def kill(engine: Engine, scope: Scope, told: bool = True) -> None:
 
 
 def tell_cancelled(engine: Engine, scope: Scope) -> None:
-    """Observers hear that the element of a scope was cancelled."""
+    """Observers hear that the element of a scope was cancelled, and the event sub-processes that took its place."""
     if scope.node is not None and scope.node.act is not None and scope.parent is not None:
         engine.tell(scope.parent, (scope.node.id, "cancel", None))
+    for handler in scope.handles:
+        if handler.act is not None:
+            engine.tell(scope, (handler.id, "cancel", None))
 
 
 def cancel_rest(engine: Engine, rest: Rest) -> None:

@@ -138,14 +138,14 @@ def test_the_error_of_a_handler_starts_outside_the_scope_that_it_handles(play: P
     handling = handler("h", start("t", signal("A"), interrupting=interrupting) + script("x", THROW) + path("t x"))
     content = sub("p", user("u") + handling + handler("i", start("v", error("E")))) + boundary("b", "p", error("E"))
     run = play(content).run().signal("A")
-    assert run.log.endswith("(x x!E b -p =completed" if interrupting else "(x x!E b -p -u -h =completed")
+    assert run.log.endswith("(x x!E b -p -h =completed" if interrupting else "(x x!E b -p -u -h =completed")
     assert "i" not in run.visits
 
 
 def test_the_error_of_an_error_handler_does_so_too(play: Play) -> None:
     handling = handler("h", start("t", error("E")) + script("x", THROW) + path("t x"))
     content = sub("p", script("a", THROW) + handling) + boundary("b", "p", error("E"))
-    assert play(content).run().log == "(p (a a!E (h t (x x!E b -p =completed"
+    assert play(content).run().log == "(p (a a!E (h t (x x!E b -p -h =completed"
 
 
 def test_an_error_event_sub_process_inside_a_handler_catches_the_errors_of_that_handler(play: Play) -> None:

@@ -9,6 +9,7 @@ from engine_models import (
     call,
     condition,
     end,
+    error,
     flow,
     gateway,
     handler,
@@ -206,7 +207,7 @@ def test_the_handler_shares_the_variables_of_its_scope(play: Play) -> None:
 def test_boundary_events_still_guard_a_sub_process_whose_handler_took_its_place(play: Play) -> None:
     inner = sub("p", user("u") + handler("h", start("t", signal("A")) + user("w") + path("t w")))
     content = start() + inner + boundary("b", "p", signal("B")) + script("x") + path("s p") + path("b x")
-    assert play(content).run().signal("A").signal("B").log == "s (p (u -u (h t (w b -p -w x =completed"
+    assert play(content).run().signal("A").signal("B").log == "s (p (u -u (h t (w b -p -h -w x =completed"
 
 
 def test_a_thousand_firings_leave_nothing_behind(play: Play) -> None:
@@ -216,3 +217,16 @@ def test_a_thousand_firings_leave_nothing_behind(play: Play) -> None:
     run = play(loop + flow("g", "e", "i >= 1000") + handling, {"n": 0, "i": 0}).run()
     assert (run.variables["n"], run.variables["i"]) == (1000, 1000)
     assert not run.left_behind()
+
+
+def test_one_that_took_the_place_of_its_scope_is_cancelled_with_it(play: Play) -> None:
+    taking = handler("h", start("t", signal("A")) + user("v") + path("t v"))
+    content = start() + sub("p", user("u") + taking) + boundary("b", "p", signal("B")) + path("s p")
+    run = play(content).run().signal("A").signal("B")
+    assert run.log == "s (p (u -u (h t (v b -p -h -v =completed"
+
+
+def test_one_that_took_the_place_of_its_process_is_cancelled_when_this_fails(play: Play) -> None:
+    inside = start("t", signal("A")) + gateway("parallel", "g") + user("v") + end("e", error("E"))
+    run = play(start() + user("u") + path("s u") + handler("h", inside + path("t g v") + path("g e"))).run()
+    assert run.signal("A").log == "s (u -u (h t g (v e e!E -h -v =failed"
