@@ -96,7 +96,7 @@ def test_a_continuation_that_is_cancelled_while_it_waits_passes_its_wait_on(play
     content = inner + boundary("b", "p", signal("B")) + script("y") + path("b y")
     run = play(content).run(1).signal("A").signal("B")
     assert "y" not in run.run(1.9).visits
-    assert run.run(2.1).log == "(p (a -a (h t b -p y =completed"
+    assert run.run(2.1).log == "(p (a -a (h t b -p -h y =completed"
     assert not run.left_behind()
 
 
