@@ -42,6 +42,7 @@ from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.library import Library
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
 from fame.middleware.messages import create
+from fame.remote.children import PARENT
 
 ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90
@@ -117,7 +118,8 @@ class Field:
         self.last: dict[str, Report] = {}
         for robot in robots:
             self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._hear, robot), STATUS_QOS)
-        environment = {**os.environ, **BYTECODE, "ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT)}
+        own = {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT), PARENT: str(os.getpid())}
+        environment = {**os.environ, **BYTECODE, **own}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         self.began = time.monotonic()
         self.engines = {

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 ENDING = 5.0
 """How long a process may take to end (s)."""
-_PARENT = "FAME_PARENT"
+PARENT = "FAME_PARENT"
+"""In the environment of a process: the pid of the one that started it, shows how it goes, and without which it ends."""
 
 
 class Children:
@@ -40,7 +41,7 @@ class Children:
         paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
         process = subprocess.Popen(
             [sys.executable, "-m", "fame", *words],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), _PARENT: str(os.getpid())},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), PARENT: str(os.getpid())},
             stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -91,7 +92,7 @@ class Children:
 
 def is_child() -> bool:
     """Whether another process of FAME started this one, and shows how it goes."""
-    return _PARENT in os.environ
+    return PARENT in os.environ
 
 
 def command_lines(
@@ -117,7 +118,7 @@ def command_lines(
 
 def orphaned() -> bool:
     """Whether the process that started this one as its child is no more."""
-    parent = os.environ.get(_PARENT)
+    parent = os.environ.get(PARENT)
     return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
 
 
