@@ -71,10 +71,11 @@ class Library:
                 if found is not None:
                     return definitions, found
                 has = ", ".join(item.id for item in definitions.processes)
-                raise ModelError(f"{path} has no process {call.called!r}: it has {has}", **where)  # type: ignore[arg-type]
-            looked.append(str(folder))
+                raise ModelError(f"{_short(path)} has no process {call.called!r}: it has {has}", **where)  # type: ignore[arg-type]
+            looked.append("the built-in library" if folder in BUILT_IN else _short(folder))
         text = f"called element {call.called!r} is no process of this file, nor {call.called}.bpmn in"
-        raise ModelError(f"{text} {', '.join(looked)}{self._similar(caller, call.called)}", **where)  # type: ignore[arg-type]
+        places = ", ".join(dict.fromkeys(looked))
+        raise ModelError(f"{text} {places}{self._similar(caller, call.called)}", **where)  # type: ignore[arg-type]
 
     def _similar(self, caller: Definitions, called: str) -> str:
         """``; did you mean ...?`` with a name that differs in case, its ending, or a letter or two, if there is one."""
@@ -107,3 +108,8 @@ class Library:
                     there, target = self.find(home, node)
                     names[node.called] = (there, target.id)
         return names
+
+
+def _short(path: Path) -> str:
+    """A path for people: from the working directory on, if it is in there."""
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

@@ -18,18 +18,18 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from io import BufferedWriter, FileIO, StringIO
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any, BinaryIO, NamedTuple, TextIO
+from typing import Any, BinaryIO, NamedTuple, TextIO, TypeAlias
 
 from fame.bpmn.model import Activity, Definitions, Element, Gateway, SubProcess, Task
 from fame.bpmn.model import Event as BpmnEvent
 from fame.clock import SECOND
 from fame.engine.state import Mark, Trail
 from fame.errors import ConfigError
-from fame.observation import Event, Observer
+from fame.observation import Event, Observer, by_trails
 from fame.xes import xes
 
 COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
@@ -50,19 +50,58 @@ class Named(NamedTuple):
 
 UNNAMED = Named("", "", False)
 
+_Form: TypeAlias = Callable[[BinaryIO, Mapping[str, Named]], AbstractContextManager[Observer]]
+"""Writes events in one form to a stream, with what elements are called."""
+
 
 @contextmanager
 def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Observer]:
     """A function that writes an event to the log `path`. `files` are the models that name its elements.
 
-    What stood in the file is gone. Raises ConfigError for an ending that is no log's, for a file that another run (or
+    What stood in the file is gone when the first event comes, or when the block ends as it should: a run that is
+    refused leaves it as it was. Raises ConfigError for an ending that is no log's, for a file that another run (or
     another log of this one) writes, and for one that cannot be written, also later on.
     """
     path = Path(path)
     form = _FORMS.get(path.suffix.lower())
     if form is None:
         raise ConfigError(f"found the ending {path.suffix!r}; {', '.join(_FORMS)} would be right", file=str(path))
-    with BufferedWriter(_opened(path), _BUFFER) as stream, form(stream, names(files)) as write:
+    with ExitStack() as stack:
+        file = stack.enter_context(_opened(path))
+        log = _Log(lambda: stack.enter_context(_written(file, form, files)))
+        yield log
+        log.begin()
+
+
+class _Log:
+    """An observer that is made when the first event comes."""
+
+    def __init__(self, make: Callable[[], Observer]) -> None:
+        self._make = make
+        self._write: Observer | None = None
+
+    def begin(self) -> Observer:
+        """The observer, made if it was not yet."""
+        if self._write is None:
+            self._write = self._make()
+            self._trail = by_trails(self._write)
+        return self._write
+
+    def __call__(self, event: Event) -> None:
+        self.begin()(event)
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """What happened at one instant."""
+        self.begin()
+        self._trail(time, robot, trail)
+
+
+@contextmanager
+def _written(file: _File, form: _Form, files: Iterable[Definitions]) -> Iterator[Observer]:
+    """What writes to a file in place of what stood in it."""
+    if S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.truncate(0)
+    with BufferedWriter(file, _BUFFER) as stream, form(stream, names(files)) as write:
         yield write
 
 
@@ -77,17 +116,16 @@ class _File(FileIO):
 
 
 def _opened(path: Path) -> _File:
-    """The file, emptied, and kept from other runs as long as it is open."""
+    """The file, kept from other runs as long as it is open, with what stands in it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = _File(path, "ab")  # not emptied before it is ours
+        file = _File(path, "ab")
     except FileExistsError:
         raise ConfigError(f"cannot be written: {path.parent} is no folder", file=str(path)) from None
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
     if S_ISREG(os.fstat(file.fileno()).st_mode):
         _claim(file)
-        file.truncate(0)
     return file
 
 
@@ -157,7 +195,7 @@ class _Lines:
     """Writes a line for each event, joined from words for when, where and what that were found once for many lines.
 
     `when` gives those for a time (ns) and robot, `where` is a format for instance and scope, `what` gives those for a
-    mark. The last are found before the run, as far as it is known what will happen.
+    mark. The last are found at the beginning, as far as it is known what will happen.
     """
 
     def __init__(
@@ -250,7 +288,7 @@ def _cells(mark: Mark, name: Named) -> tuple[Any, ...]:
 _to_json = json.JSONEncoder(ensure_ascii=False, default=str).encode
 
 
-_FORMS: Mapping[str, Callable[[BinaryIO, Mapping[str, Named]], AbstractContextManager[Observer]]] = {
+_FORMS: Mapping[str, _Form] = {
     ".jsonl": _jsonl,
     ".csv": _csv,
     ".xes": xes,

@@ -273,7 +273,16 @@ def test_a_call_that_leads_nowhere_is_an_error_that_says_where_it_was_looked_for
     found = checked(alone(row(call("c", "Jump"))), library=Library([tmp_path]))
     (error,) = (one for one in found if one.level == "error")
     assert error.element == "c"
-    assert error.text.startswith(f"called element 'Jump' is no process of this file, nor Jump.bpmn in {tmp_path}, ")
+    places = f"{tmp_path}, ., library, the built-in library"
+    assert error.text == f"called element 'Jump' is no process of this file, nor Jump.bpmn in {places}"
+
+
+def test_folders_below_the_working_directory_are_told_from_there_on(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "m.bpmn").write_text(alone(row(call("c", "Jump"))))
+    (error,) = (one for one in check(tmp_path / "m.bpmn", library=Library(tmp_path / "mine")) if one.level == "error")
+    assert error.text.endswith("nor Jump.bpmn in mine, ., library, the built-in library")
 
 
 @pytest.mark.parametrize("called", ["goto", "Go To", "GoTo.bpmn", "GoToo"])

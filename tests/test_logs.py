@@ -170,6 +170,19 @@ def test_a_file_has_one_writer_at_a_time_and_is_new_each_time(ending: str, tmp_p
 
 
 @pytest.mark.parametrize("ending", ["jsonl", "csv", "xes"])
+@pytest.mark.parametrize("why", ["bad model", "unknown fault"])
+def test_a_run_that_is_refused_leaves_an_old_log(why: str, ending: str, tmp_path: Path, capsys) -> None:
+    path, mission = tmp_path / f"old.{ending}", tmp_path / "mission.bpmn"
+    path.write_text("what stood there before")
+    text = SMALL.replace("PT2S", "PT2Z") if why == "bad model" else SMALL
+    mission.write_text(text)
+    fault = ["--fault", "Patrol@1:legs"] if why == "unknown fault" else []
+    assert main(["run", str(mission), "--duration", "1", "--log", str(path), *fault]) == 2
+    assert capsys.readouterr().err.startswith("fame: error: ")
+    assert path.read_text() == "what stood there before"
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "xes"])
 def test_a_log_on_a_full_disk_is_named(ending: str, tmp_path: Path, capsys) -> None:
     path = tmp_path / f"full.{ending}"
     path.symlink_to("/dev/full")

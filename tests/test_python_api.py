@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import fame
+from fame.check import check
 from fame.library import Library
 from fame.scenario import Fault
 
@@ -21,6 +22,10 @@ def dingo(**options) -> fame.Simulation:
 
 
 WRONG = {
+    "definitions: found 'mission.bpmn'": lambda: fame.write("mission.bpmn"),
+    "source: found 7": lambda: check(7),
+    "library: found 'models'": lambda: check(MODEL, library="models"),
+    "Scenario: found 'field.yaml'": lambda: fame.Scenario("field.yaml"),
     "source: found None": lambda: fame.read(None),
     "source: found 5": lambda: fame.read(5),
     "source: found '<definition": lambda: fame.read("<definitions/>"),
@@ -75,6 +80,10 @@ def test_a_model_may_be_given_by_its_path() -> None:
     for given in (definitions, MODEL, str(MODEL)):
         assert fame.Simulation(given, process="DINGO").run().now == 0.0
         assert [part.name for part in fame.split(given)] == ["REX", "DINGO"]
+
+
+def test_a_model_is_checked_by_its_path() -> None:
+    assert check(MODEL) == check(str(MODEL)) == check(fame.read(MODEL))
 
 
 def test_one_folder_of_behaviours_needs_no_list() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from fame.bpmn.model import Definitions
 from fame.check.catching import catching_findings
@@ -20,13 +21,13 @@ from fame.check.subject import Subject, subject
 from fame.check.timers import timer_findings
 from fame.check.topics import topic_findings, types_of
 from fame.check.variables import variable_findings
-from fame.errors import ModelError
+from fame.errors import ModelError, expect
 from fame.library import Library
 from fame.splitter import pools_of
 
 
 def check(
-    definitions: Definitions,
+    definitions: Definitions | str | Path,
     *,
     library: Library | None = None,
     strict: bool = False,
@@ -36,8 +37,13 @@ def check(
 
     `library` is where called processes are looked for. `strict`: a payload that reads what nothing sets is an error.
     `team` are all files of one mission, this one among them (see `parts_of_one_mission`): their robots may be at the
-    other ends of topics.
+    other ends of topics. The model may be a path. Raises ModelError for one that cannot be read, ConfigError for what
+    is no model or library.
     """
+    from fame.bpmn.reader import read
+
+    definitions = read(definitions)
+    expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     library = library or Library()
     about = subject(definitions, library)
     all_of_them = [about if one is definitions else subject(one, library) for one in team]

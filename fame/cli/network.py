@@ -24,7 +24,8 @@ def add_network(parser: Parser) -> None:
     """``--middleware``, ``--localhost`` and ``--network``."""
     parser.add_argument(
         "--middleware", choices=("dds", "ros"), default="dds",
-        help="how to reach the others: on the wire of ROS 2, without it (dds, the default), or by its rclpy (ros)",
+        help="how to reach the others: on the wire of ROS 2, without it (dds, the default), or by its rclpy (ros); "
+        "what follows --ros-args counts with ros only",
     )  # fmt: skip
     reach = parser.add_mutually_exclusive_group()
     reach.add_argument(

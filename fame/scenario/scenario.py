@@ -36,6 +36,11 @@ class Scenario:
     duration: float
     faults: tuple[Fault, ...] = ()
 
+    def __new__(cls, *given: object, **parts: object) -> Scenario:
+        """Raises ConfigError for what a file is given to: that is `load`."""
+        expect(not given, "Scenario", given[0] if given else None, "Scenario.load(path)")
+        return object.__new__(cls)
+
     @classmethod
     def load(
         cls,
