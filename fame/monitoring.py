@@ -53,3 +53,20 @@ UNITS: Mapping[str, Make] = {
     "train": _train,
 }
 """What needs packages is imported when a unit is made."""
+
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "adm_collect": ("output", "label"),
+    "adm_learn": ("config",),
+    "adm_operate": ("model",),
+    "process": ("configuration",),
+    "record": ("configuration", "output"),
+    "train": ("configuration",),
+}
+"""The variables that a unit cannot do without."""
+
+GIVES: Mapping[str, tuple[str, ...]] = {
+    "adm_collect": ("runs_collected",),
+    "adm_learn": ("classifier",),
+    "train": ("model", "thresholds"),
+}
+"""The variables that a unit sets when it ends; those that are not here set none."""

@@ -658,6 +658,25 @@ def test_a_behaviour_called_by_a_process_that_declares_nothing_lacks_its_inputs(
     ]
 
 
+MONITORED = {
+    "joint_monitor": ["joint_monitor reads `model`, which nothing sets"],
+    "adm_operate": ["adm_operate needs `model`, which nothing sets"],
+    "Record": ["Record needs `configuration`, which nothing sets", "Record needs `output`, which nothing sets"],
+}
+
+
+@pytest.mark.parametrize("called", MONITORED)
+def test_a_monitoring_unit_that_is_called_lacks_what_it_cannot_do_without(called: str) -> None:
+    assert told(team(row(call("c", called)))) == [f"c: {text}" for text in MONITORED[called]]
+    assert told(team(row(script("model = configuration = output = 'x'"), call("c", called)))) == []
+
+
+def test_what_a_monitoring_unit_gives_is_set() -> None:
+    learnt = row(script("config = 'l.yaml'"), call("c", "adm_learn"), script("x = classifier", "u"))
+    assert told(team(learnt)) == []
+    assert told(team(learnt.replace("x = classifier", "x = score"))) == ["u: reads `score`, which nothing sets"]
+
+
 def test_a_called_process_with_a_mapping_gets_what_that_names() -> None:
     given = extensions('<camunda:in source="x" target="x_goal"/>')
     other = extensions('<camunda:in source="x" target="y_goal"/>')

@@ -287,7 +287,7 @@ def test_expressions_see_inner_variables_before_outer_ones() -> None:
 def test_expressions_know_the_robot_by_name_alone() -> None:
     scheduler = Scheduler()
     node = LocalMiddleware(scheduler).node("engine", "REX")
-    robot = Robot("REX", "REX", print, Runner(scheduler, node, print).inbox)
+    robot = Robot("REX", "REX", print, Runner(scheduler, node, print).inbox, lambda: 0.0)
     variables = {"closest": "REX", "__builtins__": interface(robot=robot, signal=print, log=print)}
     assert compile_expression(Expression("${closest == robot.name}", "juel"))(variables) is True
     assert compile_expression(Expression("closest = robot.namespace", "feel"))(variables) is True

@@ -9,7 +9,7 @@ import pytest
 from bpmn_text import process
 
 from fame.bpmn import read_text
-from fame.scripting import NAMES
+from fame.scripting import NAMES, Robot
 from fame.scripting.juel import JUEL
 from fame.simulation import Simulation
 
@@ -20,6 +20,19 @@ SPANS = set(re.findall(r"`([^`]+)`", PAGE))
 @pytest.mark.parametrize("name", NAMES)
 def test_it_names_what_scripts_find(name: str) -> None:
     assert any(re.match(rf"(await |raise )?{name}\b", span) or f" {name}." in span for span in SPANS)
+
+
+@pytest.mark.parametrize("name", [name for name in dir(Robot) if not name.startswith("_")])
+def test_it_names_what_the_robot_has(name: str) -> None:
+    assert any(f"robot.{name}" in span for span in SPANS)
+
+
+def test_a_script_knows_the_time_of_the_mission() -> None:
+    script = "<script>a = robot.now\nawait sleep(2.5)\nb = robot.now</script>"
+    content = f"""<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>
+    <scriptTask id="t">{script}</scriptTask>"""
+    variables = Simulation(read_text(process(content))).run().instances[0].variables
+    assert (variables["a"], variables["b"]) == (0.0, 2.5)
 
 
 def test_the_functions_of_expressions_are_those_that_there_are() -> None:

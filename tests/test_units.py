@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,9 @@ from bpmn_text import process
 
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
-from fame.errors import ConfigError
+from fame.errors import ConfigError, FameError
 from fame.middleware.local import LocalMiddleware
+from fame.monitoring import NEEDS, UNITS
 from fame.node import RobotNode, mission
 from fame.units import Around, Unit, setting
 
@@ -70,6 +72,25 @@ class Robot:
 
 def made(around: Around, variables: Mapping[str, Any]) -> Unit:
     return Counter(around, variables)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_what_a_unit_cannot_do_without_is_what_it_asks_for(name: str, tmp_path: Path) -> None:
+    scheduler = Scheduler()
+    around = Around("REX", "REX", LocalMiddleware(scheduler), scheduler, tmp_path, print, print)
+
+    def asks(variables: Mapping[str, Any]) -> str:
+        try:
+            UNITS[name](around, variables).close()
+        except FameError as error:
+            found = re.match(r"needs the variable (\w+)", str(error))
+            return found[1] if found else ""
+        return ""
+
+    values: dict[str, Any] = {each: 1 if each == "label" else "nowhere" for each in NEEDS[name]}
+    assert asks(values) == ""
+    for each in values:
+        assert asks({other: value for other, value in values.items() if other != each}) == each
 
 
 def test_a_unit_that_ends_by_itself_ends_its_task_and_sets_variables() -> None:

@@ -44,7 +44,7 @@ class Bench:
 
     def names(self, budget: int) -> dict[str, Any]:
         return interface(
-            robot=Robot("REX", "REX", self._publish, self.runner.inbox),
+            robot=Robot("REX", "REX", self._publish, self.runner.inbox, lambda: self.scheduler.now / SECOND),
             signal=lambda name, payload=None: self.signals.append((name, payload)),
             log=lambda level, text: self.logged.append(text),
             budget=budget,

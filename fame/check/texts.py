@@ -50,8 +50,14 @@ def texts_of(body: Body) -> Iterator[Text]:
         for expression, use in _texts(element):
             if expression is not None:
                 reads, writes = names_of(expression, use == "script")
-                own = element.names if isinstance(element, DataObject) else ()  # unset ones are left so
-                yield Text(expression, element, use, reads - set(own), writes)
+                yield Text(expression, element, use, reads - _own(element, expression), writes)
+
+
+def _own(element: Element, value: Expression) -> set[str]:
+    """The name whose value this is, of a data object: ``x: ${x}`` declares it, and leaves it unset if it is."""
+    if not isinstance(element, DataObject):
+        return set()
+    return {name for name, expression in element.values if expression is value}
 
 
 def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:

@@ -2,8 +2,8 @@
 
 Called processes share the variables of their caller, unless a mapping gives them variables of their own. So what counts
 is a space: a process and all that it calls without a mapping. In a space every name that anything sets is set; the
-order of things is not looked at. A space in which people, services or JavaScript that names no names set
-variables is not judged.
+order of things is not looked at. A space in which people, services (but the units of FAME) or JavaScript that names no
+names set variables is not judged.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from fame.check.texts import Text, names_of, texts_of
 from fame.check.topics import fields_taken, taken_by_prefix
 from fame.engine import gateways, loops
 from fame.engine.data import variable_name
+from fame.monitoring import GIVES, NEEDS
 from fame.scripting.interface import NAMES
 from fame.scripting.javascript.words import words_of
 
@@ -46,12 +47,13 @@ _SMALL = {"true": "True", "false": "False", "null": "None"}
 class Uses:
     """What one process does to variables. `declared` by data objects; `sets`: name -> first element that sets it.
 
-    `opaque`: something in it may set whatever it likes.
+    `needs`: the names that units of FAME cannot do without; `opaque`: something in it may set whatever it likes.
     """
 
     texts: list[Text] = field(default_factory=list)
     declared: set[str] = field(default_factory=set)
     sets: dict[str, Element] = field(default_factory=dict)
+    needs: list[tuple[FlowNode, str]] = field(default_factory=list)
     opaque: bool = False
 
 
@@ -86,7 +88,10 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
         for node in body.nodes:
             for name in (*_set_by(node), *_caught(unit, node, objects, types)):
                 uses.sets.setdefault(name, node)
-            uses.opaque |= isinstance(node, Task) and node.kind in ("user", "manual", "service", "business_rule")
+            if isinstance(node, Task) and node.kind == "service" and node.operation in NEEDS:
+                uses.needs += [(node, name) for name in NEEDS[node.operation]]
+            elif isinstance(node, Task):
+                uses.opaque |= node.kind in ("user", "manual", "service", "business_rule")
         for item in body.data_objects:
             for name, expression in item.values:
                 if item.id in assigned and _sets_something(name, expression):
@@ -113,6 +118,8 @@ def _set_by(node: FlowNode) -> Iterator[str]:
             yield from filter(None, (node.loop.element_variable, node.loop.output_collection))
     if isinstance(node, Task) and node.result_variable:
         yield node.result_variable
+    if isinstance(node, Task) and node.kind == "service":
+        yield from GIVES.get(node.operation, ())
 
 
 def _caught(unit: Unit, node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
@@ -235,16 +242,27 @@ def _unset(space: _Space, uses: Mapping[Unit, Uses], strict: bool) -> Iterator[F
             for name in sorted(text.reads - space.known):
                 level: Level = "error" if strict and text.use == "payload" else "warning"
                 similar = _other_language(name, text.expression) or _similar(name, space.known)
-                found = f"reads `{name}`, which nothing sets{similar}"
-                if space.call is not None:
-                    caller, call = space.call
-                    advice = "" if similar else ": give it in the mapping"
-                    yield caller.finding(level, f"{unit.process.id} {found}{advice}", call)
-                elif entered is not None:
-                    root = next(iter(space.members))
-                    yield root.finding(level, f"{unit.process.id} {found}", entered)
-                else:
-                    yield unit.finding(level, found, text.element, text.expression.line)
+                found = f"reads `{name}`, which nothing sets"
+                here = unit.finding(level, found + similar, text.element, text.expression.line)
+                yield _where_called(space, unit, entered, here, found, similar)
+        for node, name in uses[unit].needs:
+            if name not in space.known:
+                found, similar = f"needs `{name}`, which nothing sets", _similar(name, space.known)
+                here = unit.finding("warning", found + similar, node)
+                yield _where_called(space, unit, entered, here, found, similar)
+
+
+def _where_called(
+    space: _Space, unit: Unit, entered: CallActivity | None, here: Finding, found: str, similar: str
+) -> Finding:
+    """What is `here` in a unit, told at the call that could have set it, if there is one."""
+    text = f"{unit.process.id} {found}{similar}"
+    if space.call is not None:
+        caller, call = space.call
+        return caller.finding(here.level, text if similar else f"{text}: give it in the mapping", call)
+    if entered is not None:
+        return next(iter(space.members)).finding(here.level, text, entered)
+    return here
 
 
 def _similar(name: str, known: frozenset[str]) -> str:

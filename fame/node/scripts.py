@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import resolve
@@ -34,7 +35,8 @@ class Scripts:
             types=ends.type,
         )
         self.javascript = self._surroundings()
-        speaker = Robot(robot.name, robot.namespace, self._publish, self.runner.inbox)
+        scheduler = robot.scheduler
+        speaker = Robot(robot.name, robot.namespace, self._publish, self.runner.inbox, lambda: scheduler.now / SECOND)
         self._in_scope = interface(robot=speaker, signal=self._signal, log=self._log) | {SURROUNDINGS: self.javascript}
 
     def variables(self) -> dict[str, Any]:

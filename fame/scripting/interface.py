@@ -32,13 +32,20 @@ Emit = Callable[[str, str], object]
 class Robot:
     """The robot that runs the script. `namespace` has no slashes; topic names are relative to it.
 
-    `_publish` takes topic, type and a mapping of fields (or a whole message), and may raise MessageError.
+    `_publish` takes topic, type and a mapping of fields (or a whole message), and may raise MessageError; `_clock`
+    gives the time of the mission in s.
     """
 
     name: str
     namespace: str
     _publish: Publish = field(repr=False)
     _inbox: Inbox = field(repr=False)
+    _clock: Callable[[], float] = field(repr=False)
+
+    @property
+    def now(self) -> float:
+        """The time of the mission, on which `sleep` and timers are (s): simulated, or the wall's."""
+        return self._clock()
 
     def publish(
         self, topic: str, type: str, message: Message | Mapping[str, Any] | None = None, /, **fields: Any
