@@ -27,7 +27,6 @@ FLOORS = (
         "fame.simulation",
         "fame.check",
         "fame.log",
-        "fame.xes",
         "fame.deployment",
         "fame.signing",
         "fame.pipeline",

@@ -19,7 +19,8 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.log import COLUMNS, kind, logging_to, names, visits
+from fame.log import COLUMNS, logging_to, visits
+from fame.log.naming import kind, names
 from fame.node import Event
 from fame.scenario import Scenario
 

@@ -15,15 +15,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import timedelta
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 from xml.sax.saxutils import quoteattr
 
 from fame.engine.state import Mark, Trail
+from fame.log.naming import Named
 from fame.node import EPOCH
 from fame.observation import Event, Observer
-
-if TYPE_CHECKING:
-    from fame.log import Named
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
 """Which transition of the standard life cycle an observation of an activity is (IEEE 1849, extension Lifecycle)."""

@@ -1,0 +1,124 @@
+"""Logs with a line for each event: JSON Lines, and CSV."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import StringIO
+from typing import Any, BinaryIO
+
+from fame.clock import SECOND
+from fame.engine.state import Mark, Trail
+from fame.log.naming import UNNAMED, Named
+from fame.observation import Event, Observer
+
+COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
+"""Of a table, and the keys of a JSON line (where those without a value are left out)."""
+
+_to_json = json.JSONEncoder(ensure_ascii=False, default=str).encode
+
+
+def seconds(time: int) -> str:
+    """Nanoseconds as seconds, exactly.
+
+    >>> seconds(12_500_000_000), seconds(1), seconds(0)
+    ('12.5', '0.000000001', '0.0')
+    """
+    whole, rest = divmod(time, SECOND)
+    return f"{whole}." + (f"{rest:09d}".rstrip("0") or "0")
+
+
+class _Lines:
+    """Writes a line for each event, joined from words for when, where and what that were found once for many lines.
+
+    `when` gives those for a time (ns) and robot, `where` is a format for instance and scope, `what` gives those for a
+    mark. The last are found at the beginning, as far as it is known what will happen.
+    """
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        named: Mapping[str, Named],
+        when: Callable[[int, str], str],
+        where: str,
+        what: Callable[[Mark, Named], str],
+    ) -> None:
+        self._stream, self._named, self._when, self._where, self._what = stream, named, when, encoded(where), what
+        self._known = {mark: encoded(what(mark, name)) for id, name in named.items() for mark in usual(id, name)}
+        self._now: tuple[tuple[int, str], bytes] = ((-1, ""), b"")
+
+    def __call__(self, event: Event) -> None:
+        start = self._at(event.time, event.robot) % (event.instance, event.scope)
+        self._stream.write(start + self._find(event[4:]))
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """What happened at one instant."""
+        start_of, known = self._at(time, robot), self._known
+        lines: list[bytes] = []
+        for scope, marks in trail:
+            start = start_of % (scope.instance.key, scope.key)
+            try:
+                lines += start, start.join([known[mark] for mark in marks])
+            except KeyError:
+                known.update((mark, self._find(mark)) for mark in marks if mark not in known)
+                lines += start, start.join([known[mark] for mark in marks])
+        self._stream.write(b"".join(lines))
+
+    def _at(self, time: int, robot: str) -> bytes:
+        """The words for when and who, and the format for where."""
+        if self._now[0] != (time, robot):
+            self._now = (time, robot), encoded(self._when(time, robot)).replace(b"%", b"%%") + self._where
+        return self._now[1]
+
+    def _find(self, mark: Mark) -> bytes:
+        """The words for a mark."""
+        return encoded(self._what(mark, self._named.get(mark[0], UNNAMED)))
+
+
+def usual(id: str, name: Named) -> Iterator[Mark]:
+    """What is going to happen at an element if all goes well."""
+    for what in ("take",) if name.kind == "sequenceFlow" else ("enter", "leave"):
+        yield id, what, None
+
+
+def encoded(text: str) -> bytes:
+    """As it stands in a file."""
+    return text.encode("utf-8", "backslashreplace")
+
+
+@contextmanager
+def jsonl(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+    def members(keys: Sequence[str], values: Sequence[Any]) -> str:
+        present = {key: value for key, value in zip(keys, values, strict=True) if value not in ("", None)}
+        return _to_json(present)[1:-1]
+
+    def when(time: int, robot: str) -> str:
+        # The time is put in as text: a float would lose nanoseconds.
+        return f'{{"time": {seconds(time)}, ' + (f'"robot": {_to_json(robot)}, ' if robot else "")
+
+    def what(mark: Mark, name: Named) -> str:
+        return f"{members(COLUMNS[4:], _cells(mark, name))}}}\n"
+
+    yield _Lines(stream, named, when, '"instance": %d, "scope": %d, ', what)
+
+
+@contextmanager
+def table(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+    def row(cells: Sequence[Any], end: str) -> str:
+        text = StringIO()
+        csv.writer(text, lineterminator=end).writerow(cells)
+        return text.getvalue()
+
+    stream.write(row(COLUMNS, "\n").encode())
+
+    def when(time: int, robot: str) -> str:
+        return row((seconds(time), robot), ",")
+
+    yield _Lines(stream, named, when, "%d,%d,", lambda mark, name: row(_cells(mark, name), "\n"))
+
+
+def _cells(mark: Mark, name: Named) -> tuple[Any, ...]:
+    """What the columns from the element on hold."""
+    return mark[0], name.name, name.kind, *mark[1:]
