@@ -16,6 +16,8 @@ from sim2d.reading import parameter
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 _HOUR = 3600.0
+DRAIN_RATE = 20.0
+"""How often it is reckoned what a robot took, Hz."""
 _CHARGING, _DISCHARGING, _FULL = 1, 2, 4  # as sensor_msgs/msg/BatteryState has them
 _SAG = 0.1
 """By what part of itself the voltage of an empty battery is lower than that of a full one."""
@@ -40,7 +42,7 @@ class Battery:
     def __init__(self, node: Node, parameters: BatteryParameters) -> None:
         self._parameters = parameters
         self._full = parameters.capacity * _HOUR  # J
-        self._left, self._power = self._full * parameters.charge, 0.0
+        self._left, self._power, self._flow = self._full * parameters.charge, 0.0, 0.0
         self._publisher = node.publisher("battery_state", BATTERY, MEASUREMENT)
         amperes = parameters.capacity / parameters.voltage
         template = messages.create(
@@ -69,7 +71,8 @@ class Battery:
         """Give power for `duration` s at a speed (m/s), and get what a charger has (W)."""
         p = self._parameters
         self._power = p.idle + p.motion * abs(speed) + (p.work if works else 0.0) - charging
-        self._left = min(max(0.0, self._left - self._power * duration), self._full)
+        left = min(max(0.0, self._left - self._power * duration), self._full)
+        self._flow, self._left = (left - self._left) / duration, left
 
     def measure(self, now: int) -> None:
         """Publish what is left."""
@@ -78,7 +81,7 @@ class Battery:
         state = self._make(
             header=self._header(now),
             voltage=voltage,
-            current=-self._power / voltage if charge else 0.0,
+            current=self._flow / voltage if charge else 0.0,
             charge=charge * p.capacity / p.voltage,
             percentage=charge,
             power_supply_status=_DISCHARGING if self._power >= 0 else _CHARGING if charge < 1 else _FULL,

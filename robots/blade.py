@@ -44,7 +44,7 @@ class Blade:
 
     def cut(self, now: int, pose: Pose) -> None:
         """Cut what it has turned above for long enough, under a vehicle at `pose`. Only while it turns."""
-        above = self._weeds.near(pose.ahead(self._ahead), self.radius)
+        above = [weed for weed in self._weeds.near(pose.ahead(self._ahead), self.radius) if not weed.covered]
         self._since = {weed.name: self._since.get(weed.name, now) for weed in above}
         for weed in above:
             if now - self._since[weed.name] >= self._time:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from robots.battery import Battery, BatteryParameters
+from robots.battery import DRAIN_RATE, Battery, BatteryParameters
 from robots.camera import Camera, CameraParameters
 from robots.flight import Flight, FlightParameters
 from robots.odometer import Odometer, OdometerParameters
@@ -62,7 +62,8 @@ class Drone:
         self._camera = Camera(node, p.camera, world.random(config.name, "camera"), world.weeds)
         self._battery, self._charging = Battery(node, p.battery), world.charging
         self._every = tuple(period(rate, world.step) for rate in (p.odom.rate, p.camera.rate, p.battery.rate))
-        self._drain_time = self._every[0] * world.step
+        self._drain = period(DRAIN_RATE, world.step)
+        self._drain_time = self._drain * world.step
         self._planner_node = world.middleware.node("planner", config.name)
         self._planner = DirectPlanner(self._planner_node)
         node.subscription(
@@ -114,12 +115,11 @@ class Drone:
         odom, camera, battery = self._every
         flight = self._flight
         if count % odom == 0:
-            motion = flight.motion
-            self._odometer.measure(now, flight.pose, motion, flight.altitude)
-            if count:
-                gained = 0.0 if flight.airborne else self._charging((flight.pose.x, flight.pose.y))
-                self._battery.drain(self._drain_time, math.hypot(*motion[:3]), flight.airborne, gained)
-                flight.dead |= self._battery.empty
+            self._odometer.measure(now, flight.pose, flight.motion, flight.altitude)
+        if count and count % self._drain == 0:
+            gained = 0.0 if flight.airborne else self._charging((flight.pose.x, flight.pose.y))
+            self._battery.drain(self._drain_time, math.hypot(*flight.motion[:3]), flight.airborne, gained)
+            flight.dead |= self._battery.empty
         if flight.airborne and count % camera == 0:
             self._camera.measure(now, flight.pose, flight.altitude)
         if count % battery == 0:

@@ -16,7 +16,7 @@ from fame.clock import SECOND
 from fame.middleware.interface import Message
 from robots.body import body_of, rectangle
 from robots.drive import GRAVITY, towards, within
-from robots.odometer import STILL, Motion
+from robots.odometer import Motion
 from robots.robot import Pose
 from sim2d.reading import Point, parameter
 
@@ -45,7 +45,7 @@ class FlightParameters:
     climb_acceleration: float = parameter(2.0, "m/s²", above=0)
     turn_acceleration: float = parameter(6.0, "rad/s²", above=0)
     height: float = parameter(1.5, "m, of the take-off", minimum=0.5)
-    floor: float = parameter(0.5, "m", minimum=CLEAR)
+    floor: float = parameter(0.5, "m", minimum=CLEAR, up_to="ceiling")
     ceiling: float = parameter(10.0, "m", minimum=0.5)
     watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
 
@@ -78,8 +78,8 @@ class Flight:
     @property
     def motion(self) -> Motion:
         body = self.body
-        if body.is_sleeping:
-            return STILL
+        if body.is_sleeping:  # it knows nothing of height
+            return Motion(up=self.climb)
         (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
         return Motion(vx * cos + vy * sin, vy * cos - vx * sin, self.climb, body.angular_velocity)
 
@@ -138,7 +138,7 @@ class Flight:
         if self.phase == "flying":
             wanted = max(self._arriving(p.floor), min(self._up, self._arriving(p.ceiling)))
         else:
-            wanted = self._arriving(p.height if self.phase == "taking off" else 0.0)
+            wanted = self._arriving(min(p.height, p.ceiling) if self.phase == "taking off" else 0.0)
         self.climb = towards(self.climb, wanted, p.climb_acceleration * duration)
         self.altitude = max(0.0, self.altitude + self.climb * duration)
         self._arrive()
@@ -154,7 +154,7 @@ class Flight:
 
     def _arrive(self) -> None:
         p = self._parameters
-        if self.phase == "taking off" and abs(p.height - self.altitude) < 0.02:
+        if self.phase == "taking off" and abs(min(p.height, p.ceiling) - self.altitude) < 0.02:
             self.phase = "flying"
         elif self.phase == "landing" and self.altitude < 0.01:
             self.phase, self.altitude, self.climb = "landed", 0.0, 0.0

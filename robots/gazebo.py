@@ -17,14 +17,14 @@ RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
 
 
 class ScannedRange:
-    """The nearest point of each scan as the measurement of an ultrasonic sensor; infinite if there is none."""
+    """The nearest point of each scan as an ultrasonic sensor tells it: +inf for none, -inf for too near (REP 117)."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.publisher("range", RANGE, MEASUREMENT)
         node.subscription("scan", SCAN, self._on_scan, SENSOR_DATA)
 
     def _on_scan(self, scan: Message) -> None:
-        seen = [far for far in scan.ranges if scan.range_min <= far <= scan.range_max]
+        seen = [far for far in scan.ranges if scan.range_min <= far <= scan.range_max or far == -math.inf]
         said = {
             "header": scan.header,
             "field_of_view": abs(scan.angle_max - scan.angle_min),

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from robots.battery import Battery, BatteryParameters
+from robots.battery import DRAIN_RATE, Battery, BatteryParameters
 from robots.blade import Blade, BladeParameters
 from robots.drive import FRICTION
 from robots.planner import PlannerParameters
@@ -53,7 +53,7 @@ class Tractor(Vehicle):
         p: TractorParameters = config.parameters
         self._blade = Blade(self.node, p.blade, config.name, world.weeds)
         self._battery, self._charging = Battery(self.node, p.battery), world.charging
-        self._tell, self._drain = period(p.battery.rate, world.step), period(p.odom.rate, world.step)
+        self._tell, self._drain = period(p.battery.rate, world.step), period(DRAIN_RATE, world.step)
         self._drain_time = self._drain * world.step
 
     @property

@@ -34,10 +34,10 @@ class UltrasonicParameters:
 
     rate: float = parameter(20.0, "Hz", above=0)
     noise: float = parameter(0.01, "m", minimum=0)
-    min: float = parameter(0.02, "m", minimum=0)
+    min: float = parameter(0.02, "m", minimum=0, up_to="max")
     max: float = parameter(2.0, "m", above=0)
     field_of_view: float = parameter(30.0, "deg", above=0, maximum=180)
-    rays: int = parameter(9, "", minimum=2)
+    rays: int = parameter(9, "", minimum=2, maximum=1000)
 
 
 class Ultrasonic:

@@ -15,6 +15,11 @@ from robots import ROBOTS
 from sim2d.reading import Entry, Point, Source, fill, read_yaml, suggestion
 from sim2d.shapes import Circle, Shape, bounding_box, box, convex
 
+_LEAST, _MOST = 0.01, 1000.0
+"""m, of a side of the ground."""
+_CELLS = 25_000_000
+"""Of a map, at most: one of a hundred million would take gigabytes while it is made."""
+
 Bounds = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
 
@@ -99,6 +104,12 @@ def world_config(data: Mapping[str, Any], source: Source = Source(), path: str =
     top = Entry(data, path, source)
     keys = top.mapping(_KEYS)
     bounds = _bounds(top, keys)
+    resolution = keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05
+    area = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
+    if area / resolution**2 > _CELLS:
+        least = math.ceil(math.sqrt(area / _CELLS) * 100) / 100
+        text = f"found a map of {area / resolution**2:.0f} cells, a resolution of at least {least:g} would be right"
+        raise keys.get("resolution", top).error(text)
     return WorldConfig(
         bounds,
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
@@ -106,9 +117,9 @@ def world_config(data: Mapping[str, Any], source: Source = Source(), path: str =
         targets=_things(keys.get("targets"), "target", bounds),
         weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, bounds)),
         chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, bounds)),
-        step=keys["step"].number(above=0, maximum=0.05) if "step" in keys else 0.01,
+        step=keys["step"].number(minimum=0.0001, maximum=0.05) if "step" in keys else 0.01,
         walls=keys["walls"].flag() if "walls" in keys else True,
-        resolution=keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05,
+        resolution=resolution,
         source=source,
     )
 
@@ -124,8 +135,8 @@ def _bounds(top: Entry, keys: Mapping[str, Entry]) -> Bounds:
         xmin, ymin, xmax, ymax = 0.0, 0.0, width, height
     else:
         xmin, ymin, xmax, ymax = keys["bounds"].numbers(4, "[xmin, ymin, xmax, ymax] in m")
-    if not (0 < xmax - xmin <= 1000 and 0 < ymax - ymin <= 1000):
-        raise (keys.get("size") or keys["bounds"]).wrong("ground of more than 0 and at most 1000 m on each side")
+    if not (_LEAST <= xmax - xmin <= _MOST and _LEAST <= ymax - ymin <= _MOST):
+        raise (keys.get("size") or keys["bounds"]).wrong(f"ground of {_LEAST:g} to {_MOST:g} m on each side")
     return xmin, ymin, xmax, ymax
 
 

@@ -88,10 +88,10 @@ def _distance(shape: Shape, x: Array, y: Array) -> Array:
 def inflate(grid: Grid, distance: float) -> Grid:
     """The grid with every cell occupied whose centre is within `distance` (m) of the centre of an occupied one."""
     cells = distance / grid.resolution
-    reach = math.floor(cells)
+    rows, columns = grid.occupied.shape
     result = grid.occupied.copy()
-    for up in range(reach + 1):
-        wide = _widen(grid.occupied, math.floor(math.sqrt(cells**2 - up**2)))
+    for up in range(min(math.floor(cells), rows - 1) + 1):
+        wide = _widen(grid.occupied, min(math.floor(math.sqrt(cells**2 - up**2)), columns))
         result[up:] |= wide[: len(wide) - up]
         result[: len(wide) - up] |= wide[up:]
     return Grid(result, grid.resolution, grid.origin)

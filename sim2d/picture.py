@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,7 +73,9 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
                 _name(axes, track, record, robot_colour(index))
     _legend(axes, record)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands in its place
+        figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
 
 
 def _ground(axes: Axes, record: Record, title: str) -> None:
@@ -93,7 +96,7 @@ def _ground(axes: Axes, record: Record, title: str) -> None:
     for spine in axes.spines.values():
         spine.set_visible(False)
     time = f"{record.times[-1]:.1f} s of simulated time" if record.times else ""
-    axes.set_title(title, loc="left", color=INK, fontsize=13, fontweight="bold", pad=10)
+    axes.set_title(title, loc="left", color=INK, fontsize=13, fontweight="bold", pad=10, parse_math=False)
     axes.set_title(time, loc="right", color=FAINT, fontsize=10, pad=10)
 
 
@@ -189,7 +192,7 @@ def _label(axes: Axes, place: tuple[float, float], text: str, colour: str, *, ab
     axes.annotate(
         text, place, xytext=(0, 6 if above else -6), textcoords="offset points", ha="center",
         va="bottom" if above else "top", color=colour, fontsize=size, fontweight="bold", zorder=7,
-        path_effects=[withStroke(linewidth=3, foreground=PAPER)], annotation_clip=False,
+        path_effects=[withStroke(linewidth=3, foreground=PAPER)], annotation_clip=False, parse_math=False,
     )  # fmt: skip
 
 

@@ -64,7 +64,9 @@ def _placed(
 
 
 def _radius(robot: RobotConfig) -> float:
-    return math.hypot(robot.parameters.length, robot.parameters.width) / 2
+    p = robot.parameters
+    sides = (p.length, p.width) if hasattr(p, "length") else (p.base, p.base)  # an arm stands on a square
+    return math.hypot(*sides) / 2
 
 
 def _occupy(grid: Grid, robot: RobotConfig, radius: float) -> None:

@@ -9,6 +9,8 @@ defaults are the dataclass's own, so that they are written once.
 from __future__ import annotations
 
 import math
+import reprlib
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -24,6 +26,10 @@ from fame.errors import ConfigError
 Point = tuple[float, float]
 """x and y in m."""
 Parameters = TypeVar("Parameters")
+_LARGEST, _LEAST = 1e9, 1e-6
+"""What any number is at most, to either side of 0, and at least where it has to be above 0: what physics can bear."""
+_REPR = reprlib.Repr()  # a list may hold itself, or others a thousand times
+_REPR.maxlevel, _REPR.maxlist, _REPR.maxstring, _REPR.maxother = 4, 8, 60, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +67,10 @@ def read_yaml(path: str | PathLike[str]) -> tuple[Any, Source]:
         raise ConfigError(f"is not YAML: {error.problem or error.context}", file=file, line=line) from None
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigError(f"is not YAML: {error}", file=file) from None
+    except RecursionError:
+        raise ConfigError("is nested too deeply, a few levels would be right", file=file) from None
+    except (LookupError, AttributeError, TypeError, OverflowError):  # PyYAML's own, of `!!bool maybe` and its like
+        raise ConfigError("is not YAML: found a tag (!!...) whose value is of another kind", file=file) from None
     return data, Source(file, lines)
 
 
@@ -95,9 +105,12 @@ class Entry:
 
     def wrong(self, right: str) -> ConfigError:
         """The complaint that this value was found where `right` belongs."""
-        found = repr(self.value)
         if self.value is None:
             found = "nothing" if self.path else "an empty file"
+        elif isinstance(self.value, int) and abs(self.value) > _LARGEST:
+            found = "a whole number" if abs(self.value) > 1e18 else repr(self.value)
+        else:
+            found = _REPR.repr(self.value)
         return self.error(f"found {found if len(found) < 60 else found[:57] + '...'}, {right} would be right")
 
     def mapping(self, known: Iterable[str] | None = None) -> dict[str, Entry]:
@@ -128,18 +141,24 @@ class Entry:
         limits = {"above": above, "of at least": minimum, "of at most": maximum}
         right = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if limit is not None)
         right = f"a finite number {right}".rstrip()
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or value != value or abs(value) == math.inf:
             raise self.wrong(right)
+        if abs(value) > _LARGEST:
+            raise self.wrong(f"{right} from {-_LARGEST:g} to {_LARGEST:g}")
+        if above == 0 and 0 < value < _LEAST:
+            raise self.wrong(f"a number of at least {_LEAST:g}")
         low = (above is not None and value <= above) or (minimum is not None and value < minimum)
         if low or (maximum is not None and value > maximum):
             raise self.wrong(right)
         return float(value)
 
-    def whole(self, *, minimum: int) -> int:
-        """A whole number of at least `minimum`."""
-        if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < minimum:
-            raise self.wrong(f"a whole number of at least {minimum}")
-        return self.value
+    def whole(self, *, minimum: int, maximum: int | None = None) -> int:
+        """A whole number from `minimum` to `maximum`."""
+        value, most = self.value, math.inf if maximum is None else maximum
+        if isinstance(value, bool) or not isinstance(value, int) or not minimum <= value <= most:
+            right = f"a whole number of at least {minimum}"
+            raise self.wrong(right if maximum is None else f"{right} and at most {maximum}")
+        return value
 
     def numbers(self, count: int, right: str) -> list[float]:
         """A list of `count` finite numbers; `right` is an example of it."""
@@ -153,9 +172,11 @@ class Entry:
         return x, y
 
     def text(self) -> str:
-        """Text that is not empty."""
+        """Text that is not empty and has no control characters."""
         if not isinstance(self.value, str) or not self.value.strip():
             raise self.wrong("a text")
+        if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in self.value):
+            raise self.wrong("a text of one line, without control characters,")
         return self.value
 
     def flag(self) -> bool:
@@ -172,12 +193,12 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
 
 
-def parameter(default: Any, unit: str = "", **limits: Any) -> Any:
+def parameter(default: Any, unit: str = "", *, up_to: str = "", **limits: Any) -> Any:
     """A field of a parameter dataclass, with the limits that `fill` holds: those of `Entry.number` or `Entry.whole`.
 
-    `names` maps words that may stand for a number to that number.
+    `names` maps words that may stand for a number to that number; `up_to` names a field that it must not be above.
     """
-    return field(default=default, metadata={"limits": limits, "unit": unit})
+    return field(default=default, metadata={"limits": limits, "unit": unit, "up_to": up_to})
 
 
 def fill(defaults: Parameters, entry: Entry, *, besides: Iterable[str] = ()) -> Parameters:
@@ -197,7 +218,13 @@ def fill(defaults: Parameters, entry: Entry, *, besides: Iterable[str] = ()) -> 
         else _READERS[hints[name]](value, **limits[name])
         for name, value in given.items()
     }
-    return replace(defaults, **read)
+    filled = replace(defaults, **read)
+    for low, high in ((item.name, item.metadata.get("up_to")) for item in fields(defaults)):
+        if high and (found := getattr(filled, low)) > (most := getattr(filled, high)):
+            raise (values.get(low) or values.get(high, entry)).error(
+                f"found {low} {found:g}, at most that of {high}, {most:g}, would be right"
+            )
+    return filled
 
 
 _hints = cache(get_type_hints)

@@ -15,13 +15,17 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Weed:
-    """A weed. `cut_at` is the second since the start at which `cut_by` has cut it; None if it still grows."""
+    """A weed. `cut_at` is the second since the start at which `cut_by` has cut it; None if it still grows.
+
+    No blade gets to one that is `covered`: it grows in something solid.
+    """
 
     name: str
     at: Point
     radius: float
     cut_at: float | None = None
     cut_by: str | None = None
+    covered: bool = False
 
     def summary(self) -> dict[str, Any]:
         """How it stands, fit for JSON."""

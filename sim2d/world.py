@@ -73,6 +73,7 @@ class World:
         self.faults: dict[str, list[str]] = {}
         self.watchers: list[Callable[[World], object]] = []
         self.steps = 0
+        self._sensed = -1  # after which step the robots have measured last
         self._origin = 0
         self._next: Entry | None = None
         self._names: dict[pymunk.Shape, str] = {}
@@ -100,6 +101,9 @@ class World:
         if self._next is not None:
             return
         self._origin = self.scheduler.now - self._nanoseconds(self.steps)
+        if self._sensed == self.steps:
+            self._await_step()
+            return
         for robot in self.robots.values():
             robot.start()
         self._next = self.scheduler.soon(self._sense, Kind.WORLD)
@@ -171,13 +175,17 @@ class World:
 
     def _sense(self) -> None:
         now = self._origin + self._nanoseconds(self.steps)
-        due = self._origin + self._nanoseconds(self.steps + 1)
-        breath = self.scheduler.now + self._nanoseconds(_BREATH)
-        self._next = self.scheduler.at(max(due, breath), self._do_step, Kind.WORLD)
+        self._sensed = self.steps
+        self._await_step()
         for robot in self.robots.values():
             robot.sense(now, self.steps)
         for watch in self.watchers:
             watch(self)
+
+    def _await_step(self) -> None:
+        due = self._origin + self._nanoseconds(self.steps + 1)
+        breath = self.scheduler.now + self._nanoseconds(_BREATH)
+        self._next = self.scheduler.at(max(due, breath), self._do_step, Kind.WORLD)
 
     def _nanoseconds(self, steps: float) -> int:
         return round(steps * self.step * SECOND)
@@ -185,6 +193,8 @@ class World:
     def _build(self) -> None:
         for thing in (*self.config.obstacles, *self.config.targets):
             self._add(_static(self.space, thing), thing.name)
+        for weed in self.weeds.all:
+            weed.covered = bool(self.space.point_query(weed.at, 0.0, pymunk.ShapeFilter()))
         if self.config.walls:
             for wall in _walls(self.space, self.config.bounds):
                 self._add(wall, "wall")

@@ -324,3 +324,26 @@ def test_it_hovers_when_its_mission_is_suspended_and_lands_when_it_has_ended():
     g.run(14)
     assert drone(g).status["landed"]
     assert drone(g).pose[:2] == pytest.approx(there[:2], abs=0.05)
+
+
+def test_one_that_only_climbs_tells_so_and_pays_for_it():
+    def flown(up):
+        g = flying({"odom": {"speed_noise": 0, "position_noise": 0}, "watchdog": 0})
+        g.run(6)
+        heard = g.hear("/Drone/odom", "nav_msgs/msg/Odometry")
+        charge = g.hear("/Drone/battery_state", "sensor_msgs/msg/BatteryState")
+        fly(g, up=up)
+        g.run(10)
+        return [odom.twist.twist.linear.z for odom in heard[20:]], charge[0].percentage - charge[-1].percentage
+
+    (climbs, climbing), (hovers, hovering) = flown(1.0), flown(0.0)
+    assert climbs == pytest.approx([1.0] * len(climbs))
+    assert hovers == pytest.approx([0.0] * len(hovers), abs=0.01)
+    assert climbing > hovering * 1.05
+
+
+def test_it_takes_off_to_its_ceiling_at_most():
+    g = flying({"ceiling": 1.0, "odom": {"position_noise": 0}})
+    heard = g.hear("/Drone/odom", "nav_msgs/msg/Odometry")
+    g.run(8)
+    assert max(odom.pose.pose.position.z for odom in heard) == pytest.approx(1.0, abs=0.02)

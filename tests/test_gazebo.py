@@ -30,10 +30,10 @@ def test_the_nearest_point_of_a_scan_is_the_range(made):
     gazebo.subscription("range", RANGE, heard.append)
     scan = gazebo.publisher("scan", SCAN, SENSOR_DATA)
     limits = {"range_min": 0.1, "range_max": 4.0, "angle_min": -0.2, "angle_max": 0.2}
-    for ranges in ([3.0, 1.5, 0.01, math.inf], [math.inf, math.nan], []):
+    for ranges in ([3.0, 1.5, 0.01, math.inf], [math.inf, math.nan], [], [2.0, -math.inf]):
         scan.publish(messages.create(SCAN, limits | {"ranges": ranges}))
     scheduler.run()
-    assert [said.range for said in heard] == [1.5, math.inf, math.inf]
+    assert [said.range for said in heard] == [1.5, math.inf, math.inf, -math.inf]
     assert (heard[0].field_of_view, heard[0].max_range) == (pytest.approx(0.4), 4.0)
 
 

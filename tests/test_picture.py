@@ -196,3 +196,14 @@ def test_an_mp4_is_made_by_ffmpeg_or_the_error_says_how_to_get_it(record, tmp_pa
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UnavailableError, match="apt install ffmpeg"):
         animate(record, file)
+
+
+def test_names_are_drawn_as_they_are_written(tmp_path):
+    weeds, targets = [{"name": "農 $\\frac$", "at": [2, 2]}], [{"name": "$\\bad$", "at": [3, 3], "radius": 0.1}]
+    g = ground(weeds=weeds, targets=targets, chargers=[{"name": "$^^$", "at": [4, 1]}])
+    recorder = Recorder(g.world)
+    g.run(0.1)
+    picture(recorder.record, tmp_path / "x.png", title="$\\alpha 農")
+    animate(recorder.record, tmp_path / "x.gif", title="$\\alpha 農")
+    assert (tmp_path / "x.png").stat().st_size > 0
+    assert (tmp_path / "x.gif").stat().st_size > 0

@@ -176,3 +176,8 @@ def test_a_goal_that_comes_before_map_and_odometry_is_answered_when_they_are_the
     g.run(0.1)
     assert len(heard) == 1
     assert len(heard[0].poses) == 2
+
+
+@pytest.mark.parametrize("distance", [3.0, 1e6])
+def test_inflation_by_more_than_the_ground_leaves_nothing_free(distance):
+    assert inflate(rasterise((0, 0, 6, 1), [], 0.05), distance).occupied.all()

@@ -222,3 +222,20 @@ def test_its_parameters_can_be_changed_one_by_one():
     assert cut(g)["weed_1"][1] == "REX"
     with pytest.raises(ConfigError, match=r"robots.REX.blade.radios: unknown key; did you mean 'radius'"):
         field(rex={"blade": {"radios": 1}})
+
+
+def test_no_current_flows_into_a_full_battery():
+    g = field(chargers=[{"at": [1, 2]}])
+    heard = g.hear("/REX/battery_state", BATTERY)
+    g.run(3)
+    assert [state.current for state in heard] == [0.0] * 4
+
+
+def test_the_battery_drains_however_seldom_the_odometry_speaks():
+    def left(rate):
+        g = field(rex={"odom": {"rate": rate}})
+        heard = g.hear("/REX/battery_state", BATTERY)
+        g.run(4)
+        return heard[-1].percentage
+
+    assert left(0.01) == left(20)

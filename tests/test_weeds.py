@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from grounds import Ground
+from grounds import Ground, ground
 
 from fame.errors import ConfigError
 from sim2d.config import world_config
@@ -106,3 +106,20 @@ def test_a_thousand_robots_find_free_ground():
     g = Ground(replace(wide, robots=robots))
     g.run(0.1)
     assert g.world.collisions == []
+
+
+def test_arms_in_the_world_are_kept_clear_of() -> None:
+    arms = {"Arm_1": {"type": "mh5", "at": [5, 5]}, "Bench": {"type": "ur5e", "at": [3, 3]}}
+    config = world_config({"size": [6, 6], "robots": {**arms, "Car_1": {"type": "car", "at": [1, 1]}}})
+    for name in ("Car", "Arm"):
+        robots = place(config, name, 5, 1)
+        assert len(Ground(replace(config, robots=robots)).world.robots) == len(robots)
+
+
+def test_a_weed_in_an_obstacle_is_not_cut_from_beside_it() -> None:
+    rex = {"type": "tractor", "watchdog": 0}
+    g = ground(rex=rex, obstacles=[{"at": [1, 3.2], "radius": 0.96}], weeds=[{"at": [1, 2.2]}, {"at": [1, 2.27]}])
+    g.run(0)
+    g.say("/REX/blade_force", "geometry_msgs/msg/Wrench", {"torque": {"z": 1.0}})
+    g.run(2)
+    assert [weed["by"] for weed in g.world.summary()["weeds"].values()] == ["REX", None]

@@ -66,9 +66,9 @@ def test_the_example_of_the_documentation_can_be_read(tmp_path):
     [
         ("size: [6, 4]", "sise: [6, 4]", 1, "sise: unknown key; did you mean 'size'?"),
         ("size: [6, 4]", "size: [6]", 1, "size: found [6], [width, height] in m would be right"),
-        ("size: [6, 4]", "size: [6, 0]", 1, "size: found [6, 0], ground of more than 0"),
+        ("size: [6, 4]", "size: [6, 0]", 1, "size: found [6, 0], ground of 0.01 to 1000 m"),
         ("size: [6, 4]", "step: 0.01", 1, "neither or both of size and bounds"),
-        ("size: [6, 4]", "size: [6, 4]\nstep: 0", 2, "step: found 0, a finite number above 0"),
+        ("size: [6, 4]", "size: [6, 4]\nstep: 0", 2, "step: found 0, a finite number of at least 0.0001"),
         ("radius: 0.3", "radius: 0", 3, "obstacles[0].radius: found 0, a finite number above 0 would be right"),
         ("radius: 0.3", "radius: .nan", 3, "obstacles[0].radius: found nan, a finite number"),
         ("radius: 0.3", "radius: big", 3, "obstacles[0].radius: found 'big', a finite number"),
@@ -104,6 +104,25 @@ def test_the_example_of_the_documentation_can_be_read(tmp_path):
         ("heading: 90", "watchdog: -1", 9, "robots.REX.watchdog: found -1, a finite number of at least 0"),
         ("friction: smooth", "friction: smoth", 10, "robots.DINGO.friction: found 'smoth'; did you mean 'smooth'?"),
         ("max: 3.0", "maxi: 3.0", 10, "robots.DINGO.range.maxi: unknown key; did you mean 'max'?"),
+        ("max: 3.0", "min: 3.0", 10, "robots.DINGO.range.min: found min 3, at most that of max, 2, would be right"),
+        ("max: 3.0", "max: 0.01", 10, "robots.DINGO.range.max: found min 0.02, at most that of max, 0.01, would"),
+        (
+            "max: 3.0",
+            "noise: 1.0e+300",
+            10,
+            "robots.DINGO.range.noise: found 1e+300, a finite number of at least 0 from",
+        ),
+        ("max: 3.0", "rate: 1.0e-320", 10, "range.rate: found 1e-320, a number of at least 1e-06 would be right"),
+        ("max: 3.0", "rays: 1000000", 10, "found 1000000, a whole number of at least 2 and at most 1000"),
+        ("heading: 90", f"heading: {10**400}", 9, "robots.REX.heading: found a whole number, a finite number"),
+        ("size: [6, 4]", "step: 1.0e-12\nsize: [6, 4]", 1, "step: found 1e-12, a finite number of at least 0.0001"),
+        (
+            "size: [6, 4]",
+            "resolution: 0.01\nsize: [900, 900]",
+            1,
+            "found a map of 8100000000 cells, a resolution of at",
+        ),
+        ("name: rock", 'name: "r\\0ck"', 3, "a text of one line, without control characters,"),
         ("max: 3.0", "rays: 2.5", 10, "robots.DINGO.range.rays: found 2.5, a whole number of at least 2"),
         ("  DINGO:", "  rex:", 10, "robots.rex: found the names 'REX' and 'rex'"),
         ("  DINGO:", "  REX:", 10, "robots.REX: is given twice"),
@@ -312,3 +331,36 @@ def test_a_world_that_cannot_be_built_leaves_nothing_either() -> None:
         frame = frame.tb_next
     assert spaces
     assert not any(space.shapes or space.bodies for space in spaces)
+
+
+@pytest.mark.parametrize(
+    "text", ["walls: !!bool maybe", "step: !!int ''", "size: !!timestamp x", "size: " + "[" * 5000]
+)
+def test_what_yaml_itself_stumbles_over_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"is not YAML|is nested too deeply"):
+        read(tmp_path, text)
+
+
+def test_a_list_of_lists_of_itself_many_times_is_refused_at_once(tmp_path: Path) -> None:
+    lists = [f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]" for level in range(1, 12)]
+    with pytest.raises(ConfigError, match="found the key"):
+        read(tmp_path, "size: &a0 [x]\n1: 2\n" + "\n".join(lists))
+    nested: list = ["x"]
+    for _ in range(30):
+        nested = [nested] * 10
+    with pytest.raises(ConfigError, match=r"size: found \[\[.*would be right"):
+        world_config({"size": nested})
+
+
+def test_a_world_that_goes_on_measures_nothing_twice() -> None:
+    g = ground(rex={"type": "tractor", "battery": {"capacity": 0.01}})
+    heard = g.hear("/REX/odom", "nav_msgs/msg/Odometry")
+    g.run(1)
+    before = g.world.summary(), len(heard)
+    for _ in range(3):
+        g.world.stop()
+        g.world.start()
+        g.run(1)
+    assert (g.world.summary(), len(heard)) == before
+    g.run(1.05)
+    assert len(heard) == before[1] + 1
