@@ -261,4 +261,4 @@ def test_who_waits_for_somebody_is_told_how_to_reach_it(tmp_path: Path, capsys) 
     assert main(["run", str(mission)]) == 1
     err = capsys.readouterr().err
     assert "REX waits at u for somebody to complete it\n" in err
-    assert "fame complete reaches robots in processes of their own: run it with --middleware dds\n" in err
+    assert "fame: --complete REX@S:u does it at simulated second S; fame complete reaches robots in processes" in err

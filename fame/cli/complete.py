@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("robot", metavar="ROBOT")
     parser.add_argument("element", metavar="ELEMENT", help="the id of the task; fame status shows where tokens wait")
     parser.add_argument(
-        "--value", action="append", default=[], type=_value, metavar="NAME=VALUE",
+        "--value", action="append", default=[], type=value, metavar="NAME=VALUE",
         help="a result, which becomes a variable: a number, text, true, false, a list; repeatable",
     )  # fmt: skip
     parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to wait for the answer (5)")
@@ -34,20 +34,21 @@ def add(commands: Commands) -> None:
     add_json(parser)
 
 
-def _value(text: str) -> tuple[str, Any]:
+def value(text: str) -> tuple[str, Any]:
     """A variable and its value, which JSON has to know."""
     import json
 
     from fame.cli.process import assignment
+    from fame.engine.data import is_variable
 
-    name, value = assignment(text)
+    name, given = assignment(text)
     try:
-        json.dumps(value, allow_nan=False)
+        json.dumps(given, allow_nan=False)
     except (TypeError, ValueError):
         raise ArgumentTypeError(f"found {text!r}, a number, text, true, false, or a list would be right") from None
-    if not name.isidentifier() or name.startswith("__"):
+    if not is_variable(name):
         raise ArgumentTypeError(f"found {name!r}, the name of a variable would be right")
-    return name, value
+    return name, given
 
 
 def run(arguments: Namespace) -> int:

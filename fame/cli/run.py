@@ -10,7 +10,7 @@ from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
 from fame.cli.output import live_table, print_json, progress_line, table, table_within
@@ -48,6 +48,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--fault", action="append", default=[], type=_fault, metavar="ROBOT@S:KIND",
         help="break something at simulated second S: the robot's engine, or what it has (range, wheels, camera ...)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--complete", action="append", default=[], type=_completion, metavar="ROBOT@S:ELEMENT[:NAME=VALUE,...]",
+        help="at simulated second S somebody completes a user, manual or receive task, with results",
     )  # fmt: skip
     parser.add_argument(
         "--middleware", choices=("local", "dds", "ros"), default="local",
@@ -93,10 +97,22 @@ def _fault(text: str) -> tuple[str, float, str]:
     return found[1], float(found[2]), found[3]
 
 
+def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
+    """``PORTER@12:Task_Sign:approved=true,count=3``."""
+    from fame.cli.complete import value
+
+    found = re.fullmatch(r"(\S+?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
+    if found is None:
+        right = "ROBOT@SECOND:ELEMENT[:NAME=VALUE,...] as in REX@12:Task_Sign:approved=true"
+        raise ArgumentTypeError(f"found {text!r}, {right} would be right")
+    values = re.split(r",(?=\s*[^\W\d]\w*\s*=)", found[4]) if found[4] else []
+    return found[1], float(found[2]), found[3], dict(map(value, values))
+
+
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
     from fame.observation import together
-    from fame.scenario import Fault, Scenario
+    from fame.scenario import Completion, Fault, Scenario
 
     scenario = Scenario.load(
         arguments.scenario,
@@ -106,6 +122,7 @@ def run(arguments: Namespace) -> int:
         library=arguments.library,
         robots=dict(arguments.robots),
         faults=[Fault(*fault) for fault in arguments.fault],
+        completions=[Completion(*done) for done in arguments.complete],
     )
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
@@ -145,6 +162,9 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     for option in wanted:
         if getattr(arguments, option):
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
+    if scenario.completions:
+        text = "complete needs --middleware local: fame complete reaches robots in processes of their own"
+        raise ConfigError(text, file=scenario.file)
     quiet = arguments.quiet or arguments.json
     with live_table(sys.stderr, wanted=not quiet) as live:
         result = Team(

@@ -47,6 +47,8 @@ class Done:
 
 def read_done(text: str) -> Done:
     """What came in. Raises DeploymentError."""
+    from fame.engine.data import is_variable
+
     try:
         done = Done(**json.loads(text))
     except (ValueError, TypeError, RecursionError):
@@ -54,7 +56,7 @@ def read_done(text: str) -> Done:
     if (
         done is None
         or not (isinstance(done.id, str) and isinstance(done.element, str) and isinstance(done.values, dict))
-        or not all(name.isidentifier() and not name.startswith("__") for name in done.values)
+        or not all(map(is_variable, done.values))
         or not (done.act == "complete" or (done.act == "activate" and not done.values))
     ):
         raise DeploymentError(f'no task: {text[:60]!r}; {{"id": ..., "element": ..., "values": {{}}}} would be right')

@@ -24,6 +24,11 @@ Take = Callable[[dict[str, Any], Any], None]
 Match = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
 
 
+def is_variable(name: str) -> bool:
+    """Whether a variable may have this name."""
+    return name.isidentifier() and not name.startswith("__")
+
+
 def variable_name(topic: str) -> str:
     """The variable that a topic's message sets: its name as a Python name.
 

@@ -14,7 +14,9 @@ more. A robot whose process fails is brought to its safe state; the others go on
 from __future__ import annotations
 
 from fame.scenario.file import DURATION, read_scenario_world
-from fame.scenario.result import Fault, Progress, Result, RobotResult, Status
+from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult, Status
 from fame.scenario.scenario import Scenario
 
-__all__ = ["DURATION", "Fault", "Progress", "Result", "RobotResult", "Scenario", "Status", "read_scenario_world"]
+__all__ = [
+    "DURATION", "Completion", "Fault", "Progress", "Result", "RobotResult", "Scenario", "Status", "read_scenario_world",
+]  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a scenario file says: a model, a world, a seed, a duration, folders of behaviours."""
+"""What a scenario file says: a model, a world, a seed, a duration, folders of behaviours, what somebody does."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.engine.data import is_variable
 from fame.errors import ConfigError
 from fame.purposes import meant_for
+from fame.scenario.result import Completion
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
@@ -17,12 +19,17 @@ if TYPE_CHECKING:
 DURATION = 600.0
 """Simulated seconds after which a run ends if nobody says otherwise."""
 
-_KEYS = ("model", "world", "seed", "duration", "library", "computers")
+_KEYS = ("model", "world", "seed", "duration", "library", "computers", "complete")
+
+_COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What a scenario file says. `computers` play pools too, but have no body in the world."""
+    """What a scenario file says. `computers` play pools too, but have no body in the world.
+
+    `completions`: each with its line.
+    """
 
     model: Path
     world: WorldConfig | None = None
@@ -30,6 +37,7 @@ class Said:
     seed: int = 0
     duration: float = DURATION
     library: tuple[Path, ...] = ()
+    completions: tuple[tuple[Completion, int], ...] = ()
 
 
 def read_scenario(path: Path) -> Said:
@@ -56,6 +64,7 @@ def read_scenario(path: Path) -> Said:
         seed=keys["seed"].whole(minimum=0) if "seed" in keys else 0,
         duration=keys["duration"].number(above=0) if "duration" in keys else DURATION,
         library=tuple(path.parent / folder.text() for folder in folders),
+        completions=tuple(map(_completion, keys["complete"].items())) if "complete" in keys else (),
     )
 
 
@@ -66,6 +75,24 @@ def _computers(entry: Entry, world: WorldConfig | None) -> tuple[str, ...]:
             raise item.error(f"found {item.value!r}, which is there already; a name of its own would be right")
         taken.add(item.text())
     return tuple(item.text() for item in entry.items())
+
+
+def _completion(entry: Entry) -> tuple[Completion, int]:
+    keys = entry.mapping(("at", "robot", "element", "values"))
+    for key in ("at", "robot", "element"):
+        if key not in keys:
+            raise entry.error(f"lacks {key}; {_COMPLETE} would be right")
+    values = keys["values"].mapping() if "values" in keys else {}
+    for name, value in values.items():
+        if not is_variable(name):
+            raise value.error(f"found {name!r}, the name of a variable would be right")
+    done = Completion(
+        robot=keys["robot"].text(),
+        time=keys["at"].number(minimum=0),
+        element=keys["element"].text(),
+        values={name: value.value for name, value in values.items()},
+    )
+    return done, entry.source.lines.get(entry.path, 0)
 
 
 def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:

@@ -30,6 +30,19 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
+class Completion:
+    """What somebody does at simulated second `time`: completes a user, manual or receive task, with results.
+
+    `values` are the variables that are set. Where no token waits then, nothing happens, and that is reported.
+    """
+
+    robot: str
+    time: float
+    element: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class Progress:
     """How far a run is: simulated s, and what each robot is at."""
 
@@ -84,8 +97,10 @@ class Result:
         if self.status != "completed":
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
-            if any(wait.text == SOMEBODY for wait in waits):
-                lines.append("fame complete reaches robots in processes of their own: run it with --middleware dds")
+            asked = next((wait for wait in waits if wait.text == SOMEBODY), None)
+            if asked is not None:
+                here = f"--complete {asked.robot}@S:{asked.element} does it at simulated second S"
+                lines.append(f"{here}; fame complete reaches robots in processes of their own (--middleware dds)")
         weeds = self.world["weeds"] if self.world is not None else {}
         lines += [f"nobody cut the weed {name}" for name, weed in weeds.items() if weed["by"] is None]
         return lines

@@ -19,7 +19,7 @@ from fame.node import Event, RobotNode, Wait, mission
 from fame.observation import Observer, together
 from fame.scenario.captions import Captions
 from fame.scenario.garbage import seldom_collected
-from fame.scenario.result import Fault, Progress, Result, RobotResult, Status
+from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult, Status
 from fame.scenario.unheard import unheard
 from fame.scripting import heartbeat
 from fame.splitter import pools_of, shared_topics
@@ -176,6 +176,8 @@ class Run:
             node.start()
         for fault in self.scenario.faults:
             self.scheduler.after(round(fault.time * SECOND), partial(self._break, fault))
+        for done in self.scenario.completions:
+            self.scheduler.after(round(done.time * SECOND), partial(self._complete, done))
         end, told = round(self.scenario.duration * SECOND), begun
         going = True
         while going:
@@ -222,6 +224,15 @@ class Run:
         elif fault.robot not in self.dead:
             self.dead.add(fault.robot)
             self._kill(next(node for node in self.nodes if node.name == fault.robot))
+
+    def _complete(self, done: Completion) -> None:
+        """Somebody does it, if there is something to do."""
+        text, place = "somebody completed it", len(self.reports)  # what comes of it is told after it
+        try:
+            next(node for node in self.nodes if node.name == done.robot).complete(done.element, done.values)
+        except MissionError as error:
+            text = f"somebody wanted to complete it: {error.text}"
+        self.reports.insert(place, Event(self.scheduler.now, done.robot, 0, 0, done.element, "report", text))
 
     def _kill(self, node: RobotNode) -> None:
         """Take an engine away as if its process had ended: it says nothing more, and what it was at has failed."""

@@ -1,9 +1,9 @@
-"""The scenario: who plays which pool, in which world, and what will break."""
+"""The scenario: who plays which pool, in which world, what will break, and what somebody will do."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
 from os import PathLike
@@ -11,12 +11,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from fame.bpmn.model import Definitions, Process
+from fame.bpmn.model import Definitions, Process, Task
 from fame.errors import ConfigError, expect
 from fame.library import Library
 from fame.node import Event
 from fame.scenario.file import Said, read_scenario
-from fame.scenario.result import Fault, Progress, Result
+from fame.scenario.result import Completion, Fault, Progress, Result
 from fame.splitter import Pool, bind, pools_of
 
 if TYPE_CHECKING:
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What is to be run. `cast` is who plays which pool, by robot; `faults` is what will break."""
+    """What is to be run. `cast` is who plays which pool, by robot; `faults` is what will break.
+
+    `completions` is what somebody will do.
+    """
 
     file: str
     definitions: Definitions
@@ -35,6 +38,7 @@ class Scenario:
     seed: int
     duration: float
     faults: tuple[Fault, ...] = ()
+    completions: tuple[Completion, ...] = ()
 
     def __new__(cls, *given: object, **parts: object) -> Scenario:
         """Raises ConfigError for what a file is given to: that is `load`."""
@@ -52,17 +56,21 @@ class Scenario:
         library: str | Path | Sequence[str | Path] = (),
         robots: Mapping[str, int] = MappingProxyType({}),
         faults: Sequence[Fault] = (),
+        completions: Sequence[Completion] = (),
     ) -> Scenario:
         """A scenario file (.yaml), or a model (.bpmn), whose robots then are engines without a world.
 
         `seed`, `duration` (simulated s) and `semantics` override what the files say; `library` adds folders; `robots`
         is how many shall play a multi-instance pool, by its name (a model alone: else the minimum of its multiplicity):
-        more than the file has are copies of its last one, placed by the seed; `faults` break what they name.
+        more than the file has are copies of its last one, placed by the seed; `faults` break what they name;
+        `completions` are done besides those of the file.
         Raises ConfigError and ModelError: file, line, what was found, what would be right.
         """
         from fame.bpmn.reader import read
 
         _expect_arguments(path, seed, duration, robots, faults)
+        for done in completions:
+            expect(isinstance(done, Completion), "completions", done, 'a Completion("REX", 12.0, "Task_Sign")')
         path = Path(path)
         if path.suffix.lower() in (".yaml", ".yml"):
             said = read_scenario(path)
@@ -88,6 +96,10 @@ class Scenario:
             if fault.robot not in cast:
                 text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
                 raise ConfigError(text, file=str(path))
+        tasks = {robot: list(_tasks(found, definitions, pool.process)) for robot, pool in cast.items()}
+        wanted = [*said.completions, *((done, 0) for done in completions)]
+        for done, line in wanted:
+            _check_completion(done, tasks, str(path), line)
         return cls(
             file=str(path),
             definitions=definitions,
@@ -97,6 +109,7 @@ class Scenario:
             seed=chosen,
             duration=said.duration if duration is None else duration,
             faults=tuple(faults),
+            completions=tuple(done for done, _ in wanted),
         )
 
     def processes(self) -> list[Process]:
@@ -192,6 +205,25 @@ def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -
                 f"found {found} robots for pool {pool.name!r}; its participantMultiplicity has maximum={pool.maximum}"
             )
             raise ConfigError(text, file=file)
+
+
+def _tasks(library: Library, definitions: Definitions, process: Process) -> Iterator[str]:
+    """What somebody may complete in a process and all that it calls (ids)."""
+    for _, one in library.closure(definitions, process):
+        for node in one.body.walk():
+            if isinstance(node, Task) and node.kind in ("user", "manual", "receive"):
+                yield node.id
+
+
+def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], file: str, line: int) -> None:
+    """Raises ConfigError for a robot that there is not, and an element that nobody completes."""
+    if done.robot not in tasks:
+        text = f"found no robot {done.robot!r} to complete {done.element} of; the robots are {', '.join(tasks)}"
+        raise ConfigError(text, file=file, line=line)
+    if done.element not in tasks[done.robot]:
+        known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
+        text = f"found {done.element!r}, which is no user, manual or receive task of {done.robot}; {known}"
+        raise ConfigError(text, file=file, line=line)
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:

@@ -1,0 +1,112 @@
+"""``complete`` of a scenario, ``--complete`` and `Completion`: somebody completes tasks at simulated seconds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from bpmn_text import process
+
+import fame
+from fame.cli import main
+from fame.scenario import Completion, Scenario
+
+MODEL = process(
+    """<startEvent id="s"/><userTask id="sign" name="Sign"/><manualTask id="load"/>
+    <scriptTask id="t"><script>log(f"{by} at {robot.now}")</script></scriptTask>
+    <sequenceFlow id="f" sourceRef="s" targetRef="sign"/><sequenceFlow id="g" sourceRef="sign" targetRef="load"/>
+    <sequenceFlow id="h" sourceRef="load" targetRef="t"/>""",
+    attributes='name="PORTER"',
+)
+"""Somebody signs, somebody loads, and the robot tells who and when."""
+SIGN, LOAD = Completion("PORTER", 2.5, "sign", {"by": "Ada"}), Completion("PORTER", 7.0, "load")
+YAML = """model: m.bpmn
+complete:
+  - {at: 7, robot: PORTER, element: load}
+  - {at: 2.5, robot: PORTER, element: sign, values: {by: Ada}}
+"""
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """The model, in a folder of its own."""
+    path = tmp_path / "m.bpmn"
+    path.write_text(MODEL)
+    return path
+
+
+def test_what_the_file_says_is_done_at_its_second(model: Path) -> None:
+    scenario = model.with_name("s.yaml")
+    scenario.write_text(YAML)
+    result = Scenario.load(scenario).run()
+    assert (result.status, result.simulated) == ("completed", 7.0)
+    assert [(event.time / 1e9, event.element, event.detail) for event in result.reports] == [
+        (2.5, "sign", "somebody completed it"),
+        (7.0, "load", "somebody completed it"),
+        (7.0, "", "Ada at 7.0"),
+    ]
+
+
+def test_python_and_the_command_line_say_the_same(model: Path, capsys) -> None:
+    words = ["--complete", "PORTER@2.5:sign:by=Ada", "--complete", "PORTER@7:load"]
+    assert main(["run", str(model), "--json", *words]) == 0
+    told = json.loads(capsys.readouterr().out)
+    told["wall"] = 0
+    assert Scenario.load(model, completions=[SIGN, LOAD]).run().to_json() | {"wall": 0} == told
+
+
+def test_several_values_may_be_lists_and_texts(model: Path, capsys) -> None:
+    text = "PORTER@1:sign:by=[Ada, Bob],approved=true,why=it is due, now"
+    assert main(["run", str(model), "--json", "--complete", text, "--complete", "PORTER@2:load"]) == 0
+    assert "['Ada', 'Bob'] at 2.0" in capsys.readouterr().out
+
+
+def test_where_nobody_is_waited_for_it_is_reported_and_nothing_happens(model: Path) -> None:
+    result = Scenario.load(model, completions=[LOAD], duration=20).run()
+    (said,) = result.reports
+    assert (said.time / 1e9, said.element) == (7.0, "load")
+    assert said.detail == "somebody wanted to complete it: waits for nobody; what waits: sign"
+    assert result.status == "timeout"
+
+
+WRONG = {
+    "{at: 7, robot: PORTR, element: load}": (
+        "s.yaml:3: found no robot 'PORTR' to complete load of; the robots are PORTER"
+    ),
+    "{at: 7, robot: PORTER, element: t}": (
+        "s.yaml:3: found 't', which is no user, manual or receive task of PORTER; it has sign, load"
+    ),
+    "{at: -1, robot: PORTER, element: load}": "s.yaml:3: complete[0].at: found -1, a finite number",
+    "{robot: PORTER, element: load}": "s.yaml:3: complete[0]: lacks at; {at: 12, robot: REX",
+    "{at: 7, robot: PORTER, element: load, value: {}}": "complete[0].value: unknown key; did you mean 'values'?",
+    "{at: 7, robot: PORTER, element: load, values: {a-b: 1}}": "complete[0].values.a-b: found 'a-b', the name of a",
+}
+
+
+@pytest.mark.parametrize("entry", WRONG)
+def test_what_cannot_be_is_refused_in_one_line_before_anything_moves(entry: str, model: Path, capsys) -> None:
+    scenario = model.with_name("s.yaml")
+    scenario.write_text(f"model: m.bpmn\ncomplete:\n  - {entry}\n")
+    assert main(["run", str(scenario)]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert WRONG[entry] in err
+
+
+@pytest.mark.parametrize("text", ["PORTER@sign", "PORTER@x:sign", "PORTER@1:sign:by", "PORTER@1:sign:a-b=1"])
+def test_what_cannot_be_read_is_said(text: str, model: Path, capsys) -> None:
+    assert main(["run", str(model), "--complete", text]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("fame: error: argument --complete: found ")
+    assert err.count("\n") == 1
+
+
+def test_in_many_processes_it_is_fame_complete(model: Path, capsys) -> None:
+    assert main(["run", str(model), "--middleware", "dds", "--complete", "PORTER@7:load"]) == 2
+    assert "complete needs --middleware local: fame complete reaches robots" in capsys.readouterr().err
+
+
+def test_an_argument_that_is_none_is_named(model: Path) -> None:
+    with pytest.raises(fame.ConfigError, match="completions: found 'PORTER@7:load'; a Completion"):
+        Scenario.load(model, completions=["PORTER@7:load"])  # type: ignore[list-item]
