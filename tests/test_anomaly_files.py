@@ -103,3 +103,26 @@ def test_a_column_that_is_not_there_is_named(tmp_path: Path):
     (tmp_path / "x.csv").write_text("1,2,1\n")
     with pytest.raises(ConfigError, match="has 3 columns; column 6"):
         read_csv(tmp_path / "x.csv", [0, 1], 6)
+
+
+def test_a_byte_order_mark_makes_no_header_of_the_first_row(tmp_path: Path):
+    (tmp_path / "a.csv").write_text("\ufeff0.1,0.2,1\n0.11,0.2,1\n\n")
+    found = read_csv(tmp_path / "a.csv")
+    assert (len(found), found.joints) == (2, ("joint_1", "joint_2"))
+    (tmp_path / "a.csv").write_text("\ufeffstamp,run,s,label\n0,0,1,1\n1,0,2,1\n")
+    assert read_csv(tmp_path / "a.csv").joints == ("s",)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("stamp,run,s,label\nnan,0,1,1\n", ":2: found a value that is not finite"),
+        ("stamp,run,s,label\n0,nan,1,1\n", ":2: found a value that is not finite"),
+        ("s,s,label\n0,1,1\n", "several columns 's'"),
+        ("s,label\n" + "1" * 200_000 + ",1\n", ":2: is no row of a table"),
+    ],
+)
+def test_what_would_be_guessed_from_a_table_is_refused_with_its_line(text: str, why: str, tmp_path: Path):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(ConfigError, match=why):
+        read_csv(tmp_path / "a.csv")

@@ -248,3 +248,106 @@ def test_parameters_change_while_it_runs() -> None:
     assert not np.allclose(low_pass.execute({"x": later})["x"].values[-1], before, atol=0.1)
     with pytest.raises(ConfigError, match="LowPass has no such parameter; it has cutoff, rate"):
         set_value(low_pass, "cutof", 1.0)
+
+
+def test_numbers_beyond_every_float_are_refused_as_any_other_that_does_not_fit() -> None:
+    for make in (lambda: LowPass(cutoff=10**400), lambda: Window(stride=10**30), lambda: Scale(factor=[])):
+        with pytest.raises(ConfigError, match="would be right"):
+            make()
+
+
+@pytest.mark.parametrize(
+    "formula", ["x + " + "9" * 400, "-" * 20_000 + "1", "abs()", "abs(x, x)", "max(x, 1)", "where(x)"]
+)
+def test_what_is_no_formula_is_refused_before_anything_runs(formula: str) -> None:
+    with pytest.raises(ConfigError, match="is no formula"):
+        Expression(formula=formula)
+
+
+def test_what_an_estimator_or_a_formula_cannot_do_is_refused_while_they_run_and_nothing_changes() -> None:
+    from sklearn.linear_model import LinearRegression
+
+    x = {"x": Samples(np.arange(3.0), np.arange(3.0))}
+    line = Estimator(LinearRegression().fit([[0.0], [1.0]], [0.0, 2.0]))
+    twice = Expression(formula="x * 2")
+    for processor, name, value in (
+        (line, "method", "predict_proba"),
+        (twice, "formula", "abs("),
+        (twice, "formula", ""),
+    ):
+        with pytest.raises(ConfigError):
+            set_value(processor, name, value)
+        np.testing.assert_allclose(processor.execute(x)["value"].values, [0, 2, 4], atol=1e-9)
+
+
+def test_and_or_and_chains_of_comparisons_take_numbers_beside_arrays() -> None:
+    x = {"x": Samples(np.array([[1.0, 2.0], [3.0, 4.0]]), np.arange(2.0)), "y": Samples(np.ones(2), np.arange(2.0))}
+    for formula, right in (
+        ("x[:, 0] > 1 and True", [False, True]),
+        ("False or x[:, 1] > 3", [False, True]),
+        ("0 < 1 < x[:, 0]", [False, True]),
+    ):
+        np.testing.assert_array_equal(Expression(formula=formula).execute(x)["value"].values, right)
+
+
+def test_a_formula_that_takes_a_sample_for_a_channel_gives_nothing() -> None:
+    x = {"x": Samples(np.arange(6.0).reshape(3, 2), np.arange(3.0))}
+    with pytest.raises(ValueError, match="2 values for 3 samples"):
+        Expression(formula="x[1]").execute(x)
+
+
+def test_a_threshold_of_zero_or_less_of_which_no_part_is_below_is_refused() -> None:
+    for wrong in ([0.0], [-5.0], [1.0, 0.0]):
+        with pytest.raises(ConfigError, match="or more would be right"):
+            Threshold(threshold=wrong)
+    alarms = Threshold(threshold=[1.0])
+    with pytest.raises(ConfigError, match="empty"):
+        set_value(alarms, "threshold", [])
+    assert alarms.threshold == (1.0,)
+
+
+def test_thresholds_go_with_the_names_of_channels_in_whichever_order_these_come() -> None:
+    alarms = Threshold(threshold=[1.0, 10.0], names=["elbow", "wrist"])
+    loss = Samples(np.array([[5.0, 0.5], [5.0, 2.0]]), np.arange(2.0), ("Loss.wrist", "Loss.elbow"))
+    found = alarms.execute({"Loss": loss})
+    np.testing.assert_array_equal(found["active"].values, [False, True])
+    assert (found["name"].values.tolist(), found["excess"].values.tolist()) == ([["elbow"]], [2.0])
+    with pytest.raises(ValueError, match="3 texts, the data 2 channels"):
+        Threshold(threshold=[1.0], names=["a", "b", "c"]).execute({"Loss": loss})
+
+
+def test_an_input_that_has_not_spoken_yet_does_not_keep_scale_from_the_others() -> None:
+    silent = Samples(np.zeros(0), np.zeros(0))
+    found = Scale(offset=[1.0, 2.0]).execute({"a": Samples(np.ones((1, 2)), np.zeros(1)), "b": silent})
+    assert list(found) == ["a"]
+
+
+def test_stamps_that_jump_by_decades_cost_no_memory_and_no_digits() -> None:
+    stamps = np.array([0.0, 0.05, 1.76e9, 1.76e9 + 0.05, 1.76e9 + 0.1])
+    found = run([Resample(rate=20.0)], {"x": Samples(np.arange(5.0), stamps)})["x"]
+    np.testing.assert_allclose(found.stamps, stamps)
+    low_pass = run([LowPass(cutoff=1.0)], {"x": Samples(np.arange(5.0), stamps)})["x"].values
+    a = 1 - np.exp(-2 * np.pi * 0.05)
+    np.testing.assert_allclose(low_pass[2:4], [2.0, 2 + a * 1], rtol=1e-6)
+    assert np.isfinite(run([LowPass(cutoff=1e308)], {"x": Samples(np.arange(5.0), stamps)})["x"].values).all()
+
+
+def test_resampling_loses_no_sample_of_the_grid_between_two_calls() -> None:
+    for rate in (3.0, 7.0, 10.0, 130.0, 1000 / 3):
+        grid = np.arange(200) / rate
+        stamps = np.unique(np.concatenate((grid, np.nextafter(grid[1:], 0), np.nextafter(grid, 1e9))))
+        whole = run([Resample(rate=rate)], {"x": Samples(stamps, stamps)})["x"]
+        np.testing.assert_array_equal(whole.stamps, grid)
+        processor = Resample(rate=rate)
+        parts = [processor.execute({"x": Samples(stamps[k : k + 1], stamps[k : k + 1])}) for k in range(len(stamps))]
+        np.testing.assert_array_equal(np.concatenate([part["x"].stamps for part in parts if part]), grid)
+
+
+def test_a_stride_that_is_made_small_counts_from_the_last_window_on() -> None:
+    windows = Window(size=2, stride=1_000_000)
+    samples = Samples(np.arange(10.0), np.arange(10.0))
+    assert len(windows.execute({"x": samples})["x"]) == 1
+    set_value(windows, "stride", 2)
+    later = windows.execute({"x": Samples(np.arange(10.0, 14), np.arange(10.0, 14))})["x"]
+    assert later.stamps[0] <= 11
+    assert np.diff(later.stamps).tolist() == [2.0] * (len(later) - 1)

@@ -403,3 +403,27 @@ def test_a_real_server_stores_every_row_though_it_goes_away_in_between(tmp_path:
     finally:
         stop(child)
     assert series["values"][0][1:] == [300, sum(range(300))]
+
+
+def test_a_file_of_somebody_else_is_refused_untouched_even_without_a_line_end(tmp_path: Path) -> None:
+    for text in ("my notes, one line", "a,b\n1,2\n3"):
+        (tmp_path / "notes.csv").write_text(text)
+        with pytest.raises(ConfigError, match="was not recorded by fame record"):
+            Bench().record(configuration(tmp_path), tmp_path / "notes.csv", append=True)
+        assert (tmp_path / "notes.csv").read_text() == text
+    (tmp_path / "notes.csv").write_text("stamp,r")  # killed within its header
+    Bench().record(configuration(tmp_path), tmp_path / "notes.csv", append=True).close()
+
+
+def test_names_with_commas_and_numbers_with_many_digits_come_back_from_the_csv(tmp_path: Path) -> None:
+    bench = Bench()
+    node = bench.record(configuration(tmp_path, Efforts=EFFORTS), tmp_path / "runs.csv")
+    for stamp in (0.1, 0.2):
+        bench.arm.publish(messages.create(JOINT_STATE, {
+            "header": {"stamp": stamp}, "name": ["left, upper", "two\nlines"], "effort": [1763712345.123456, 1e-7],
+        }))  # fmt: skip
+    bench.run()
+    node.close()
+    (found,) = read_runs([tmp_path / "runs.csv"])
+    assert found.names == ("Efforts.left, upper", "Efforts.two lines")
+    np.testing.assert_allclose(found.values[0], [1763712345.123456, 1e-7], rtol=1e-15)

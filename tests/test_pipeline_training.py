@@ -237,3 +237,70 @@ def test_a_wrong_training_section_is_refused(tmp_path: Path, section: object, re
 def test_one_run_is_not_enough_to_train_and_validate() -> None:
     with pytest.raises(ConfigError, match="at least 2 are needed"):
         fit([motion(0)], QUICK)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"seed": -1}, {"seed": 2**32}, {"before": np.inf}, {"cutoff": np.nan}, {"margin": np.inf}]
+)
+def test_settings_out_of_range_are_refused_by_name(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"Training.{next(iter(wrong))}: found"):
+        fit([motion(0), motion(1)], replace(QUICK, **wrong))
+
+
+def test_of_two_runs_one_trains_however_much_is_held_back() -> None:
+    assert fit([motion(0), motion(1)], replace(QUICK, held_back=0.9, epochs=1)).metrics["training_max"]
+
+
+def test_the_files_of_a_training_may_be_a_pattern_anywhere(tmp_path: Path) -> None:
+    (tmp_path / "[1]").mkdir()
+    file = write(tmp_path / "[1]" / "runs.csv", [motion(0)])
+    assert training_of({"Files": [str(tmp_path / "[[]1]" / "*.csv")]}, Path("elsewhere")).files == (str(file),)
+    assert training_of({"Files": ["*.csv"]}, tmp_path / "[1]").files == (str(file),)
+    with pytest.raises(ConfigError, match="no file matches"):
+        training_of({"Files": ["a**b"]}, tmp_path)
+
+
+@pytest.mark.parametrize("change", [{"window": float("inf")}, {"rate": float("nan")}, {"rate": 0.0}, {"cutoff": -1.0}])
+def test_a_stored_model_whose_figures_cannot_be_is_damaged(
+    model: TrainedModel, change: dict[str, float], tmp_path: Path
+) -> None:
+    from fame.anomaly.persist import read_artefact, write_artefact
+
+    model.save(tmp_path / "model.skops")
+    content = read_artefact(tmp_path / "model.skops", "fame train")
+    write_artefact(content | change, tmp_path / "model.skops")
+    with pytest.raises(ConfigError, match="is damaged"):
+        TrainedModel.load(tmp_path / "model.skops")
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("\ufeffstamp,run,a\r\n0,0,1\r\n1,0,2\r\n", [[1], [2]]),
+        ('"stamp","run","a"\n0,0,"1"\n1,0,2\n\n\n', [[1], [2]]),
+        ("stamp,run,a\n,0,1\n1,0,2\ninf,0,3\n2,0,4\n", [[2], [4]]),
+        ("stamp,run,a\n0,,1\n1,,2\n", [[1], [2]]),
+    ],
+)
+def test_tables_of_other_programs_are_read_as_they_are_meant(
+    text: str, values: list[list[int]], tmp_path: Path
+) -> None:
+    (tmp_path / "runs.csv").write_bytes(text.encode())
+    (found,) = read_runs([tmp_path / "runs.csv"])
+    assert (found.values.tolist(), found.names) == (values, ("a",))
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("stamp,a,a\n0,1,2\n", "several columns 'a'"),
+        ("stamp,a\n0,1#2\n", ":2: found '1#2'"),
+        ("stamp\n0\n", "no columns but stamp"),
+        ("stamp,a\n\n\n", "no rows"),
+        ("stamp," + "a" * 200_000 + "\n0,1\n", ":1: has no header"),
+    ],
+)
+def test_a_table_that_cannot_be_meant_is_refused_with_its_line(text: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "runs.csv").write_text(text)
+    with pytest.raises(ConfigError, match=why):
+        read_runs([tmp_path / "runs.csv"])

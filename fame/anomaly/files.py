@@ -43,7 +43,7 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     table = read_table(path)
     inputs, output = _columns(table, path, inputs, output)
     values, labels = table.cells[:, inputs], _labels(table, output, path)
-    _refuse_gaps(table, [*inputs], path)
+    _refuse_gaps(table, [*inputs, *(table.names.index(name) for name in (STAMP, RUN) if name in table.names)], path)
     stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
     if RUN in table.names:
         given = table.cells[:, table.names.index(RUN)]
@@ -59,16 +59,24 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
 def read_table(path: Path) -> Table:
     """The numbers of a CSV file. Raises ConfigError."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is no UTF-8 text"
         raise ConfigError(f"cannot be read: {reason}", file=str(path)) from None
-    head = next(csv.reader(lines[:1]), [])
+    while lines and not lines[-1].strip():
+        lines.pop()
+    head = _cells(lines[0], path, 1) if lines else []
     names = () if _numbers(head) is not None else tuple(name.strip() for name in head)
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ConfigError(
+            f"has several columns {twice[0]!r}; names of their own would be right", file=str(path), line=1
+        )
     first = 2 if names else 1
     width = len(head)
     rows = []
-    for number, row in enumerate(csv.reader(lines[first - 1 :]), start=first):
+    for number, line in enumerate(lines[first - 1 :], start=first):
+        row = _cells(line, path, number)
         cells = _numbers(row)
         if cells is None or len(cells) != width:
             found = f"{len(row)} columns" if cells is not None else ",".join(row)[:60]
@@ -77,6 +85,13 @@ def read_table(path: Path) -> Table:
     if not rows or not width:
         raise ConfigError("has no rows of numbers", file=str(path))
     return Table(names, np.array(rows, dtype=np.float64), first)
+
+
+def _cells(line: str, path: Path, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise ConfigError(f"is no row of a table: {error}", file=str(path), line=number) from None
 
 
 def write_csv(path: str | Path, recording: Recording) -> None:
@@ -172,6 +187,6 @@ def _refuse_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
     if len(bad):
         more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
         raise ConfigError(
-            f"found a value that is not finite{more}; every joint needs a number", file=str(path),
+            f"found a value that is not finite{more}; every joint, stamp and run needs a number", file=str(path),
             line=int(bad[0]) + table.first,
         )  # fmt: skip

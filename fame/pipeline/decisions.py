@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Mapping
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class Threshold(Processor):
     """
 
     parameters = (
-        Parameter("threshold", "floats", (), description="one for all channels, or one per channel"),
+        Parameter("threshold", "floats", (), (1e-300, None), "", "above 0; one for all channels, or one per channel"),
         Parameter(
             "model", "file", "", description="trained model whose thresholds are used if none are given", fixed=True
         ),
@@ -32,7 +33,6 @@ class Threshold(Processor):
         Parameter("names", "strs", (), description="of the channels, if the data do not tell"),
     )
     outputs = ("alarm", "channel", "name", "loss", "excess", "active")
-    threshold: tuple[float, ...]
     model: str
     hysteresis: float
     names: tuple[str, ...]
@@ -48,18 +48,28 @@ class Threshold(Processor):
         if not self.threshold:
             raise ConfigError("needs a threshold, or a model that has some", element="threshold")
 
+    @property
+    def threshold(self) -> tuple[float, ...]:
+        """One, or one per channel."""
+        return self._threshold
+
+    @threshold.setter
+    def threshold(self, values: tuple[float, ...]) -> None:
+        if not values and getattr(self, "_threshold", None):
+            raise ConfigError("found an empty list; one value or more would be right", element="threshold")
+        self._threshold = values
+
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = stacked(inputs)
         if not len(samples):
             return None
-        excess = samples.channels() / per_channel(self.threshold, samples.channels().shape, "threshold")
+        names, threshold = self._told(samples)
+        excess = samples.channels() / per_channel(threshold, samples.channels().shape, "threshold")
         worst = excess.max(axis=1)
         active = self._states(worst)
         rising = np.flatnonzero(active & ~np.concatenate(([self._active], active[:-1])))
         self._active = bool(active[-1])
         stamps, channel = samples.stamps[rising], excess[rising].argmax(axis=1)
-        names = self.names or samples.names or tuple(map(str, range(excess.shape[1])))
-        names = tuple(name.rpartition(".")[2] for name in names)  # without the input that it came by
         told: dict[str, Any] = {
             "alarm": np.ones(len(rising), dtype=bool),
             "channel": channel,
@@ -69,6 +79,21 @@ class Threshold(Processor):
         }
         alarms = {name: Samples(values, stamps) for name, values in told.items()} if len(rising) else {}
         return {**alarms, "active": Samples(active, samples.stamps)}
+
+    def _told(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Names and thresholds of the channels. Data that name theirs are matched to `names`, in whichever order.
+
+        Raises ValueError if there are not as many names as channels.
+        """
+        own, data = (tuple(name.rpartition(".")[2] for name in names) for names in (self.names, samples.names))
+        width = samples.channels().shape[1]
+        if len(own) > 1 and own != data and sorted(own) == sorted(data):
+            several = len(self.threshold) == len(own)
+            return data, tuple(self.threshold[own.index(name)] for name in data) if several else self.threshold
+        names = own or data or tuple(map(str, range(width)))
+        if len(names) != width:
+            raise ValueError(f"names has {len(names)} texts, the data {width} channels")
+        return names, self.threshold
 
     def _states(self, worst: Any) -> Any:
         """Whether the alarm stands after each sample: set above 1, cleared below the hysteresis, else as before."""
@@ -88,28 +113,30 @@ class Expression(Processor):
 
     parameters = (Parameter("formula", "str", "", description="over the inputs, by name"),)
     outputs = ("value",)
-    formula: str
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
-        self._compiled("")
+    @property
+    def formula(self) -> str:
+        """As it was given; what is no formula is refused when it is set."""
+        return self._formula
+
+    @formula.setter
+    def formula(self, text: str) -> None:
+        if not text:
+            raise ConfigError("needs a formula, such as abs(left - right)", element="formula")
+        self._evaluate, self._formula = compile_formula(text), text
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = stacked(inputs)
         if not len(samples):
             return None
-        value = np.asarray(self._compiled(self.formula)({name: item.values for name, item in inputs.items()}))
+        with np.errstate(all="ignore"):  # what is not finite is not sent
+            value = np.asarray(self._evaluate({name: item.values for name, item in inputs.items()}))
         if value.ndim == 0:
             value = np.full(len(samples), value)
+        if len(value) != len(samples):
+            text = f"it gives {len(value)} values for {len(samples)} samples: [:, 3] is a channel, [3] a sample"
+            raise ValueError(text)
         return {"value": Samples(value, samples.stamps)}
-
-    def _compiled(self, formula: str) -> Callable[[Mapping[str, Any]], Any]:
-        known: tuple[str, Callable[[Mapping[str, Any]], Any]] | None = getattr(self, "_kept", None)
-        if known is None or known[0] != self.formula:
-            if not self.formula:
-                raise ConfigError("needs a formula, such as abs(left - right)", element="formula")
-            known = self._kept = (self.formula, compile_formula(self.formula))
-        return known[1]
 
 
 # ---- formulas --------------------------------------------------------------------------------------------------------
@@ -128,6 +155,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "clip": np.clip,
     "where": np.where,
 }
+_TAKES = {"arctan2": 2, "clip": 3, "where": 3}  # the others one; numpy would write to one more
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow, ast.Mod: operator.mod, ast.FloorDiv: operator.floordiv,
@@ -143,8 +171,8 @@ def compile_formula(text: str) -> Evaluate:
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         return _evaluator(tree)
-    except (SyntaxError, ValueError, RecursionError) as error:
-        reason = error.msg if isinstance(error, SyntaxError) else str(error)
+    except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
+        reason = error.msg if isinstance(error, SyntaxError) else str(error) or "it is too long"
         raise ConfigError(f"found {text!r}, which is no formula: {reason}", element="formula") from None
 
 
@@ -163,10 +191,13 @@ def _evaluator(node: ast.expr) -> Evaluate:
     if isinstance(node, ast.Compare) and all(type(each) in _OPERATORS for each in node.ops):
         pairs = zip((node.left, *node.comparators), node.ops, node.comparators, strict=False)
         comparisons = [_applied(_OPERATORS[type(each)], left, right) for left, each, right in pairs]
-        return lambda arrays: np.logical_and.reduce([compare(arrays) for compare in comparisons])
+        return lambda arrays: reduce(np.logical_and, [compare(arrays) for compare in comparisons])
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         if node.func.id not in _FUNCTIONS:
             raise ValueError(f"there is no function {node.func.id}; there are {', '.join(sorted(_FUNCTIONS))}")
+        takes = _TAKES.get(node.func.id, 1)
+        if len(node.args) != takes:
+            raise ValueError(f"{node.func.id} takes {takes}, found {len(node.args)}")
         return _applied(_FUNCTIONS[node.func.id], *node.args)
     if isinstance(node, ast.Subscript):
         index = _index(node.slice)
@@ -193,7 +224,7 @@ def _applied(function: Callable[..., Any], *operands: ast.expr) -> Evaluate:
 
 def _folded(function: Callable[..., Any], operands: list[ast.expr]) -> Evaluate:
     parts = [_evaluator(operand) for operand in operands]
-    return lambda arrays: function.reduce([part(arrays) for part in parts])  # type: ignore[attr-defined]
+    return lambda arrays: reduce(function, [part(arrays) for part in parts])
 
 
 def _index(node: ast.expr) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from fame.pipeline.processor import Floats, Parameter, Processor, Result, Samples
 
 _BLOCK = 64  # samples that are filtered at a time
+_LONG = 100.0  # periods of the cutoff, after which nothing is left; sums of more would cost digits, or overflow
 
 
 class LowPass(Processor):
@@ -37,10 +38,11 @@ class LowPass(Processor):
         if y.shape != values.shape[1:]:
             y, before = values[0], float(stamps[0])
         steps = np.full(len(stamps), 1 / self.rate) if self.rate else stamps - np.concatenate(([before], stamps[:-1]))
+        steps = np.minimum(steps, _LONG / self.cutoff)
         out = np.empty_like(values)
         for first in range(0, len(stamps), _BLOCK):
             block = slice(first, first + _BLOCK)
-            out[block] = _one_pole(y, values[block], -2 * np.pi * self.cutoff * steps[block])
+            out[block] = _one_pole(y, values[block], -2 * np.pi * (self.cutoff * steps[block]))
             y = out[block][-1]
         self._last[name] = (y, float(stamps[-1]))
         return samples.replace(values=out)
@@ -81,9 +83,7 @@ class Resample(Processor):
             begin = float(last.stamps[0])
             values, stamps = np.concatenate((last.values, values)), np.concatenate((last.stamps, stamps))
         self._last[name] = Samples(values[-1:], stamps[-1:])
-        first, end = np.floor(begin * self.rate) + 1, np.floor(stamps[-1] * self.rate)
-        grid = np.arange(first, end + 1) / self.rate
-        grid = grid[(grid >= stamps[0]) & (grid <= stamps[-1])]
+        grid = self._grid(begin, stamps)
         right = np.clip(np.searchsorted(stamps, grid), 1, max(1, len(stamps) - 1))
         if len(stamps) == 1:
             return samples.replace(values=values[: len(grid)], stamps=grid)
@@ -93,6 +93,22 @@ class Resample(Processor):
         out = values[right - 1] * (1 - weight) + values[right] * weight
         near = (span <= self.gap) | (part == 0) | (part == 1)
         return samples.replace(values=out[near], stamps=grid[near])
+
+    def _grid(self, begin: float, stamps: Floats) -> Floats:
+        """The multiples of 1 / rate after `begin`, among the stamps, without those deep in a gap: it may be years."""
+        lows, highs = self._last_of(np.concatenate(([begin], stamps[:-1]))) + 1, self._last_of(stamps)
+        wide = stamps - np.concatenate((stamps[:1], stamps[:-1])) > self.gap
+        lows = np.where(wide, np.maximum(lows, highs), lows)  # the sample behind a gap may stand on the grid itself
+        counts = np.maximum(highs - lows + 1, 0).astype(np.int64)
+        ends = np.cumsum(counts)
+        grid = (np.repeat(lows - (ends - counts), counts) + np.arange(counts.sum())) / self.rate
+        return np.asarray(grid[grid >= stamps[0]])
+
+    def _last_of(self, stamps: Floats) -> Floats:
+        """The number of the last multiple of 1 / rate that is not after each stamp."""
+        last = np.floor(stamps * self.rate)
+        last += (last + 1) / self.rate <= stamps  # the product may have been rounded either way
+        return np.asarray(last - (last / self.rate > stamps))
 
 
 class Scale(Processor):
@@ -111,6 +127,7 @@ class Scale(Processor):
                 values=(samples.values - self._fitting("offset", samples)) * self._fitting("factor", samples)
             )
             for name, samples in inputs.items()
+            if len(samples)
         }
 
     def _fitting(self, name: str, samples: Samples) -> Floats | float:

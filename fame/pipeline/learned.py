@@ -84,9 +84,9 @@ class Estimator(Processor):
     )
     outputs = ("value",)
     model: str
-    method: str
     window: int
     stride: int
+    estimator: Any = None
 
     def __init__(self, model: Any = "", **values: Any) -> None:
         super().__init__(**values)
@@ -95,11 +95,20 @@ class Estimator(Processor):
                 raise ConfigError("needs the file of an estimator", element="model")
             self.model, model = str(model), load_estimator(model)
         self.estimator = model
-        if not hasattr(model, self.method):
-            able = ", ".join(name for name in _METHODS if hasattr(model, name))
-            text = f"found {self.method!r}; {type(model).__name__} can {able}"
-            raise ConfigError(text, element="method")
+        self.method = self._method
         self._windower = Windower()
+
+    @property
+    def method(self) -> str:
+        """What is asked; one that the estimator lacks is refused when it is set."""
+        return self._method
+
+    @method.setter
+    def method(self, name: str) -> None:
+        if self.estimator is not None and not hasattr(self.estimator, name):
+            able = ", ".join(each for each in _METHODS if hasattr(self.estimator, each))
+            raise ConfigError(f"found {name!r}; {type(self.estimator).__name__} can {able}", element="method")
+        self._method = name
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
         samples = stacked(inputs)

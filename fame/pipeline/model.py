@@ -131,7 +131,7 @@ def from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
             metrics={str(name): tuple(map(float, values)) for name, values in content["metrics"].items()},
         )
         _check(model)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ConfigError(f"is damaged: {error!r}", file=file) from None
     return model
 
@@ -153,3 +153,5 @@ def _check(model: TrainedModel) -> None:
         raise ValueError(f"mean, scale or thresholds not of {channels} columns")
     if not all(np.isfinite(part).all() for part in numbers) or not (model.scale > 0).all():
         raise ValueError("values that are not finite")
+    if not (model.rate > 0 and model.cutoff >= 0 and model.before >= 0 and np.isfinite(model.rate)):
+        raise ValueError(f"rate {model.rate:g}, cutoff {model.cutoff:g}, before {model.before:g}")

@@ -36,8 +36,13 @@ def step(processors: Sequence[Executes], inputs: Mapping[str, Samples]) -> dict[
 
 
 def as_samples(value: Any, stamp: float) -> Samples:
-    """A result as samples: one of that stamp if it is a bare value."""
-    return value if isinstance(value, Samples) else Samples(np.asarray(value)[None], np.array([stamp]))
+    """A result as samples: one of that stamp if it is a bare value. Raises ValueError for stamps that do not fit."""
+    if not isinstance(value, Samples):
+        return Samples(np.asarray(value)[None], np.array([stamp]))
+    values, stamps = np.asarray(value.values), np.asarray(value.stamps, dtype=np.float64)
+    if stamps.ndim != 1 or not values.ndim or len(values) != len(stamps):
+        raise ValueError(f"it gives values of shape {values.shape} with stamps of shape {stamps.shape}")
+    return Samples(values, stamps, value.names)
 
 
 def _parts(inputs: Mapping[str, Samples], frequency: float) -> list[dict[str, Samples]]:

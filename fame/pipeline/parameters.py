@@ -150,7 +150,7 @@ class ParameterServer:
 
         def apply(parameters: Any) -> None:  # in the thread of rclpy's executor, if somebody else sets them
             for name, value in self._changed(parameters):
-                node.middleware.scheduler.soon(partial(self.set, name, value))
+                node.middleware.scheduler.soon(partial(self._apply, name, value))
 
         node.ros.add_on_set_parameters_callback(check)
         node.ros.add_post_set_parameters_callback(apply)
@@ -162,6 +162,12 @@ class ParameterServer:
                 node.ros.declare_parameter(name, value, message)
             except Exception as error:  # rclpy's own: what was said of it is not of its type, or was refused above
                 raise ConfigError(" ".join(str(error).split()), element=name, file=node.full_name) from None
+
+    def _apply(self, name: str, value: Any) -> None:
+        """Set one that somebody set in ROS; what its processor refuses is said."""
+        told = self._try(name, value)
+        if not told["successful"]:
+            self._say(f"refused {name}", f"{name} stays as it is: {told['reason']}")
 
     def _changed(self, parameters: Any) -> Iterator[tuple[str, Any]]:
         """Names and values of those that are ours and new."""

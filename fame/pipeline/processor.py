@@ -92,22 +92,27 @@ class Parameter:
         """The value as the processor keeps it. Raises ConfigError for what does not fit."""
         several = self.type in ("floats", "strs")
         items = value if several and isinstance(value, (list, tuple)) else [value]
+        if not items and self.default:
+            raise ConfigError("found an empty list; one value or more would be right", element=self.name)
         converted = tuple(self._single(item) for item in items)
         return converted if several else converted[0]
 
     def _single(self, value: Any) -> Any:
         kind = self.type.rstrip("s") if self.type in ("floats", "strs") else self.type
         right = f"{_KINDS[kind]}{self._bounds()}"
-        if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
+        if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool) and _is_finite(value):
             value = float(value)
         elif not isinstance(value, _TYPES[kind]) or isinstance(value, bool) is not (kind == "bool"):
             raise ConfigError(f"found {value!r}; {right} would be right", element=self.name)
-        if self.range is not None and not self._within(kind, value):
+        if not self._within(kind, value):
             raise ConfigError(f"found {value!r}; {right} would be right", element=self.name)
         return value
 
     def _within(self, kind: str, value: Any) -> bool:
-        assert self.range is not None
+        if kind == "int" and not -(2**63) <= value < 2**63:
+            return False  # no message could tell it
+        if self.range is None:
+            return True
         if kind == "str":
             return value in self.range
         low, high = self.range
@@ -121,6 +126,13 @@ class Parameter:
             return f": {', '.join(map(str, self.range))}"
         low, high = self.range
         return f" of {low:g} or more{unit}" if high is None else f" from {low:g} to {high:g}{unit}"
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond every float
+        return False
 
 
 _KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text", "file": "a file"}
@@ -138,10 +150,9 @@ class Processor:
     report: Callable[[str], object] = staticmethod(lambda text: None)
 
     def __init__(self, **values: Any) -> None:
+        given = {name: _declared(self, name).convert(value) for name, value in values.items()}
         for parameter in self.parameters:
-            setattr(self, parameter.name, parameter.convert(parameter.default))
-        for name, value in values.items():
-            setattr(self, name, _declared(self, name).convert(value))
+            setattr(self, parameter.name, given.get(parameter.name, parameter.convert(parameter.default)))
 
 
 def declared(processor: Any) -> Sequence[Parameter]:

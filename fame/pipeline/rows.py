@@ -11,8 +11,10 @@ has no columns, which is reported.
 
 from __future__ import annotations
 
+import csv
+import io
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -109,7 +111,7 @@ class CsvFile:
         for topic in self._topics:
             if topic not in of_topics:
                 self._say(f"silent column {topic}", f"{topic}: silent for {PATIENCE:g} s; it has no columns")
-        header = ",".join([STAMP, RUN, *(name for names in of_topics.values() for name in names)]) + "\n"
+        header = _header(name for names in of_topics.values() for name in names)
         if self._header and self._header != header:
             text = f"has the columns {self._header.strip()}; now there are {header.strip()}"
             raise ConfigError(text, file=str(self.path))
@@ -118,7 +120,7 @@ class CsvFile:
         before, total = 0, sum(map(len, of_topics.values()))
         for topic, names in of_topics.items():
             after = total - before - len(names)
-            line = "%.9f,%d" + "," * before + ",%.10g" * len(names) + "," * after + "\n"
+            line = "%.9f,%d" + "," * before + ",%.16g" * len(names) + "," * after + "\n"
             self._places[topic] = (names, line)
             before += len(names)
         for row in waiting:
@@ -135,16 +137,23 @@ class CsvFile:
         self.rows += 1
 
 
+def _header(columns: Iterable[str]) -> str:
+    """The first line. A name with a comma is quoted, one with a line break gets spaces instead."""
+    line = io.StringIO()
+    csv.writer(line, lineterminator="\n").writerow([STAMP, RUN, *(" ".join(name.splitlines()) for name in columns)])
+    return line.getvalue()
+
+
 def _mend(path: Path) -> tuple[str, int]:
     """The header and the number of the next run of a file to go on with; a torn last line is cut off."""
-    data = path.read_bytes()
+    data, begins = path.read_bytes(), f"{STAMP},{RUN},".encode()
+    if data[: len(begins)] != begins[: len(data)]:
+        raise ConfigError("was not recorded by fame record", file=str(path), line=1)
     whole = data.rfind(b"\n") + 1
     if whole != len(data):
         os.truncate(path, whole)
     lines = data[:whole].decode("utf-8", "replace").splitlines(keepends=True)
     if not lines:
         return "", 0
-    if not lines[0].startswith(f"{STAMP},{RUN},"):
-        raise ConfigError("was not recorded by fame record", file=str(path), line=1)
     last = lines[-1].split(",") if len(lines) > 1 else []
     return lines[0], int(last[1]) + 1 if len(last) > 1 and last[1].isdecimal() else 0

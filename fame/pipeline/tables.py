@@ -32,16 +32,19 @@ def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[
     for path in map(Path, paths):
         names, cells = _read(path)
         columns = tuple(columns) or tuple(name for name in names if name not in _OTHER)
+        if not columns:
+            raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
         for name in (STAMP, *columns):
             if name not in names:
                 raise ConfigError(f"has no column {name!r}; it has {', '.join(names)}", file=str(path))
         values = cells[:, [names.index(name) for name in columns]]
-        stamps, whole = cells[:, names.index(STAMP)], np.isfinite(values).all(axis=1)
+        stamps = cells[:, names.index(STAMP)]
+        whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
         numbers = cells[:, names.index(RUN)] if RUN in names else np.zeros(len(cells))
         if not whole.any():
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
         values, stamps, numbers = values[whole], stamps[whole], numbers[whole]
-        for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(numbers) != 0) + 1):
+        for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1):
             order = rows[np.argsort(stamps[rows], kind="stable")]
             runs.append(Samples(values[order], stamps[order], tuple(columns)))
     return runs
@@ -71,21 +74,31 @@ def rate_of(runs: Sequence[Samples]) -> float:
 def _read(path: Path) -> tuple[list[str], Floats]:
     """Header and numbers; NaN where a cell is empty. Raises ConfigError."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except UnicodeDecodeError:
         raise ConfigError("is no UTF-8 text", file=str(path)) from None
     lines = text.splitlines()
-    names = [name.strip() for name in next(csv.reader(lines[:1]), [])]
+    try:
+        names = [name.strip() for name in next(csv.reader(lines[:1]), [])]
+    except csv.Error as error:
+        raise ConfigError(f"has no header: {error}", file=str(path), line=1) from None
     if not names or any(_is_number(name) for name in names):
         raise ConfigError("has no header; stamp,effort_0,... would be right", file=str(path), line=1)
     if names[:2] == [STAMP, RUN] and not text.endswith("\n"):
         lines.pop()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ConfigError(
+            f"has several columns {twice[0]!r}; names of their own would be right", file=str(path), line=1
+        )
     if len(lines) < 2:
         raise ConfigError("has no rows", file=str(path))
     try:
-        cells = np.loadtxt(lines[1:], delimiter=",", ndmin=2)
+        cells = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
         if cells.shape == (len(lines) - 1, len(names)):
             return names, cells
     except ValueError:  # empty cells, or something wrong
@@ -95,9 +108,12 @@ def _read(path: Path) -> tuple[list[str], Floats]:
 
 def _cell_by_cell(path: Path, names: list[str], lines: list[str]) -> Floats:
     rows = []
-    for number, row in enumerate(csv.reader(lines[1:]), start=2):
+    for number, line in enumerate(lines[1:], start=2):
         try:
+            row = next(csv.reader([line]), [])
             rows.append([float(cell) if cell.strip() else np.nan for cell in row])
+        except csv.Error as error:
+            raise ConfigError(f"is no row of numbers: {error}", file=str(path), line=number) from None
         except ValueError as error:
             text = f"found {str(error).rpartition(':')[2].strip()}; a number would be right"
             raise ConfigError(text, file=str(path), line=number) from None

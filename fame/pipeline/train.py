@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ class Training:
     stride      samples from one window to the next, of those that train and of those that validate
     before      Hz, low-pass on the data; 0: none
     cutoff      Hz, low-pass on the loss; 0: none
-    held_back   part of the runs that validates (at least one)
+    held_back   part of the runs that validates (at least one; at least one trains)
     samples     windows that train, at most
     epochs      passes over these, at most
     margin      factor on the largest loss of the held-back runs
@@ -73,7 +74,7 @@ def fit(runs: Sequence[Samples], config: Training, data: str = "") -> TrainedMod
     rate = rate_of(runs)
     if config.before:
         runs = [offline.run([LowPass(cutoff=config.before)], {"x": run})["x"] for run in runs]
-    held = max(1, round(config.held_back * len(runs)))
+    held = min(max(1, round(config.held_back * len(runs))), len(runs) - 1)
     chosen = np.random.default_rng(config.seed).permutation(len(runs))
     training, held_back = [runs[index] for index in chosen[held:]], [runs[index] for index in chosen[:held]]
     every = np.concatenate([run.channels() for run in training])
@@ -137,7 +138,7 @@ def _value(name: str, value: Any, default: Any) -> Any:
 def _matching(folder: Path, pattern: str) -> list[Path]:
     if not any(sign in pattern for sign in "*?["):
         return [folder / pattern]
-    found = sorted(folder.glob(pattern))
+    found = sorted(folder / path for path in glob(pattern, root_dir=folder, recursive=True))
     if not found:
         raise ConfigError(f"no file matches {pattern!r} in {folder}", element="Training.files")
     return found
@@ -152,9 +153,10 @@ def _check(config: Training, runs: Sequence[Samples]) -> None:
         "held_back": 0 < config.held_back < 1,
         "samples": config.samples >= 10,
         "epochs": config.epochs >= 1,
-        "margin": config.margin > 0,
-        "before": config.before >= 0,
-        "cutoff": config.cutoff >= 0,
+        "margin": 0 < config.margin < np.inf,
+        "before": 0 <= config.before < np.inf,
+        "cutoff": 0 <= config.cutoff < np.inf,
+        "seed": 0 <= config.seed < 2**32,
     }
     for name, fits in right.items():
         if not fits:

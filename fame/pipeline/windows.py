@@ -29,9 +29,8 @@ class Windower:
 
     def __init__(self) -> None:
         self._tail: Samples | None = None
-        self._first = self._next = (
-            0  # indices, since the beginning: of the tail's first sample, of the next window's end
-        )
+        self._first = 0  # index, since the beginning, of the tail's first sample
+        self._end: int | None = None  # and of the last window's last sample
 
     def feed(
         self,
@@ -47,10 +46,11 @@ class Windower:
             values = np.concatenate((self._tail.values, values))
             stamps = np.concatenate((self._tail.stamps, stamps))
         else:
-            self._first, self._next = 0, size - 1
-        ends: Whole = np.arange(max(self._next - self._first, size - 1), len(stamps), stride)
+            self._first, self._end = 0, None
+        due = 0 if self._end is None else self._end + stride - self._first
+        ends: Whole = np.arange(max(due, size - 1), len(stamps), stride)
         if len(ends):
-            self._next = self._first + int(ends[-1]) + stride
+            self._end = self._first + int(ends[-1])
         kept = max(0, len(stamps) - (size - 1))
         self._tail, self._first = Samples(values[kept:], stamps[kept:]), self._first + kept
         ends = _of_rate(ends, stamps, size, rate, report)
