@@ -94,6 +94,8 @@ JUEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
     ("-stamp % 10000000000000000000", {"stamp": 12345678901234567891}, -2345678901234567891),
     ("xs.indexOf(5)", {"xs": [1, 2]}, -1),
     ("xs.indexOf(2)", {"xs": (1, 2)}, 1),
+    ("xs[i / 2]", {"xs": [1, 2], "i": 2}, 2),
+    (r"'\uD83D\uDE00'", {}, "\U0001f600"),
 ]
 
 FEEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
@@ -163,6 +165,19 @@ FEEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
     ("modulo(5, 0)", {}, None),
     ('max([1, "a"])', {}, None),
     ('number("weed")', {}, None),
+    ("{a: 1, b: a + 1}.b", {"a": 5}, 2),
+    ("{a: a, b: for x in [a] return x}.b[1]", {"a": 5}, 5),
+    ("for i in 0..4 return if i = 0 then 1 else i * partial[-1]", {}, [1, 1, 2, 6, 24]),
+    ("for i in [1, 2], j in [3, 4] return i * j", {}, [3, 4, 6, 8]),
+    ("for i in 1..3, j in 1..i return j", {}, [1, 1, 2, 1, 2, 3]),
+    ("some i in [1, 2], j in [2, 3] satisfies i = j", {}, True),
+    ("every i in [1, 2], j in [2, 3] satisfies i < j", {}, False),
+    ("not x = 4", {"x": 3}, True),
+    ("not(x = 4) and true", {"x": 3}, True),
+    ('substring("foobar", 0)', {}, None),
+    ('substring("foobar", -10)', {}, None),
+    ('substring("foobar", -2, 1)', {}, "a"),
+    (r'"\U01F40E\uD83D\uDE00"', {}, "\U0001f40e\U0001f600"),
     ("größe > 1 and class = 3", {"größe": 2, "class": 3}, True),
 ]
 
@@ -190,6 +205,24 @@ def test_a_camunda_7_expression_names_what_is_not_set() -> None:
         juel("x > 3")
     with pytest.raises(NameError, match="Point has no field `z`; it has x, y"):
         juel("p.z", p=Point())
+
+
+def test_a_number_of_any_length_is_one() -> None:
+    assert juel("1" * 5000) == math.inf
+    assert feel("1" * 5000) == math.inf
+
+
+def test_entries_of_a_context_leave_the_variables_alone() -> None:
+    variables = {"a": 5, "partial": 7}
+    evaluate = compile_expression(Expression("{a: 1, partial: for x in [2] return x + a}", "feel"))
+    assert evaluate(variables) == {"a": 1, "partial": [3]}
+    assert variables == {"a": 5, "partial": 7}
+
+
+@pytest.mark.parametrize("text", ["true + 1", "xs + 1"])
+def test_what_is_no_number_is_not_added(text: str) -> None:
+    with pytest.raises(TypeError, match="is not a number"):
+        juel(text, xs=[1])
 
 
 def test_texts_and_numbers_that_have_no_order_are_an_error() -> None:

@@ -456,3 +456,61 @@ def test_its_engine_is_loaded_when_a_script_is_compiled_and_not_before() -> None
     code = "import sys, fame.scripting, fame.node; print('quickjs' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+# ---- as in Node.js ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "seen"),
+    [
+        (r"({'\0': '5'})", {"\0": "5"}),
+        (r"[{'\0': 'weed'}, {'\0': 5}, NaN]", [{"\0": "weed"}, {"\0": 5}, math.nan]),
+        ("new Map([['a', new Set([1, 2])]])", {"a": [1, 2]}),
+    ],
+)
+def test_maps_and_strange_keys_are_what_they_are(text: str, seen: Any) -> None:
+    assert alike(script(f"this.environment.variables.y = {text}; next()")["y"], seen)
+
+
+def test_large_integers_keep_their_digits() -> None:
+    given = script("this.environment.variables.y = [9007199254740993n, -(2n ** 70n), 5n]; next()")["y"]
+    assert given == [9007199254740993, -(2**70), 5]
+    assert [*map(type, given)] == [int, int, int]
+
+
+def test_a_strange_key_of_python_stays_a_key() -> None:
+    assert (
+        script("const v = this.environment.variables; v.y = typeof v.x['\\0']; next()", x={"\0": "5"})["y"] == "string"
+    )
+
+
+@pytest.mark.parametrize("none", ["''", "0", "false", "null", "undefined", "NaN"])
+def test_an_error_that_is_none_completes(none: str) -> None:
+    assert run(f"next({none})") == {}
+
+
+def test_a_thousand_calls_within_calls_are_no_endless_recursion() -> None:
+    assert (
+        script("const sum = (n) => n && n + sum(n - 1); this.environment.variables.y = sum(1000); next()")["y"]
+        == 500500
+    )
+
+
+def test_what_is_no_timer_is_not_cleared() -> None:
+    assert run("for (const one of [{}, '1', NaN, 1n, null, undefined, Symbol('x')]) clearTimeout(one); next()") == {}
+
+
+def test_a_timer_is_cleared_by_its_number_as_text_too() -> None:
+    text = "const v = this.environment.variables; const t = setTimeout(() => { v.y = 1 }, 1); clearTimeout(`${t}`);"
+    assert run(f"{text} setTimeout(next, 5)") == {}
+
+
+def test_a_large_collection_may_be_changed_in_a_callback_that_does_not_look_at_it() -> None:
+    text = "const xs = this.environment.variables.xs; setTimeout(() => { xs[0] = 'changed'; next() }, 1)"
+    assert run(text, xs=[*range(6000)])["xs"][0] == "changed"
+
+
+def test_an_async_function_that_throws_is_thought_of_when_nothing_is_left() -> None:
+    error = error_of("(async () => { await null; JSON.parse('{'); next() })()")
+    assert "an async function may have thrown" in str(error)

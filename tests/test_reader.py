@@ -173,6 +173,15 @@ def test_another_language_is_an_error_that_names_the_accepted_forms() -> None:
     assert (error.element, error.line) == ("t", 3)
 
 
+@pytest.mark.parametrize("text", [r"${x == 'it\'s'}", r"${x == '\\'}", r"${x == 'a\'}\'b'}"])
+def test_a_quote_behind_a_backslash_ends_no_text(text: str) -> None:
+    (flow,) = body_of(
+        f"""<startEvent id="s"/><endEvent id="e"/><sequenceFlow id="f" sourceRef="s" targetRef="e">
+        <conditionExpression>{text}</conditionExpression></sequenceFlow>"""
+    ).flows
+    assert flow.condition == Expression(text, "juel", 4)
+
+
 def test_a_condition_that_mixes_text_and_expressions_is_refused() -> None:
     with pytest.raises(ModelError, match="put the whole of it into one"):
         condition_of("${x} &gt; 1")

@@ -44,9 +44,11 @@ def is_whole(text: str) -> bool:
     """
     if text[:2] not in ("${", "#{") or text[-1] != "}":
         return False
-    depth, quote = 0, ""
+    depth, quote, escaped = 0, "", False
     for place, letter in enumerate(text):
-        if quote:
+        if escaped or (quote and letter == "\\"):
+            escaped = not escaped
+        elif quote:
             quote = "" if letter == quote else quote
         elif letter in "'\"":
             quote = letter

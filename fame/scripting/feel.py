@@ -11,10 +11,19 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from fame.scripting.data import NUMBERS, is_number
-from fame.scripting.feel_lists import COMPARE, bracket, index_or_filter, iteration, parenthesis, quantified, span
+from fame.scripting.feel_lists import (
+    COMPARE,
+    bracket,
+    context,
+    index_or_filter,
+    iteration,
+    parenthesis,
+    quantified,
+    span,
+)
 from fame.scripting.feel_values import Bound, Range, equal, field_of, order, power, quotient, within
 from fame.scripting.functions import FUNCTIONS
-from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix, mapping
+from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix
 from fame.scripting.lexer import ExpressionError
 
 OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
@@ -138,7 +147,7 @@ def _path(parser: Parser, left: Evaluate) -> Evaluate:
 
 
 def _not(parser: Parser) -> Evaluate:
-    operand = parser.expression(UNARY)
+    operand = parser.expression(UNARY if parser.at("(") else AND)  # `not x = 4` is about the comparison
 
     def evaluate(variables: Mapping[str, Any]) -> bool | None:
         value = operand(variables)
@@ -215,7 +224,7 @@ FEEL = Dialect(
         "is": _is_defined,
         "(": parenthesis,
         "[": bracket,
-        "{": mapping,
+        "{": context,
     },
     infixes=_table(),
     functions=FUNCTIONS,

@@ -75,12 +75,30 @@ def span(parser: Parser, low: Evaluate, *, with_low: bool) -> Evaluate:
     return lambda variables: Range(low(variables), high(variables), with_low, with_high)
 
 
-def _iterated(parser: Parser) -> tuple[str, Callable[[Mapping[str, Any]], Iterable[Any]]]:
-    """``x in items`` or ``i in 1..5``."""
+def _iterated(parser: Parser) -> tuple[list[str], Callable[[Mapping[str, Any]], Iterable[Mapping[str, Any]]]]:
+    """``x in items, i in 1..5``: the names, and a scope for each combination; the last one runs fastest."""
+    domains = [_domain(parser, [])]
+    while parser.take(","):
+        domains.append(_domain(parser, [name for name, _ in domains]))
+
+    def scopes(variables: Mapping[str, Any], place: int = 0) -> Iterable[Mapping[str, Any]]:
+        name, items = domains[place]
+        for item in items(variables):
+            inner = _scope(variables, {name: item})
+            if place + 1 < len(domains):
+                yield from scopes(inner, place + 1)
+            else:
+                yield inner
+
+    return [name for name, _ in domains], scopes
+
+
+def _domain(parser: Parser, before: list[str]) -> tuple[str, Callable[[Mapping[str, Any]], Iterable[Any]]]:
+    """``x in items`` or ``i in 1..5``; it may name what was iterated `before`."""
     name = parser.name()
     parser.expect("in")
-    first = parser.expression(COMPARE)
-    last = parser.expression(COMPARE) if parser.take("..") else None
+    first = parser.inside(before, COMPARE)
+    last = parser.inside(before, COMPARE) if parser.take("..") else None
 
     def items(variables: Mapping[str, Any]) -> Iterable[Any]:
         value = first(variables)
@@ -97,17 +115,46 @@ def _iterated(parser: Parser) -> tuple[str, Callable[[Mapping[str, Any]], Iterab
 
 
 def iteration(parser: Parser) -> Evaluate:
-    name, items = _iterated(parser)
+    """After ``for``. `partial` is the list of the results so far (DMN 1.5, section 10.3.2.14)."""
+    names, scopes = _iterated(parser)
     parser.expect("return")
-    result = parser.inside([name])
-    return lambda variables: [result(_scope(variables, {name: item})) for item in items(variables)]
+    result = parser.inside([*names, "partial"])
+
+    def evaluate(variables: Mapping[str, Any]) -> list[Any]:
+        results: list[Any] = []
+        for scope in scopes(_scope(variables, {"partial": results})):
+            results.append(result(scope))  # noqa: PERF401 - the results so far are seen from inside
+        return results
+
+    return evaluate
+
+
+def context(parser: Parser) -> Evaluate:
+    """After ``{``: keys are names or texts; an entry sees those before it (DMN 1.5, section 10.3.2.6)."""
+    entries: list[tuple[str, Evaluate]] = []
+    while not parser.take("}"):
+        key = str(parser.advance().value) if parser.token.kind == "text" else parser.name()
+        parser.expect(":")
+        entries.append((key, parser.inside([key for key, _ in entries])))
+        if not parser.at("}"):
+            parser.expect(",")
+
+    def evaluate(variables: Mapping[str, Any]) -> dict[str, Any]:
+        made: dict[str, Any] = {}
+        inner = _scope(variables, made)
+        for key, value in entries:
+            made[key] = value(inner)
+            inner.define(key, made[key])
+        return made
+
+    return evaluate
 
 
 def quantified(join: Callable[[Iterable[bool]], bool]) -> Callable[[Parser], Evaluate]:
     def quantified(parser: Parser) -> Evaluate:
-        name, items = _iterated(parser)
+        names, scopes = _iterated(parser)
         parser.expect("satisfies")
-        test = parser.inside([name])
-        return lambda variables: join(test(_scope(variables, {name: item})) is True for item in items(variables))
+        test = parser.inside(names)
+        return lambda variables: join(test(scope) is True for scope in scopes(variables))
 
     return quantified

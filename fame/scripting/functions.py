@@ -49,6 +49,8 @@ def _over(function: Callable[[list[Any]], Any]) -> Callable[..., Any]:
 
 def _sub(text: str, start: int, length: int | None = None) -> str:
     first = start - 1 if start > 0 else len(text) + start
+    if start == 0 or not 0 <= first <= len(text):
+        raise ValueError(f"the text has no place {start}")
     return text[first:] if length is None else text[first : first + length]
 
 

@@ -60,8 +60,8 @@ def item_of(value: Any, key: Any) -> Any:
     if value is None or key is None:
         return None
     if isinstance(value, str) or is_list(value):
-        index = to_number(key)
-        return plain(value[index]) if isinstance(index, int) and 0 <= index < len(value) else None
+        index = int(to_number(key) or 0)
+        return plain(value[index]) if 0 <= index < len(value) else None
     if not isinstance(key, str):
         return value.get(key) if isinstance(value, Mapping) else None
     if key.startswith("_"):
@@ -134,12 +134,14 @@ def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evalu
 def _plus(left: Evaluate, right: Evaluate) -> Evaluate:
     def evaluate(variables: Mapping[str, Any]) -> Any:
         a, b = left(variables), right(variables)
-        if isinstance(a, str) or isinstance(b, str):
-            try:
-                a, b = to_number(a), to_number(b)
-            except TypeError:
+        if a.__class__ in NUMBERS and b.__class__ in NUMBERS:
+            return operator.add(a, b)
+        try:
+            return (to_number(a) or 0) + (to_number(b) or 0)
+        except TypeError:
+            if isinstance(a, str) or isinstance(b, str):
                 return to_text(a) + to_text(b)
-        return (0 if a is None else a) + (0 if b is None else b)
+            raise
 
     return evaluate
 

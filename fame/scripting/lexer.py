@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,7 +16,9 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE | re.DOTALL,
 )
-_ESCAPE = re.compile(r"\\(u[0-9a-fA-F]{4}|.)", re.DOTALL)
+_ESCAPE = re.compile(
+    r"\\(u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|u[0-9a-fA-F]{4}|U[0-9a-fA-F]{6}|.)", re.DOTALL
+)
 _ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}
 
 
@@ -62,7 +65,7 @@ def _token(match: re.Match[str], place: int) -> Token:
     text = match.group()
     match match.lastgroup:
         case "number":
-            return Token("number", int(text) if text.isdecimal() else float(text), place)
+            return Token("number", int(text) if text.isdecimal() and len(text) < 4000 else float(text), place)
         case "text":
             return Token("text", _ESCAPE.sub(_unescape, text[1:-1]), place)
         case "name":
@@ -73,4 +76,9 @@ def _token(match: re.Match[str], place: int) -> Token:
 
 def _unescape(match: re.Match[str]) -> str:
     code = match.group(1)
-    return chr(int(code[1:], 16)) if len(code) == 5 else _ESCAPED.get(code, code)
+    if len(code) == 1:
+        return _ESCAPED.get(code, code)
+    if len(code) == 11:  # two halves of UTF-16 are one letter
+        return bytes.fromhex(code[1:5] + code[7:]).decode("utf-16-be")
+    point = int(code[1:], 16)
+    return chr(point) if point <= sys.maxunicode else code

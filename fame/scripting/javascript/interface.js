@@ -11,12 +11,13 @@
 "use strict";
 const { stringify, parse } = JSON;
 const { defineProperty, getOwnPropertyDescriptor } = Reflect;
-const { isFinite } = Number;
+const { isFinite, isSafeInteger } = Number;
 const { slice } = String.prototype;
 const { then } = Promise.prototype;
 const { captureStackTrace } = Error;
 const LARGE = 10000; // characters: what is longer is looked through for changes only when a script has looked at it
 const HIDDEN = "\0"; // the only key of what stands for a number that JSON has not
+const SPECIAL = ["NaN", "Infinity", "-Infinity"];
 
 let settings = { namespace: "/", name: "", seed: 1 };
 let now = 0; // ms since 1970, on the engine's clock
@@ -35,7 +36,7 @@ const output = {};
 
 const special = (key, value) => (typeof value === "number" && !isFinite(value) ? { [HIDDEN]: `${value}` } : value);
 const restored = (key, value) =>
-    value !== null && typeof value === "object" && typeof value[HIDDEN] === "string" ? Number(value[HIDDEN]) : value;
+    value !== null && typeof value === "object" && SPECIAL.includes(value[HIDDEN]) ? Number(value[HIDDEN]) : value;
 
 // The JSON text of a value; `undefined` for what is no data.
 function encode(value) {
@@ -55,7 +56,12 @@ const whole = (text) => (text.length > 256 ? slice.call(text, 0) : text);
 const decode = (text) => (text.includes("\\u0000") ? parse(text, restored) : parse(text));
 
 const fixed = (object, name, value) => defineProperty(object, name, { value, writable: true, configurable: true });
-fixed(BigInt.prototype, "toJSON", function toJSON() { return Number(this); });
+fixed(BigInt.prototype, "toJSON", function toJSON() {
+    const number = Number(this); // what has more digits than a number says them all
+    return isSafeInteger(number) || !isFinite(number) ? number : { [HIDDEN]: `${this}n` };
+});
+fixed(Map.prototype, "toJSON", function toJSON() { return Object.fromEntries(this); });
+fixed(Set.prototype, "toJSON", function toJSON() { return [...this]; });
 fixed(Object.getPrototypeOf(Int8Array).prototype, "toJSON", function toJSON() { return Array.from(this); });
 
 function refuse(text, caller) {
@@ -98,7 +104,11 @@ function read(environment, name) {
         value = environment.values[name] = decode(value.text);
         agree(environment, name, encode(value));
     }
-    if (environment.agreed.get(name)?.length > LARGE) environment.large.add(name);
+    if (environment.agreed.get(name)?.length > LARGE) {
+        environment.large.add(name);
+        if (current.large === NONE) current.large = new Set();
+        current.large.add(name);
+    }
     return value;
 }
 
@@ -186,7 +196,8 @@ function changes(environment) {
 
 const NONE = new Set();
 
-// `over` is the step in which next() was called, `value` what it was told, `error` a description.
+// `over` is the step in which next() was called, `value` what it was told, `error` a description, `large` the names of
+// large collections that it has looked at.
 class Activation {
     constructor(script, environment) {
         this.number = ++numbers;
@@ -194,7 +205,7 @@ class Activation {
         this.environment = environment;
     }
 }
-Object.assign(Activation.prototype, { over: 0, value: undefined, error: undefined, callbacks: NONE }); // cheaper there
+Object.assign(Activation.prototype, { over: 0, value: undefined, error: undefined, callbacks: NONE, large: NONE }); // cheaper there
 
 // `this` of a script.
 class Scope {
@@ -217,7 +228,7 @@ const nextOf = (activation) => (error, value) => advance(activation, error, valu
 function advance(activation, error, value) {
     if (!activation.over) {
         activation.over = count;
-        if (error !== undefined && error !== null && error !== false) activation.error = describe(error);
+        if (error) activation.error = describe(error);
         else if (value !== undefined) output[activation.script.id] = activation.value = value;
         if (activation !== current) end(activation, activation.error ?? null);
     } else if (activation.over === count && !activation.error) {
@@ -345,7 +356,9 @@ function setTimeout(callback, ms, ...values) {
     return number;
 }
 
-function clearTimeout(number) {
+function clearTimeout(timer) {
+    const number = typeof timer === "string" ? Number(timer) : timer;
+    if (!callbacks.has(number)) return;
     drop(number);
     order("drop", number);
 }
@@ -432,6 +445,7 @@ function resume(number, payload, time, text) {
     if (callback.once) drop(number);
     try {
         if (text !== null) update(activation.environment, text);
+        for (const name of activation.large) activation.environment.large.add(name); // it may hold them
         (0, callback.call)(decode(payload));
     } catch (error) {
         fail(activation, error);

@@ -12,8 +12,8 @@ from fame.errors import UnavailableError
 MEMORY = 64 * 2**20
 """Bytes that the scripts of one process instance may hold."""
 
-STACK = 512 * 2**10
-"""Bytes of stack: endless recursion ends in an error of the script."""
+STACK = 2 * 2**20
+"""Bytes of stack, over a thousand calls within calls: endless recursion ends in an error of the script."""
 
 SECONDS = 5.0
 """Processor time of one step (s), as the whole process spends it; built-in functions and regular expressions count."""

@@ -327,6 +327,8 @@ def _never(run: Run) -> BaseException | None:
     else:
         text = "returned without calling next(), and left nothing that could call it"
     rejection = f"; a promise was rejected: {run.rejection}" if run.rejection else ""
+    if not rejection and "async" in run.script.names:
+        rejection = "; an async function may have thrown: what it throws is heard where it is awaited or caught"
     return located(JavaScriptError(text + rejection), run.script)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,7 @@ ATOMS = frozenset({int, float, str, bool, type(None)})
 
 _SPECIAL = "\0"
 _SPELLED = {math.inf: "Infinity", -math.inf: "-Infinity"}
+_HIDDEN = re.compile(r"NaN|-?Infinity|-?[0-9]{1,400}n")
 
 
 def encode(value: Any) -> str:
@@ -60,6 +62,8 @@ def _marked(value: Any) -> Any:
 
 
 def _restored(mapping: dict[str, Any]) -> Any:
-    if mapping.keys() == {_SPECIAL}:
-        return float(mapping[_SPECIAL])
+    if mapping.keys() == {_SPECIAL} and isinstance(mapping[_SPECIAL], str):
+        found = _HIDDEN.fullmatch(mapping[_SPECIAL])
+        if found is not None:
+            return int(found[0][:-1]) if found[0][-1] == "n" else float(found[0])
     return mapping
