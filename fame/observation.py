@@ -23,7 +23,7 @@ _new_tuple = tuple.__new__
 
 
 class Event(NamedTuple):
-    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``."""
+    """One thing that happened. `time` in ns; `what` as in `fame.engine`, or ``log``, ``report``, ``answer``."""
 
     time: int
     robot: str

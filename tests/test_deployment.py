@@ -10,6 +10,7 @@ from fame import deployment
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
 from fame.deployment import Deployment, EngineNode, Report
+from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.remote.sending import Sending
@@ -160,6 +161,58 @@ def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_
     assert sent.failed
     assert {event.detail for event in told} == {"refused: not signed; this robot runs only what a trusted key signed"}
     assert sent.standings["B"].reason in ("had not answered yet", "called off because of A")
+
+
+def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
+    field, told = Field("B"), []
+    field.engines["A"] = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, on_report=told.append)
+    field.listen("A")
+    field.send("A", patrol(2).replace("mark = 2", "mark = = 2"))
+    field.pass_time(0.1)
+    unknown = deployment.Envelope(deployment="d9", sequence=3, robot="A", phase="start")
+    field.send("A", unknown.to_json())
+    field.pass_time(0.1)
+    assert [event.what for event in told] == ["report", "answer"]
+
+
+JUMP = f"""<definitions xmlns="{BPMN}" targetNamespace="t">
+<process id="Jump"><startEvent id="s"/>
+<scriptTask id="jump"><script>
+high = 3
+raise BpmnError("fell")</script></scriptTask>
+<sequenceFlow id="j" sourceRef="s" targetRef="jump"/></process></definitions>"""
+CLIMB = f"""<definitions xmlns="{BPMN}" targetNamespace="t">
+<collaboration id="c">
+<participant id="A" name="A" processRef="pa"/>
+<participant id="B" name="B" processRef="pb"/></collaboration>
+<process id="pa"><startEvent id="sa"/>
+</process>
+<process id="pb">
+<startEvent id="s"/>
+<scriptTask id="jump"><script>tries = 1
+tries = WORK</script></scriptTask>
+<callActivity id="call"
+ calledElement="Jump"/>
+<sequenceFlow id="f" sourceRef="s" targetRef="jump"/><sequenceFlow id="g" sourceRef="jump" targetRef="call"/>
+</process></definitions>"""
+
+
+@pytest.mark.parametrize(
+    ("work", "said"),
+    [
+        ("1 / 0", "B: jump (team.bpmn:10): ZeroDivisionError: division by zero"),
+        ("2", "B: jump_2 ({folder}/Jump.bpmn:5): error fell was not caught"),
+    ],
+)
+def test_a_sender_tells_what_a_robot_says_with_the_places_of_its_own_files(work, said, tmp_path):
+    (tmp_path / "Jump.bpmn").write_text(JUMP)
+    field = Field("A", "B")
+    sent = field.deploy(CLIMB.replace("WORK", work), library=Library(tmp_path))
+    assert not sent.failed
+    error = field.engines["B"].running.instances[-1].error
+    assert "B.bpmn:" in str(error)
+    assert sent.in_own_files("B", str(error)) == said.format(folder=tmp_path)
+    assert sent.in_own_files("B", "B.bpmn: late, DB.bpmn:8, B.bpmn:999") == "team.bpmn: late, DB.bpmn:8, B.bpmn:999"
 
 
 def test_a_topic_whose_other_end_does_not_come_is_named():

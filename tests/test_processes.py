@@ -399,6 +399,17 @@ def test_a_mission_in_many_processes_completes(tmp_path, field):
     assert {name: robot["completed"] for name, robot in said["robots"].items()} == {"A": 1, "B": 1}
 
 
+def test_what_a_robot_refuses_is_said_once_with_the_place_in_the_file_that_was_given(tmp_path, field):
+    path = tmp_path / "grip.bpmn"
+    task = '\n<serviceTask id="t" xmlns:c="http://camunda.org/schema/1.0/bpmn" c:type="external" c:topic="grip"/>\n'
+    path.write_text(f'{HEAD}<process id="A"><startEvent id="s"/>{task}{flows("f", "s", "t")}</process></definitions>')
+    process = field.start("run", str(path), "--middleware", "dds", "--duration", "20")
+    _, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 1
+    (line,) = [line for line in err.splitlines() if "calls the service" in line]
+    assert line.startswith(f"fame: A: refused: {path}:2: t: calls the service 'grip'; known are: ")
+
+
 def test_a_mission_in_many_processes_ends_when_its_simulated_seconds_are_over(tmp_path, field):
     model = tmp_path / "both.bpmn"
     model.write_text(BOTH_WAIT)

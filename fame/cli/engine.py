@@ -145,5 +145,9 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
 
 
 def _say(event: Event) -> None:
+    from fame.remote.children import is_child
+
+    if event.what == "answer" and is_child():  # whoever started us asked, and says it
+        return
     place = f"{event.robot}: {event.element}" if event.element else event.robot
     print(f"{event.time / 1e9:9.1f} s   {place}: {event.detail}", file=sys.stderr, flush=True)

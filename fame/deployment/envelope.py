@@ -20,6 +20,8 @@ SILENCE = 5.0
 """After how long without a word from its sender a robot that is ready asks the others (s)."""
 PHASES = ("load", "hold", "start", "abort")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
+PLAIN = "plain-"
+"""How the deployment of a bare model begins: nobody waits for an answer."""
 _SIZE = 20_000_000
 LAST = 2**53
 """A sequence is less: microseconds until the year 2255, and exact in the JSON of every language."""
@@ -134,7 +136,7 @@ def read_envelope(text: str, robot: str) -> Envelope:
     text = text.removeprefix("\ufeff")  # the mark that editors put before a file's text
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
-        return Envelope(deployment=f"plain-{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
+        return Envelope(deployment=f"{PLAIN}{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
     try:
         said = json.loads(text)
         said.pop("fame")

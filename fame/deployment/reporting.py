@@ -23,7 +23,7 @@ _ANSWERS = 100
 class Status:
     """The voice of a robot: `standing` gives what a `Report` says beside the answer. It minds who speaks on `topic`
     with another type, and listens to itself: the younger of two with one name leaves. `refused` is told why something
-    was refused.
+    was refused, and as an answer to which deployment, if it was one.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Status:
         node: Node,
         scheduler: Scheduler,
         middleware: Middleware,
-        refused: Callable[[str], object],
+        refused: Callable[[str, str], object],
     ) -> None:
         self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
         self._scheduler, self._middleware, self._refused = scheduler, middleware, refused
@@ -64,7 +64,7 @@ class Status:
         )
         self._out.publish(messages.create(STRING, report.to_json()))
         if answer == "refused":
-            self._refused(reason)
+            self._refused(reason, deployment)
 
     def answer(self, answer: str, deployment: str, reason: str = "") -> None:
         """The last word on a deployment so far, which is said `again` to whoever asks."""

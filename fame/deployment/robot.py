@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.candidate import Candidate, Stage
-from fame.deployment.envelope import PROCESS_QOS, STRING, Envelope, read_envelope
+from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, read_envelope
 from fame.deployment.loading import load
 from fame.deployment.reporting import Status, progress, state_of
 from fame.deployment.tasks import Tasks
@@ -95,14 +95,15 @@ class EngineNode:
         said = {"state": self.state, "hash": self.hash, "deployed": self.deployed, "sequence": self._newest[0]}
         return {**said, "now": self._time.now / SECOND, **progress(self.running)}
 
-    def _refused(self, reason: str) -> None:
-        self._note(f"refused: {reason}")
+    def _refused(self, reason: str, deployment: str) -> None:
+        asked = deployment and not deployment.startswith(PLAIN)
+        self._note(f"refused: {reason}", "answer" if asked else "report")
 
-    def _note(self, text: str) -> None:
-        """Tell whoever looks at this engine."""
+    def _note(self, text: str, what: str = "report") -> None:
+        """Tell whoever looks at this engine. Of an answer whoever asked is told as well."""
         from fame.node import Event
 
-        self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", "report", text))
+        self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", what, text))
 
     # ---- what it is told -------------------------------------------------------------------------------------------
 

@@ -84,7 +84,8 @@ class Deployment:
         self._key, self._wall_time = key, wall_time
         self.id, self.sequence, self.scheduler, self.middleware = id, sequence, scheduler, middleware
         self._ended, self._patience = ended, patience
-        library = library or Library()
+        self._definitions, self._library = definitions, library or Library()
+        library = self._library
         cast = cast_of(definitions, engines(middleware) if robots is None else robots, found=robots is None, only=only)
         sent = [pool.process for robot, pool in cast.items() if not only or robot in only]
         refuse_errors(definitions, sent, library, sent=True)
@@ -110,6 +111,7 @@ class Deployment:
         self._again: Entry | None = None
         self._phase = ""
         self._spoke = 0  # when all were last told to wait on, ns
+        self._own: dict[str, Callable[[str], str]] = {}  # of each robot: what makes places of its file those of ours
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
         self.node = middleware.node("fame_deploy")
         self._out = {
@@ -190,8 +192,20 @@ class Deployment:
                 self._count()
 
     def _answered(self, standing: Standing, report: Report) -> None:
-        standing.state, standing.reason = report.answer, report.reason
+        standing.state, standing.reason = report.answer, self.in_own_files(standing.robot, report.reason)
         standing.took = (self.scheduler.now - self._begun) / SECOND
+
+    def in_own_files(self, robot: str, text: str) -> str:
+        """What a robot says, with places of the file that it was sent as those in the files that this was made of."""
+        standing = self.standings.get(robot)
+        if standing is None or f"{robot}.bpmn" not in text:
+            return text
+        if robot not in self._own:
+            from fame.deployment.origins import relocated
+
+            process, model = standing.pool.process, standing.envelope.model
+            self._own[robot] = relocated(robot, self._definitions, process, self._library, model)
+        return self._own[robot](text)
 
     def _vote(self) -> None:
         """One refusal ends it for all; when all are ready, all are told to start, and that is not taken back."""

@@ -9,6 +9,7 @@ import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +58,9 @@ class Team:
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
         self.result = TeamResult("timeout")
-        self._children = Children(lambda name, line: self.scheduler.soon(partial(hear, name, line)))
+        self._children = Children(
+            lambda name, line: self.scheduler.soon(lambda: hear(name, self._in_own_files(name, line)))
+        )
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
         self._last_look = False
@@ -137,11 +140,15 @@ class Team:
         report = Report.from_json(message.data)
         if report is None:
             return
-        self.reports[robot] = report
+        self.reports[robot] = replace(report, error=self._in_own_files(robot, report.error))
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
             self._over()
+
+    def _in_own_files(self, name: str, text: str) -> str:
+        """What a process says, with the places of the model that was deployed."""
+        return self._deployment.in_own_files(name, text) if self._deployment is not None else text
 
     def _world_is_there(self) -> bool:
         return self.scenario.world is None or self.world is not None
