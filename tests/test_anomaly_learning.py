@@ -1,5 +1,6 @@
 """Learning: the file, the table, the best model, and how it is stored."""
 
+import re
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -318,3 +319,43 @@ def test_the_one_class_svm_of_the_paper_by_resubstitution():
     fit(estimator, process, benign, supervised=False, unique=True)
     scores = run_scores(both, predict(estimator, process, both))
     assert tuple(by_run(both.run_labels(), scores, 0.22)) == (20, 2, 28, 0)
+
+
+LEARNING = "Files: {supervised_train: {name: runs.csv, input_col: [0, 1], output_col: [2]}}\n"
+CHAIN = "{joints: [{name: a, origin: [0, 0, %s], axis: [0, 0, 1]%s}]}"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (LEARNING + "Classifiers: 5", "Classifiers: found 5; a list"),
+        (LEARNING + "Classifiers: [{name: x, class: SVC, unique: 'no'}]", "unique: found 'no'; true or false"),
+        (LEARNING + "Classifiers: [{name: x, class: None}]", "x: found the class 'None'"),
+        (LEARNING + "Operations: {reduction: 7}\nThreshold: 0.1", "reduction: found 7"),
+        (LEARNING.replace("[0, 1]", "[0, 2]"), "supervised_train.input_col: found [0, 2], of which 2 is the label"),
+        (LEARNING.replace("[0, 1]", "[0, 0]"), "input_col: found [0, 0]; each column once"),
+        (LEARNING.replace("[2]", "[2, 3]"), "output_col: found [2, 3]; one column"),
+        *(
+            (LEARNING + f"Classifiers: [{{name: x, class: PathDetector, parameters: {{chain: {chain}}}}}]", why)
+            for chain, why in (
+                (CHAIN % (".nan", ""), "not finite"),
+                (CHAIN % (0, ", steps: 0"), "found 0 steps"),
+                (CHAIN % ("9" * 400, ""), "is no arm"),
+                (CHAIN % (0, "") + ", margin: wide", "x: found the margin 'wide'"),
+                (CHAIN % (0, ""), "has 2 joints; the chain of the PathDetector has 1"),
+            )
+        ),
+    ],
+)
+def test_every_wrong_learning_file_is_one_line_that_names_a_file(text: str, why: str, tmp_path: Path) -> None:
+    rows = [f"{run},{0.1 * step + run},{step % 3},{1 if run < 6 else -1}" for run in range(12) for step in range(6)]
+    (tmp_path / "runs.csv").write_text("\n".join(["run,a,b,label", *rows]) + "\n")
+    (tmp_path / "wrong.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=re.escape(why)) as caught:
+        learn(load(tmp_path / "wrong.yaml"))
+    assert str(caught.value).startswith(str(tmp_path))
+
+
+def test_a_grid_may_vary_the_classifiers_that_are_tried_without_any_named(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(LEARNING + "Grid: {rbfsvm: {gamma: [1, 2]}}")
+    assert [entry.parameters["gamma"] for entry in candidates(load(tmp_path / "a.yaml"))] == [1, 2]

@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = (
-    ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors", "fame.lazy", "fame.purposes"),
+    ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors", "fame.lazy", "fame.purposes", "fame.documents"),
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
     (

@@ -211,3 +211,26 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
     assert csv.read_text().splitlines()[0] == "stamp,run,Efforts.elbow,Efforts.wrist"
     assert csv.read_text().splitlines()[1].endswith(",0,1,2")
     assert (drawn[0], drawn[2], png.read_bytes()[:4]) == (0, "", b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["param", "set", "/low_pass", "cutoff", "["], "is no YAML"),
+        (["param", "set", "/low_pass", "cutoff", "2026-13-45"], "month must be in 1..12"),
+        (["process", "x.yaml", "--set", "cutoff=["], "which is no YAML"),
+        (["process", "x.yaml", "--set", "cutoff=2026-13-45"], "which is no YAML"),
+        (["process", "x.yaml", "--frequency", "1e12"], "--frequency: found 1000000000000.0"),
+        (["process", "x.yaml", "--frequency", "1e-300"], "--frequency: found 1e-300"),
+        (["topic", "list", "--duration", "1e300"], "--duration: found '1e300'"),
+        (["record", "x.yaml", "-o", "http://localhost:abc/robots"], "http://host:8086/database would be right"),
+    ],
+)
+def test_numbers_and_words_that_cannot_be_meant_are_a_wrong_request(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = "{Topic: x, Field: [data], MessageType: std_msgs/msg/Float64}"
+    (tmp_path / "x.yaml").write_text(f"Inputs: {{X: {port}}}\nOutputs: {{Y: {port}}}\nProcessor: LowPass\n")
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    assert said in capsys.readouterr().err

@@ -114,7 +114,7 @@ def test_a_message_file_is_imported_by_its_path(tmp_path: Path) -> None:
         ({"Inputs": {"X": {**JOINTS, "MessageType": "JointStates"}}}, "Inputs.X.MessageType: Imports has nothing, and"),
         ({"Inputs": {"X": {"Topic": "a", "Field": ["data"]}}}, "Inputs.X.MessageType: found None"),
         ({"Inputs": {"X": {**JOINTS, "Topic": "joint states"}}}, "found 'joint states', which is no name of a topic"),
-        ({"Inputs": {"X": {**JOINTS, "Rate": -3}}}, "Inputs.X.Rate: found -3; a number of Hz above 0"),
+        ({"Inputs": {"X": {**JOINTS, "Rate": -3}}}, "Inputs.X.Rate: found -3; a number of Hz from"),
         ({"Inputs": {"X": {**JOINTS, "Feild": 1}}}, "Inputs.X: found the key 'Feild'; known are Topic, Field"),
         ({"Inputs": {"X": JOINTS, "x": JOINTS}}, "X and x differ in capitals only"),
         ({"Inputs": {"X": JOINTS, "Y": {**FLOAT, "Topic": "joint_states"}}}, "a topic has one type"),
@@ -270,3 +270,27 @@ def test_nested_fields_empty_messages_and_numbers_of_numpy_are_written() -> None
     assert writer("std_msgs/msg/Empty", [()]).message([True], 1.0)
     assert writer("std_msgs/msg/Bool", [("data",)]).message([np.bool_(True)], 1.0).data is True
     assert writer("std_msgs/msg/Int32", [("data",)]).message([np.int64(3)], 1.0).data == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("Name: 2026-13-45", "is no YAML: month must be in 1..12"),
+        ("Name: !!int x", "is no YAML"),
+        ("Name: !!bool maybe", "is no YAML"),
+        ("Frequency: " + "9" * 5000, "is no YAML"),
+        ("[" * 5000, "nested too deeply"),
+        ("Inputs: {}\nInputs: {}", ":2: Inputs: is given twice"),
+        ("Processor: {Class: LowPass, Parameters: {cutoff: 1, cutoff: 2}}", ":1: cutoff: is given twice"),
+    ],
+)
+def test_whatever_yaml_makes_of_a_file_is_one_line_with_the_file(text: str, why: str, tmp_path: Path) -> None:
+    from fame.anomaly.chain import load_chain
+    from fame.anomaly.config import load as load_learning
+
+    (tmp_path / "wrong.yaml").write_text(text)
+    for read in (load, load_learning, load_chain):
+        with pytest.raises(ConfigError, match=re.escape(why)) as caught:
+            read(tmp_path / "wrong.yaml")
+        assert "wrong.yaml" in str(caught.value)
+        assert "\n" not in str(caught.value)

@@ -424,3 +424,35 @@ def test_parameters_of_a_chain_with_one_name_are_told_apart(bench: Bench) -> Non
 def test_a_node_that_is_not_there_is_named(bench: Bench) -> None:
     with pytest.raises(MissionError, match="/nobody: no node of that name offers parameters"):
         client(bench, "/nobody").names()
+
+
+WRONG = {
+    "no row": lambda x: Samples(x.values[:0], x.stamps[:0]),
+    "more stamps than values": lambda x: Samples(x.values[:1], np.append(x.stamps, 9.0)),
+    "a stamp that is no number": lambda x: Samples(x.values, np.full(len(x), np.nan)),
+    "a stamp beyond every message": lambda x: Samples(x.values, np.append(x.stamps[:-1], 1e10)),
+    "names that are no texts": lambda x: Samples(x.values, x.stamps, (1, 2)),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG.values(), ids=WRONG)
+def test_a_node_outlives_whatever_its_processor_gives(bench: Bench, wrong: Callable[[Samples], Samples]) -> None:
+    class Own:
+        outputs = ("filtered",)
+        calls = 0
+
+        def execute(self, inputs: Any) -> Any:
+            self.calls += 1
+            return {"filtered": wrong(inputs["Efforts"]) if self.calls == 1 else inputs["Efforts"]}
+
+    bench.node([Own()])
+    heard = bench.hear("filtered")
+    bench.move(0.2)
+    assert len(heard) > 50
+    assert all(-(2**31) <= message.header.stamp.sec < 2**31 for message in heard)
+
+
+def test_a_parameter_that_no_message_could_tell_is_refused_before_anything_runs(bench: Bench) -> None:
+    for sections in ({"Frequency": 1e-300}, {"Processor": {"Class": "Window", "Parameters": {"stride": 10**30}}}):
+        with pytest.raises(ConfigError, match="would be right"):
+            bench.node(**sections)

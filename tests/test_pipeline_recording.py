@@ -351,7 +351,16 @@ def test_lines_that_the_server_refuses_are_kept_apart(tmp_path: Path) -> None:
     assert (tmp_path / "spool.refused").read_text().count("\n") == 1
 
 
-@pytest.mark.parametrize("url", ["http://localhost:8086", "influx://localhost/robots", "http:///robots"])
+@pytest.mark.parametrize(
+    "url",
+    [
+        "http://localhost:8086",
+        "influx://localhost/robots",
+        "http:///robots",
+        "http://localhost:abc/robots",
+        "http://me:secret@localhost:8086/robots",
+    ],
+)
 def test_an_address_without_a_database_is_refused(tmp_path: Path, url: str) -> None:
     with pytest.raises(ConfigError, match="http://host:8086/database would be right"):
         Influx(url, tmp_path / "spool", "arm", print)
@@ -427,3 +436,63 @@ def test_names_with_commas_and_numbers_with_many_digits_come_back_from_the_csv(t
     (found,) = read_runs([tmp_path / "runs.csv"])
     assert found.names == ("Efforts.left, upper", "Efforts.two lines")
     np.testing.assert_allclose(found.values[0], [1763712345.123456, 1e-7], rtol=1e-15)
+
+
+def test_a_spool_that_was_torn_is_mended_before_it_is_gone_on_with(tmp_path: Path) -> None:
+    server = Server()
+    (tmp_path / "spool.lines").write_text("arm a=1.0,run=0i 1\narm a=2.3")  # killed in the middle of 2.345
+    try:
+        sink = influx(tmp_path, server.port, [])
+        sink.put(row(tmp_path, 2))
+        sink.close()
+    finally:
+        server.stop()
+    assert server.lines == ["arm a=1.0,run=0i 1", r"arm\ 1 Effort0=2.0,run=0i 200000000"]
+
+
+def test_what_answers_but_speaks_no_http_counts_as_away(tmp_path: Path) -> None:
+    said: list[str] = []
+    with socket.create_server(("127.0.0.1", 0)) as other:
+
+        def answer() -> None:
+            with other.accept()[0] as line:
+                line.recv(4096)
+                line.sendall(b"SSH-2.0-nothing\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        sink = influx(tmp_path, other.getsockname()[1], said)
+        sink.put(row(tmp_path, 1))
+        sink.flush()
+        thread.join()
+        sink.close(0.2)
+    assert said[0].startswith("the server cannot be reached (")
+    assert "bytes wait in" in said[-1]
+
+
+def test_a_name_with_a_line_break_stays_in_its_line(tmp_path: Path) -> None:
+    server = Server()
+    try:
+        sink = influx(tmp_path, server.port, [])
+        sink.put(row(tmp_path, 1)._replace(values=[np.ones(2)], names=[("a\nb", "c d")]))
+        sink.close()
+    finally:
+        server.stop()
+    assert server.lines == [r"arm\ 1 a\ b=1.0,c\ d=1.0,run=0i 100000000"]
+
+
+def test_two_databases_get_every_row_and_neither_the_others_leavings(tmp_path: Path) -> None:
+    servers = Server(), Server()
+    urls = [f"http://127.0.0.1:{server.port}/robots" for server in servers]
+    try:
+        bench = Bench()
+        node = bench.record(configuration(tmp_path, Efforts=EFFORTS), *urls)
+        for number in range(1, 4):
+            bench.joints(number / 10, 1.0, 2.0)
+        bench.run()
+        node.close()
+    finally:
+        for server in servers:
+            server.stop()
+    assert [len(server.lines) for server in servers] == [3, 3]
+    assert list(tmp_path.glob(".*influx*")) == []

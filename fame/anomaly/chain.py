@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fame.anomaly.recording import Floats
+from fame.documents import read_document
 from fame.errors import ConfigError
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -82,21 +83,16 @@ def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
 
     Raises ConfigError.
     """
-    import yaml
-
     file = "" if isinstance(source, Mapping) else str(source)
-    try:
-        text = source if isinstance(source, Mapping) else yaml.safe_load(Path(source).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"cannot be read: {error}", file=file) from None
+    text = source if isinstance(source, Mapping) else read_document(source)
     try:
         joints = list(text["joints"])
         origins = tuple(_vector(joint["origin"]) for joint in joints)
         axes = tuple(_unit(_vector(joint["axis"])) for joint in joints)
-        steps = tuple(float(joint["steps"]) for joint in joints if "steps" in joint)
+        steps = tuple(_steps(joint["steps"]) for joint in joints if "steps" in joint)
         names = tuple(str(joint["name"]) for joint in joints)
         tool = _vector(text.get("tool", (0, 0, 0)))
-    except (KeyError, TypeError, ValueError, ZeroDivisionError) as error:
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         text = f"is no arm ({error!r}): joints, each with name, origin [x, y, z] and axis [x, y, z], would be right"
         raise ConfigError(text, file=file) from None
     return Chain(names, origins, axes, steps if len(steps) == len(joints) else (), tool)
@@ -104,7 +100,16 @@ def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
 
 def _vector(value: Any) -> Vector:
     x, y, z = (float(part) for part in value)
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(f"{[x, y, z]} is not finite")
     return x, y, z
+
+
+def _steps(value: Any) -> float:
+    steps = float(value)
+    if not 0 < steps < math.inf:
+        raise ValueError(f"found {value!r} steps of a revolution")
+    return steps
 
 
 def _unit(vector: Vector) -> Vector:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
 from itertools import product
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,9 @@ def make(entry: Entry, folder: Path) -> Any:
         chain = parameters.pop("chain", None)
         if chain is None:
             raise ConfigError("PathDetector needs the parameter chain: the arm's kinematics", element=entry.name)
+        margin = parameters.get("margin", 1.0)
+        if type(margin) not in (int, float) or not 0 < margin < inf:
+            raise ConfigError(f"found the margin {margin!r}; a number above 0 would be right", element=entry.name)
         chain = chain if isinstance(chain, dict) else folder / str(chain)
         return _build(PathDetector, entry, {"chain": load_chain(chain), **parameters})
     module = _HOMES.get(entry.cls.rpartition(".")[2])

@@ -30,12 +30,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from fame.documents import read_document
 from fame.errors import ConfigError
 from fame.purposes import meant_for
 
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold")
 _FILES = ("fit_file", "unsupervised_train", "supervised_train", "testing")
 _ENTRY = ("name", "class", "parameters", "reduction", "scaling", "threshold", "unique")
+DEFAULTS = ("ocsvm", "rbfsvm")
+"""The classifiers that are tried if none are named."""
 SCALINGS = ("minmax", "standard", "none")
 FOLDS = 5
 
@@ -83,15 +86,8 @@ class Learning:
 
 def load(path: str | Path) -> Learning:
     """Read a learning file. Raises ConfigError with the path of the key."""
-    import yaml
-
     path = Path(path)
-    try:
-        text = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"is no YAML: {error}", file=str(path)) from None
+    text = read_document(path)
     if other := meant_for(text, "learning"):
         raise ConfigError(other, file=str(path))
     try:
@@ -110,8 +106,11 @@ def _learning(path: Path, text: Any) -> Learning:
     testing = files.get("testing") or []
     if not isinstance(testing, list):
         raise ConfigError(f"found {testing!r}; a list of files would be right", element="Files.testing")
-    classifiers = tuple(_entry(item, f"Classifiers[{i}]") for i, item in enumerate(sections.get("Classifiers") or []))
-    grid = _grid(sections.get("Grid") or {}, [entry.name for entry in classifiers])
+    entries = sections.get("Classifiers") or []
+    if not isinstance(entries, list):
+        raise ConfigError(f"found {entries!r}; a list of classifiers would be right", element="Classifiers")
+    classifiers = tuple(_entry(item, f"Classifiers[{number}]") for number, item in enumerate(entries))
+    grid = _grid(sections.get("Grid") or {}, [entry.name for entry in classifiers] or DEFAULTS)
     folds = _whole(split.get("folds", FOLDS), "Split.folds")
     if folds == 1:
         raise ConfigError("found 1; 0 (no validation) or 2 and more would be right", element="Split.folds")
@@ -144,6 +143,11 @@ def _source(file: Path, value: Any, key: str) -> Source | None:
         return None
     inputs = _columns(parts.get("input_col"), f"{key}.input_col")
     output = _columns(parts.get("output_col") or [], f"{key}.output_col")
+    if len(output) > 1:
+        raise ConfigError(f"found {list(output)}; one column would be right", element=f"{key}.output_col")
+    if set(output) & set(inputs):
+        text = f"found {list(inputs)}, of which {output[0]} is the label (output_col), which would give itself away"
+        raise ConfigError(text, element=f"{key}.input_col")
     named = Path(str(parts["name"]))
     path = file.parent / named
     return Source(path if path.exists() or not named.exists() else named, inputs, output[0] if output else None)
@@ -152,6 +156,8 @@ def _source(file: Path, value: Any, key: str) -> Source | None:
 def _columns(value: Any, key: str) -> tuple[int, ...]:
     if not isinstance(value, list) or not all(type(item) is int and item >= 0 for item in value):
         raise ConfigError(f"found {value!r}; a list of columns such as [0, 1, 2] would be right", element=key)
+    if len(set(value)) < len(value):
+        raise ConfigError(f"found {value!r}; each column once would be right", element=key)
     return tuple(value)
 
 
@@ -159,7 +165,9 @@ def _entry(value: Any, key: str) -> Entry:
     parts = _mapping(value, key, _ENTRY)
     if not parts.get("name") or not parts.get("class"):
         raise ConfigError("needs a name and a class, such as {name: rbfsvm, class: SVC}", element=key)
-    reduction, threshold = parts.get("reduction"), parts.get("threshold")
+    reduction, threshold, unique = parts.get("reduction"), parts.get("threshold"), parts.get("unique", False)
+    if not isinstance(unique, bool):
+        raise ConfigError(f"found {unique!r}; true or false would be right", element=f"{key}.unique")
     return Entry(
         name=str(parts["name"]),
         cls=str(parts["class"]),
@@ -167,7 +175,7 @@ def _entry(value: Any, key: str) -> Entry:
         reduction=None if reduction is None else _whole(reduction, f"{key}.reduction"),
         scaling=None if parts.get("scaling") is None else _scaling(parts["scaling"], f"{key}.scaling"),
         threshold=None if threshold is None else _threshold(threshold, f"{key}.threshold"),
-        unique=bool(parts.get("unique", False)),
+        unique=unique,
     )
 
 

@@ -125,7 +125,15 @@ def learn(
     progress: Callable[[Progress], object] | None = None,
 ) -> list[Learned]:
     """Fit and judge every classifier, `jobs` at a time. Raises ConfigError for data that cannot be learned from."""
-    data = data or read_data(learning)
+    try:
+        return _learn(learning, data or read_data(learning), jobs, progress)
+    except ConfigError as error:  # of a classifier or a scaling, which know no file
+        raise ConfigError(
+            error.text, file=error.file or str(learning.file), line=error.line, element=error.element
+        ) from None
+
+
+def _learn(learning: Learning, data: Data, jobs: int, progress: Callable[[Progress], object] | None) -> list[Learned]:
     entries = list(candidates(learning))
     tasks = [_Task(number, fold) for number in range(len(entries)) for fold in _folds(entries[number], learning, data)]
     began, results = time.monotonic(), {}

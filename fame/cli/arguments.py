@@ -65,12 +65,12 @@ def natural(text: str) -> int:
 
 
 def positive(text: str) -> float:
-    """A finite number above 0."""
+    """A number above 0, and so small that nanoseconds of it can be counted."""
     try:
         number = float(text)
     except ValueError:
         number = math.nan
-    if not 0 < number < math.inf:
+    if not 0 < number <= 1e15:
         raise argparse.ArgumentTypeError(f"found {text!r}, a number above 0 would be right")
     return number
 

@@ -65,10 +65,9 @@ def _get(client: Any, arguments: Namespace) -> int:
 
 
 def _set(client: Any, arguments: Namespace) -> int:
-    from fame.cli.process import assignment
+    from fame.documents import parse_document
 
-    name, value = assignment(f"{arguments.name}={arguments.value}")
-    client.set(name, value)
+    client.set(arguments.name, parse_document(arguments.value, arguments.name))
     return _get(client, arguments)
 
 

@@ -46,15 +46,16 @@ def add(commands: Commands) -> None:
 
 def assignment(text: str) -> tuple[str, Any]:
     """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
-    import yaml
+    from fame.documents import parse_document
+    from fame.errors import ConfigError
 
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise ArgumentTypeError(f"found {text!r}, NAME=VALUE as in cutoff=5 would be right")
     try:
-        return name.strip(), yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise ArgumentTypeError(f"found {value!r}, which is no value") from None
+        return name.strip(), parse_document(value)
+    except ConfigError as error:
+        raise ArgumentTypeError(f"found {value!r}, which {error.text}") from None
 
 
 def say(text: str) -> None:
@@ -117,7 +118,7 @@ def _configured(path: Path, arguments: Namespace) -> Configuration:
     """A configuration, with what the command line says instead."""
     from dataclasses import replace
 
-    from fame.pipeline.configuration import load, stages_of
+    from fame.pipeline.configuration import hertz, load, stages_of
 
     configuration = load(path)
     if arguments.processor:
@@ -127,5 +128,5 @@ def _configured(path: Path, arguments: Namespace) -> Configuration:
             stages = tuple(replace(stage, parameters=old.parameters) for stage, old in zip(stages, own, strict=True))
         configuration = replace(configuration, stages=stages)
     if arguments.frequency is not None:
-        configuration = replace(configuration, frequency=arguments.frequency)
+        configuration = replace(configuration, frequency=hertz(arguments.frequency, "--frequency"))
     return configuration

@@ -32,6 +32,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fame.documents import read_document
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
@@ -87,19 +88,8 @@ class Configuration:
 
 def load(path: str | Path) -> Configuration:
     """Read a configuration. Raises ConfigError with the path of the key."""
-    import yaml
-
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except UnicodeDecodeError:
-        raise ConfigError("is no UTF-8 text", file=str(path)) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        text = f"is no YAML: {getattr(error, 'problem', None) or error}"
-        raise ConfigError(text, file=str(path), line=mark.line + 1 if mark else 0) from None
+    content = read_document(path)
     if other := meant_for(content, "node"):
         raise ConfigError(other, file=str(path))
     try:
@@ -137,7 +127,7 @@ def _configuration(path: Path, content: Any) -> Configuration:
         inputs=inputs,
         outputs=outputs,
         stages=stages_of(sections.get("Processor")),
-        frequency=_positive(sections.get("Frequency", FREQUENCY), "Frequency"),
+        frequency=hertz(sections.get("Frequency", FREQUENCY), "Frequency"),
         training=sections.get("Training"),
     )
 
@@ -180,7 +170,7 @@ def _port(name: str, value: Any, key: str, imports: Mapping[str, str], general: 
         path=path,
         qos=profile,
         description=str(parts.get("Description", "")),
-        rate=_positive(parts["Rate"], f"{key}.Rate") if "Rate" in parts else 0.0,
+        rate=hertz(parts["Rate"], f"{key}.Rate") if "Rate" in parts else 0.0,
     )
 
 
@@ -254,9 +244,10 @@ def _node_name(value: Any) -> str:
     return value
 
 
-def _positive(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= 1e6:
-        raise ConfigError(f"found {value!r}; a number of Hz above 0 would be right", element=key)
+def hertz(value: Any, key: str) -> float:
+    """A rate whose period is one. Raises ConfigError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 1e-6 <= value <= 1e6:
+        raise ConfigError(f"found {value!r}; a number of Hz from 1e-06 to 1e+06 would be right", element=key)
     return float(value)
 
 

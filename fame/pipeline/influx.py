@@ -8,6 +8,8 @@ sent twice is stored once: a point is known by its measurement and time.
 
 from __future__ import annotations
 
+import http.client
+import os
 import threading
 import urllib.error
 import urllib.parse
@@ -33,7 +35,7 @@ class Influx:
     ) -> None:
         parts = urllib.parse.urlsplit(url)
         database = parts.path.strip("/")
-        if parts.scheme not in ("http", "https") or not parts.netloc or not database or "/" in database:
+        if parts.scheme not in ("http", "https") or not _is_host(parts) or not database or "/" in database:
             raise ConfigError(f"found {url!r}; http://host:8086/database would be right", element="output")
         query = urllib.parse.urlencode({"db": database, "precision": "ns"})
         self._write_url = f"{parts.scheme}://{parts.netloc}/write?{query}"
@@ -43,6 +45,7 @@ class Influx:
         spool.parent.mkdir(parents=True, exist_ok=True)
         self._lines, self._done, self._refused = (spool.with_suffix(end) for end in (".lines", ".sent", ".refused"))
         self._spool = self._lines.open("ab", buffering=0)
+        _cut_torn(self._lines)
         self.sent, self.rows, self._away, self._made = 0, 0, False, False
         self._pending: list[str] = []
         self._wake, self._ending = threading.Event(), False
@@ -60,8 +63,10 @@ class Influx:
     def flush(self) -> None:
         """Put what is complete on disk, and let it be sent."""
         if self._pending:
-            self._spool.write("".join(self._pending).encode())
+            data = "".join(self._pending).encode()
             self._pending.clear()
+            while data:
+                data = data[self._spool.write(data) :]
             self._wake.set()
 
     def close(self, patience: float = _PATIENCE) -> None:
@@ -75,8 +80,8 @@ class Influx:
         if left:
             self._report(f"{left} bytes wait in {self._lines}: recording to the same database again sends them")
         else:
+            self._done.unlink(missing_ok=True)  # first: killed in between, lines are sent twice, never skipped
             self._lines.unlink(missing_ok=True)
-            self._done.unlink(missing_ok=True)
 
     # ---- the thread --------------------------------------------------------------------------------------------------
 
@@ -122,8 +127,8 @@ class Influx:
             with self._refused.open("ab") as stream:
                 stream.write(batch)
             self._report(f"the server refuses {batch.count(10)} lines (HTTP {error.code}); kept in {self._refused}")
-        except OSError as error:
-            return self._is_away(str(getattr(error, "reason", error)))
+        except (OSError, http.client.HTTPException) as error:
+            return self._is_away(str(getattr(error, "reason", error)) or type(error).__name__)
         if self._away:
             self._away = False
             self._report("the server is there again; what waited on disk is sent")
@@ -144,6 +149,20 @@ class Influx:
             answer.read()
 
 
+def _is_host(parts: urllib.parse.SplitResult) -> bool:
+    """Whether it names a host, and a port if any, and nothing that would have to be kept secret."""
+    try:
+        return bool(parts.hostname) and parts.port != 0 and "@" not in parts.netloc
+    except ValueError:  # of the port
+        return False
+
+
+def _cut_torn(lines: Path) -> None:
+    """Cut off a last line without an end: whoever wrote it was killed, and another would be appended to it."""
+    data = lines.read_bytes()
+    os.truncate(lines, data.rfind(b"\n") + 1)
+
+
 def _escape(text: str) -> str:
-    """A name in the line protocol."""
-    return text.replace("\\", "\\\\").replace(",", "\\,").replace(" ", "\\ ").replace("=", "\\=")
+    """A name in the line protocol, which ends at a line break whatever stands before it."""
+    return " ".join(text.splitlines()).replace("\\", "\\\\").replace(",", "\\,").replace(" ", "\\ ").replace("=", "\\=")

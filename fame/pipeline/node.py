@@ -127,7 +127,11 @@ class ProcessingNode:
                 return
             if not current:
                 return
-        self._outlets.publish(self._named(current))
+        try:
+            self._outlets.publish(self._named(current))
+        except Exception as error:  # what a processor gives may be anything
+            text = f"what {type(self.processors[-1]).__name__} gives cannot be sent: {type(error).__name__}: {error}"
+            self.say(_without_numbers(text), text)
 
     def _named(self, computed: Mapping[str, Samples]) -> dict[str, Samples]:
         """What was computed, by name of the output."""

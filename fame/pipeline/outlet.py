@@ -12,8 +12,11 @@ from fame.errors import FameError
 from fame.middleware.interface import Node, Publisher
 from fame.pipeline.configuration import Port
 from fame.pipeline.intake import Reporter
-from fame.pipeline.processor import Samples
+from fame.pipeline.processor import Floats, Samples
 from fame.pipeline.writing import Writer, writer
+
+_LATEST = 2.0**31
+"""Seconds of builtin_interfaces/msg/Time end here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ class Outlets:
     def _send(self, outlet: _Outlet, there: Sequence[Samples]) -> None:
         names = next((item.names for item in there if item.names), ())
         told = tuple(name.rpartition(".")[2] for name in names)
-        finite = _finite([item.values for item in there])
+        finite = _finite([item.values for item in there], there[0].stamps)
         if not finite.all():
             self._say(f"finite {outlet.publisher.topic}", f"{outlet.publisher.topic}: not sent: it is not finite")
         rows = [np.ascontiguousarray(item.values[finite]) for item in there]  # as a middleware writes them
@@ -69,10 +72,10 @@ class Outlets:
         self.count += len(stamps)
 
 
-def _finite(arrays: Sequence[Any]) -> Any:
-    """Which rows are finite in all of them."""
-    finite = np.ones(len(arrays[0]), dtype=bool)
+def _finite(arrays: Sequence[Any], stamps: Floats) -> Any:
+    """Which rows are finite in all of them, at a time that a message can tell."""
+    finite = np.isfinite(stamps) & (np.abs(stamps) < _LATEST)
     for values in arrays:
         if values.dtype.kind == "f":
-            finite &= np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+            finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite

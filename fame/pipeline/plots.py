@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -51,10 +52,9 @@ def plot_series(series: Sequence[Line], file: str | Path, *, thresholds: Sequenc
     for each in series:
         if not each.stamps:
             continue
-        shapes = {np.shape(value) for value in each.values}
-        values = np.array([value for value in each.values if np.shape(value) == next(iter(shapes))], dtype=float)
-        values = values.reshape(len(values), -1)
-        stamps = np.array(each.stamps[: len(values)]) - begin
+        alike = [np.shape(value) == np.shape(each.values[-1]) for value in each.values]  # the others had other channels
+        values = np.array(list(compress(each.values, alike)), dtype=float).reshape(sum(alike), -1)
+        stamps = np.array(list(compress(each.stamps, alike))) - begin
         for channel in range(values.shape[1]):
             name = each.names[channel] if len(each.names) == values.shape[1] > 1 else str(channel)
             label = each.label if values.shape[1] == 1 else f"{each.label} {name}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -102,7 +103,10 @@ class RecordingNode:
         for output in outputs:
             path = Path(output)
             if "://" in str(output):
-                spool = configuration.folder / f".{configuration.name}_influx"
+                place = re.sub(
+                    r"\W+", "_", str(output).partition("://")[2]
+                )  # what waits for one must not go to another
+                spool = configuration.folder / f".{configuration.name}_influx_{place}"
                 self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.say, "influx")))
             elif path.suffix == ".csv":
                 self._sinks.append(CsvFile(path, configuration.inputs, self.say, append=append))

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from fame.documents import parse_document
 from fame.errors import ConfigError
 from fame.library import BUILT_IN
 from fame.pipeline.configuration import Configuration, Stage, load
@@ -89,10 +90,8 @@ def _file(around: Around, variables: Mapping[str, Any]) -> Path:
 
 
 def _parameters(variables: Mapping[str, Any]) -> Mapping[str, Any]:
-    import yaml
-
     given = variables.get("parameters") or {}
-    given = yaml.safe_load(given) if isinstance(given, str) else given
+    given = parse_document(given, "parameters") if isinstance(given, str) else given
     if not isinstance(given, Mapping):
         raise ConfigError(f"found {given!r}; a mapping such as {{cutoff: 5}} would be right", element="parameters")
     return given
