@@ -44,6 +44,14 @@ def test_each_command_explains_itself_with_examples(command: str, capsys) -> Non
     assert f"\nexamples:\n  fame {command}" in out
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_with_a_middleware_says_for_which_ros_arguments_count(command: str, capsys) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    out = capsys.readouterr().out
+    assert ("--middleware" in out) == ("--ros-args" in out)
+
+
 def test_the_version_is_one_line(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])

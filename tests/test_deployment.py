@@ -175,6 +175,17 @@ def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
     assert [event.what for event in told] == ["report", "answer"]
 
 
+def test_an_engine_tells_once_what_it_refused_though_it_answers_again():
+    field, told = Field(), []
+    field.engines["A"] = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, on_report=told.append)
+    field.listen("A")
+    asked = '<serviceTask id="g" xmlns:c="http://camunda.org/schema/1.0/bpmn" c:type="external" c:topic="grip"/>'
+    sent = field.deploy(definitions(process("A", f'<startEvent id="s"/>{asked}', ("s", "g"))), robots=["A"])
+    assert sent.standings["A"].state == "refused"
+    assert field.answers() == ["refused", "refused"]  # the second to the word that calls it off
+    assert len(told) == 1
+
+
 JUMP = f"""<definitions xmlns="{BPMN}" targetNamespace="t">
 <process id="Jump"><startEvent id="s"/>
 <scriptTask id="jump"><script>

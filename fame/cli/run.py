@@ -55,7 +55,8 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--middleware", choices=("local", "dds", "ros"), default="local",
-        help="local: all in one process; else the world and each engine in processes of their own, at --speed",
+        help="local: all in one process; else the world and each engine in processes of their own, at --speed; "
+        "what follows --ros-args does not reach them",
     )  # fmt: skip
     parser.add_argument(
         "--speed", type=positive, metavar="F", help="in many processes: so many times as fast as reality (1)"

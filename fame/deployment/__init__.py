@@ -18,6 +18,7 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
     warming    what an engine loads while it waits for its first process
     abandoned  a robot that is ready, and whose sender fell silent
     sender     the sender's end
+    origins    where in the sender's files is what robots tell of theirs
     casting    who gets which part, and who promises whom which topics
     keeping    robots that come late, or come back
     splitting  the splitter as a node

@@ -53,6 +53,11 @@ class Status:
 
     def say(self, answer: str = "", deployment: str = "", reason: str = "") -> None:
         """How it stands, perhaps as an answer."""
+        self._publish(answer, deployment, reason)
+        if answer == "refused":
+            self._refused(reason, deployment)
+
+    def _publish(self, answer: str, deployment: str, reason: str) -> None:
         report = Report(
             robot=self._robot,
             deployment=deployment,
@@ -63,8 +68,6 @@ class Status:
             **self._standing(),
         )
         self._out.publish(messages.create(STRING, report.to_json()))
-        if answer == "refused":
-            self._refused(reason, deployment)
 
     def answer(self, answer: str, deployment: str, reason: str = "") -> None:
         """The last word on a deployment so far, which is said `again` to whoever asks."""
@@ -79,8 +82,11 @@ class Status:
 
     def again(self, deployment: str, otherwise: tuple[str, str] = ("", "")) -> None:
         """Say what was answered, or else something."""
-        answer, reason = self._answers.get(deployment, otherwise)
-        self.say(answer, deployment, reason)
+        known = self._answers.get(deployment)
+        if known is not None:
+            self._publish(known[0], deployment, known[1])
+        else:
+            self.say(otherwise[0], deployment, otherwise[1])
 
     def close(self) -> None:
         """Say it no more by itself."""
