@@ -17,7 +17,7 @@ from fame.errors import ConfigError, UnavailableError
 from robots.robot import Look, Pose
 from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
-from sim2d.film import WRITERS
+from sim2d.film import WRITERS, writing
 from sim2d.record import Record, Track
 from sim2d.shapes import placed
 from sim2d.symbols import disc, larger, symbol
@@ -48,7 +48,8 @@ def animate(
 
     Without a `speed` the film is as fast as the run, but lasts 15 s at most.
 
-    Raises ConfigError for another kind of file or nothing recorded, UnavailableError if Pillow or ffmpeg is missing.
+    Raises ConfigError for another kind of file, one that cannot be written or nothing recorded, UnavailableError if
+    Pillow or ffmpeg is missing.
     """
     kind = Path(path).suffix.lower()
     if kind not in WRITERS:
@@ -63,8 +64,8 @@ def animate(
         speed = max(1.0, record.times[-1] / _LONGEST)
     if fps <= 0 or speed <= 0:
         raise ConfigError(f"found fps {fps:g} and speed {speed:g}, both above 0 would be right", file=str(path))
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    WRITERS[kind](_frames(record, _Captions(record, labels), speed / fps, title), str(path), fps)
+    with writing(path):
+        WRITERS[kind](_frames(record, _Captions(record, labels), speed / fps, title), str(path), fps)
 
 
 class _Captions:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from itertools import chain
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.errors import UnavailableError
+from fame.errors import ConfigError, UnavailableError
 from sim2d import style
 
 if TYPE_CHECKING:
@@ -23,6 +25,16 @@ _PARTS = (1.0, 0.8, 0.6, 0.4, *(part / 255 for part in (style.LAMP, style.GLOW, 
 """How much of a colour is in its mixtures with the ground: at smooth edges, and where it is faint."""
 _PAUSE = 3000
 """How long the last frame stays before a GIF begins again, ms."""
+
+
+@contextmanager
+def writing(path: str | PathLike[str]) -> Iterator[None]:
+    """Make the folder of a file that is written; raises ConfigError, with its name, if that cannot be done."""
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None
 
 
 def write_gif(frames: Iterator[Image], path: str, fps: float) -> None:

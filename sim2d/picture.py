@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import UnavailableError
 from robots.robot import Cone
 from sim2d import symbols
 from sim2d.config import Thing
+from sim2d.film import writing
 from sim2d.record import Record, Track
 from sim2d.shapes import Circle, Shape, bounding_box, placed
 from sim2d.style import (
@@ -43,7 +43,7 @@ _LONGEST = 9.0
 
 
 def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> None:
-    """Write a PNG of a run. Raises UnavailableError without matplotlib."""
+    """Write a PNG of a run. Raises UnavailableError without matplotlib, ConfigError if it cannot be written."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -72,8 +72,7 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
             if len(record.tracks) <= MOST_NAMES:
                 _name(axes, track, record, robot_colour(index))
     _legend(axes, record)
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    with warnings.catch_warnings():
+    with writing(path), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands in its place
         figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
 

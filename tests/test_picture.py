@@ -207,3 +207,13 @@ def test_names_are_drawn_as_they_are_written(tmp_path):
     animate(recorder.record, tmp_path / "x.gif", title="$\\alpha 農")
     assert (tmp_path / "x.png").stat().st_size > 0
     assert (tmp_path / "x.gif").stat().st_size > 0
+
+
+@pytest.mark.parametrize(("draw", "ending"), [(picture, "png"), (animate, "gif")])
+def test_what_cannot_be_written_is_named(record, tmp_path, draw, ending):
+    full, folder = tmp_path / f"full.{ending}", tmp_path / f"folder.{ending}"
+    full.symlink_to("/dev/full")
+    folder.mkdir()
+    for path, why in ((full, "No space left"), (folder, "Is a directory"), (full / f"x.{ending}", "File exists|Not a")):
+        with pytest.raises(ConfigError, match=f"{path.name}: cannot be written: ({why})"):
+            draw(record, path)

@@ -86,6 +86,7 @@ def test_what_cannot_be_is_refused() -> None:
     text = "found Drone=2, but pool 'Drone' is a single robot; a multi-instance one would be right"
     assert refused(robots={"Drone": 2}) == text
     assert "found room for" in refused(robots={"Tractor": 2000})
+    assert refused(robots={"Tractor": 10**12}) == f"found Tractor={10**12}, at most 100000 robots would be right"
 
 
 # ---- faults ----------------------------------------------------------------------------------------------------------
@@ -137,6 +138,8 @@ def test_a_fault_that_cannot_be_is_refused_before_anything_moves() -> None:
     assert refused(faults=[Fault("Tractor_9", 1.0, "engine")]) == text
     text = "found the fault 'legs' for Tractor_1; known are: engine, range, wheels"
     assert refused(faults=[Fault("Tractor_1", 1.0, "legs")]) == text
+    for time in (-1.0, math.nan, math.inf):
+        assert "at a second from 0 on" in refused(faults=[Fault("Tractor_1", time, "range")])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
@@ -21,6 +20,11 @@ from fame.splitter import Pool, bind, pools_of
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
+
+_LATEST = 1e9
+"""s, to which simulated time may go."""
+_MOST = 100_000
+"""Robots of a pool; a thousand are measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,14 +153,15 @@ def _expect_arguments(path: object, seed: object, duration: object, robots: obje
     """Raises ConfigError for an argument of `Scenario.load` that is none."""
     expect(isinstance(path, str | PathLike), "path", path, "that of a scenario or model")
     expect(seed is None or (isinstance(seed, Integral) and int(seed) >= 0), "seed", seed, "a whole number from 0 on")
-    seconds = duration is None or (isinstance(duration, Real) and 0 < float(duration) < math.inf)
-    expect(seconds, "duration", duration, "a finite number of seconds above 0")
+    seconds = duration is None or (isinstance(duration, Real) and 0 < float(duration) <= _LATEST)
+    expect(seconds, "duration", duration, "a number of seconds above 0, up to 1e9")
     numbers = isinstance(robots, Mapping) and all(
         isinstance(each, Integral) and int(each) >= 0 for each in robots.values()
     )
     expect(numbers, "robots", robots, "a mapping of pools to numbers from 0 on")
     for fault in faults:
-        expect(isinstance(fault, Fault), "faults", fault, 'a Fault("REX", 40.0, "engine")')
+        valid = isinstance(fault, Fault) and isinstance(fault.time, Real) and 0 <= float(fault.time) < _LATEST
+        expect(valid, "faults", fault, 'a Fault("REX", 40.0, "engine"), at a second from 0 on,')
 
 
 def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict[str, int]:
@@ -172,6 +177,8 @@ def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict
                 f"found {name}={count}, but pool {pool.name!r} is a single robot; a multi-instance one would be right"
             )
             raise ConfigError(text, file=file)
+        if count > _MOST:
+            raise ConfigError(f"found {name}={count}, at most {_MOST} robots would be right", file=file)
         counts[pool.name] = count
     return counts
 
