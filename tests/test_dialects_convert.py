@@ -309,3 +309,38 @@ def test_converted_files_are_readable_by_bpmn_js(tmp_path: Path) -> None:
     files = [str(path) for path in sorted(tmp_path.iterdir())]
     done = subprocess.run(["node", "-e", READ, *files], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+# ---- files that other tools or hands have touched --------------------------------------------------------------------
+
+ODD = {
+    "comments in parameters": extensions(
+        '<ros:message type="std_msgs/msg/String"/>'
+        '<ros:payload><!-- x --><ros:parameter name="data:" value="a"/></ros:payload>'
+    ),
+    "comments in properties": extensions(
+        '<zeebe:properties><!-- x --><zeebe:property name="type" value="std_msgs/msg/String"/></zeebe:properties>'
+    ),
+    "two holders": extensions('<ros:message type="std_msgs/msg/String"/>')
+    + extensions('<ros:payload><ros:parameter name="data:" value="a"/></ros:payload>'),
+}
+
+
+@pytest.mark.parametrize("said", ODD.values(), ids=ODD.keys())
+def test_comments_and_a_second_holder_of_extensions_do_no_harm(said: str) -> None:
+    text = same(f'<endEvent id="e" name="weed">{said}{SIGNAL}</endEvent>', ROOTS)
+    assert "std_msgs/msg/String" in text
+    assert "<ros:" not in text
+    assert "<zeebe:" not in text
+
+
+def test_a_mapping_from_nothing_can_be_read_again() -> None:
+    inside = extensions(
+        '<zeebe:calledElement processId="Q"/><zeebe:ioMapping><zeebe:input target="x"/></zeebe:ioMapping>'
+    )
+    assert 'sourceExpression="=null"' in converted(f'<callActivity id="c">{inside}</callActivity>', '<process id="Q"/>')
+
+
+def test_a_script_of_camunda_8_where_no_script_can_be_stays_away() -> None:
+    text = converted(extensions('<zeebe:script expression="=1" resultVariable="x"/>') + '<startEvent id="s"/>')
+    assert "<script>" not in text

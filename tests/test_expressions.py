@@ -336,3 +336,44 @@ def test_a_template_is_filled_in_as_text() -> None:
 
 def test_a_long_sum_does_not_break_the_parser() -> None:
     assert feel(" + ".join(["1"] * 200)) == 200
+
+
+def judge(text: str, language: Language, value: Any) -> bool:
+    """What a condition comes to that is one variable."""
+    result = compile_expression(Expression(text, language, 1, condition=True))({"x": value})
+    assert isinstance(result, bool)
+    return result
+
+
+@pytest.mark.parametrize(("text", "language"), [("${x}", "juel"), ("x", "feel")])
+@pytest.mark.parametrize(
+    ("value", "truth"),
+    [
+        (True, True),
+        (False, False),
+        ("true", True),
+        ("false", False),
+        (" False ", False),
+        ("", False),
+        (None, False),
+        (1, True),
+        (0, False),
+        (0.0, False),
+        (np.bool_(False), False),
+        (np.float64(2), True),
+    ],
+)
+def test_a_condition_takes_a_value_as_it_says(text: str, language: Language, value: Any, truth: bool) -> None:
+    assert judge(text, language, value) is truth
+
+
+@pytest.mark.parametrize(("text", "language"), [("${x}", "juel"), ("x", "feel")])
+@pytest.mark.parametrize("value", ["weed", "0", [], [1], {"data": False}, Point(), "y" * 99])
+def test_what_is_neither_true_nor_false_is_no_condition(text: str, language: Language, value: Any) -> None:
+    with pytest.raises(TypeError, match=r"the condition gives .{1,60}: expected true or false"):
+        judge(text, language, value)
+
+
+def test_a_value_stays_what_it_is() -> None:
+    assert juel("x", x="false") == "false"
+    assert feel("x", x=[1]) == [1]

@@ -350,3 +350,55 @@ def test_extensions_of_other_vendors_are_passed_over_in_silence() -> None:
     definitions = read_text(process(f'<task id="t">{vendor}</task>'))
     assert definitions.notes == ()
     assert dict(definitions.processes[0].body.nodes[0].properties) == {}
+
+
+# ---- what leads nowhere ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["signal", "message"])
+def test_a_reference_to_nothing_is_warned_of_where_the_label_stands_in(kind: str) -> None:
+    content = f'<endEvent id="e" name="weed"><{kind}EventDefinition {kind}Ref="Gone"/></endEvent>'
+    (note,) = [note for note in read_text(process(content)).notes if note.level == "warning"]
+    assert (note.element, note.text) == ("e", f"the file has no {kind} 'Gone': the topic is the label 'weed'")
+
+
+@pytest.mark.parametrize("kind", ["error", "escalation"])
+def test_a_reference_to_another_kind_of_thing_is_refused(kind: str) -> None:
+    content = f'<endEvent id="e"><{kind}EventDefinition {kind}Ref="S"/></endEvent>'
+    error = refused(process(content, '<signal id="S" name="weed"/>'))
+    assert f"{kind}Ref 'S' is a signal: expected an {kind}" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("https://camunda.org/schema/1.0/bpmn", "http://camunda.org/schema/1.0/bpmn"),
+        ("http://camunda.org/schema/1.0/bmpn", "http://camunda.org/schema/1.0/bpmn"),
+        ("http://camunda.org/schema/zeebe/1.0/", "http://camunda.org/schema/zeebe/1.0"),
+        ("http://www.flowable.org/bpmn", "http://flowable.org/bpmn"),
+        ("https://ros", "http://ros"),
+    ],
+)
+def test_a_namespace_with_a_slip_in_it_is_told_once(written: str, meant: str) -> None:
+    tasks = "".join(
+        f'<task id="t{n}"><extensionElements><x:properties xmlns:x="{written}"/></extensionElements></task>'
+        for n in "12"
+    )
+    (note,) = [note for note in read_text(process(tasks)).notes if note.level == "warning"]
+    assert note.text == f"elements of namespace {written} are not read; did you mean {meant}?"
+    assert note.element == "t1"
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "http://camunda.org/schema/modeler/1.0",
+        "http://www.omg.org/spec/BPMN/non-normative/color/1.0",
+        "http://bpmn.io/schema/bpmn/biocolor/1.0",
+        "http://activiti.com/modeler",
+        "http://example.org/mine",
+    ],
+)
+def test_namespaces_of_others_are_passed_over(uri: str) -> None:
+    task = f'<task id="t"><extensionElements><x:properties xmlns:x="{uri}"/></extensionElements></task>'
+    assert not read_text(process(task)).notes

@@ -9,7 +9,7 @@ from fame.bpmn.context import Context, boolean, find, id_in, whole
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import topic_properties
 from fame.bpmn.events import TopicSource, message_keys, read_topic
-from fame.bpmn.expressions import body, mapped, variable
+from fame.bpmn.expressions import body, condition, mapped, variable
 from fame.bpmn.model import (
     Assignment,
     CallActivity,
@@ -197,7 +197,8 @@ def _item_name(loop: Node, name: str) -> str:
 
 def _inner(context: Context, element: Node, name: str) -> Expression | None:
     holder = child(element, name)
-    return body(context, holder) if holder is not None else None
+    read = body if name == "loopCardinality" else condition
+    return read(context, holder) if holder is not None else None
 
 
 def _variable_of(loop: Node, reference: str) -> str:

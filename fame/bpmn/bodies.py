@@ -11,7 +11,7 @@ from fame.bpmn.context import Context, find, id_in, truth
 from fame.bpmn.data import read_data_objects
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.events import PLACES, read_definitions, read_mapping
-from fame.bpmn.expressions import body, variable
+from fame.bpmn.expressions import condition, variable
 from fame.bpmn.model import (
     EMPTY,
     Activity,
@@ -165,7 +165,7 @@ def _condition(context: Context, flow: Node) -> Expression | None:
         if name.endswith("}resource"):
             text = f"its condition is the resource {holder.get(name)}; put its text into the condition"
             raise context.error(flow, text)
-    return body(context, holder)
+    return condition(context, holder)
 
 
 def _associations(element: Node, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
@@ -222,7 +222,7 @@ def _gateway(around: Surroundings, element: Node, wiring: Wiring) -> Gateway:
     return Gateway(
         kind=_GATEWAYS[local(element)],
         default=node.get("default"),
-        activation=body(node.context, activation[0]) if activation else None,
+        activation=condition(node.context, activation[0]) if activation else None,
         instantiate=node.flag("instantiate"),
         all_events=node.get("eventGatewayType") == "Parallel",
         properties=node.extensions.rest(),
@@ -248,7 +248,7 @@ def _sub_process(around: Surroundings, element: Node, wiring: Wiring) -> SubProc
         kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local(element)],
         body=read_body(around, element, node.parts),
         resume=truth(node.context, element, "resume", resume.value) if resume is not None else False,
-        completion=body(node.context, completion[0]) if completion else None,
+        completion=condition(node.context, completion[0]) if completion else None,
         active=variable(node.context, element, active) if active else None,
         sequential=node.get("ordering") == "Sequential",
         cancel_remaining=node.flag("cancelRemainingInstances", True),

@@ -38,7 +38,9 @@ class Context:
         """The error to raise at an element."""
         return ModelError(text, file=self.file, line=line_of(element), element=name_of(element))
 
-    def note(self, element: Node, text: str, level: Literal["warning", "note"] = "note", quirk: bool = False) -> None:
+    def note(
+        self, element: Node, text: str, level: Literal["warning", "note", "reading"] = "note", quirk: bool = False
+    ) -> None:
         """Something to tell that stops nothing."""
         self.notes.append(Note(level, text, name_of(element), line_of(element), quirk))
 

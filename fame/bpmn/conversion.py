@@ -8,6 +8,7 @@ processes of the file. Scripts stay in their language. A file that is in the cur
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from typing import Literal
 
 from lxml import etree
@@ -41,9 +42,9 @@ def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> 
     """The file in the current form, UTF-8; `semantics` becomes that of its processes, if given."""
     root = whole_tree(definitions)
     before, context = etree.tostring(root), Context(definitions.file)
+    _rename_vendors(root)
     for element in list(root.iter(f"{_B}*")):
         _rewrite(context, root, element)
-    _rename_vendors(root)
     by_id = {one.get("id", ""): one for one in root.iter(f"{_B}*")}
     for process in definitions.processes:
         _name_signals(root, process, by_id)
@@ -59,13 +60,17 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     for name in ("scriptFormat", "language"):
         if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
             element.set(name, "javascript")
-    holder = element.find(current.EXTENSION_ELEMENTS)
-    if holder is None:
+    holders = element.findall(current.EXTENSION_ELEMENTS)
+    if not holders:
         return
+    holder = holders[0]
+    for another in holders[1:]:  # the standard has one
+        holder.extend(another)
+        element.remove(another)
     foreign = [one for one in holder if _is_foreign(one)]
     found = Extensions()
     for one in foreign:
-        ELEMENTS[one.tag[1:].partition("}")[0]](context, one, found)
+        ELEMENTS[one.tag[1:].partition("}")[0]](context, _without_comments(one), found)
     if not found.refused and (not found.own or found.inputs or found.outputs or found.all_in or found.all_out):
         for one in foreign:
             holder.remove(one)
@@ -76,6 +81,13 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
         _unlist(element, holder)
     if not len(holder):
         element.remove(holder)
+
+
+def _without_comments(element: Node) -> Node:
+    """A copy as the reader sees it."""
+    copy = deepcopy(element)
+    etree.strip_tags(copy, etree.Comment, etree.PI)
+    return copy
 
 
 def _is_foreign(element: Node) -> bool:
@@ -89,7 +101,8 @@ def _unlist(event: Node, holder: Node) -> None:
     """The oldest form: a list of type and payload, under the name of the topic."""
     for mapping in holder.findall(f"{_C}inputOutput"):
         for parameter in mapping.findall(f"{_C}inputParameter"):
-            values = list(parameter[0]) if len(parameter) and fame_g0.is_message(parameter[0]) else []
+            first = next(parameter.iterchildren("*"), None)
+            values = list(first.iterchildren("*")) if first is not None and fame_g0.is_message(first) else []
             if 0 < len(values) <= 2:
                 for name, value in zip(("type", "payload"), values, strict=False):
                     current.add_property(event, name, text_of(value).strip())

@@ -9,7 +9,7 @@ from typing import Literal
 from fame.bpmn.context import Context, boolean, find, id_in, is_type
 from fame.bpmn.dialects import extensions_of, fame_g0
 from fame.bpmn.dialects.extensions import Extensions, TopicProperties, topic_properties
-from fame.bpmn.expressions import body, by_look, is_mixed, template
+from fame.bpmn.expressions import body, by_look, condition, is_mixed, template
 from fame.bpmn.model import (
     Assignment,
     CancelDefinition,
@@ -120,8 +120,10 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
     if not name and reference and referred is None:
         raise node.error(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
     if name and name == node.label and reference and (referred is None or not referred.get("name", "").strip()):
-        why = f"the file has no {kind} {reference!r}" if referred is None else f"the {kind} has no name"
-        node.context.quirk(node.element, f"{why}: the topic is the label {name!r}")
+        missing = referred is None
+        text = f"the file has no {kind} {reference!r}" if missing else f"the {kind} has no name"
+        level: Literal["warning", "reading"] = "warning" if missing else "reading"
+        node.context.note(node.element, f"{text}: the topic is the label {name!r}", level, quirk=True)
     if not name and kind == "signal":
         raise node.error("the signal has no name: give it one, or the event a label")
     return Topic(
@@ -247,10 +249,10 @@ def _timer(source: TopicSource, element: Node) -> TimerDefinition:
 
 def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
     holder = child(element, "condition")
-    condition = body(source.node.context, holder) if holder is not None else None
-    if condition is None:
+    said = condition(source.node.context, holder) if holder is not None else None
+    if said is None:
         raise source.node.error("the conditional event has no condition")
-    return ConditionalDefinition(condition=condition, line=line_of(element))
+    return ConditionalDefinition(condition=said, line=line_of(element))
 
 
 def _code(source: TopicSource, element: Node, kind: str) -> str | None:
@@ -259,6 +261,8 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     referred = source.node.context.root(reference)
     if reference and referred is None:
         raise source.node.error(f"{kind}Ref {reference!r}: the file has no such {kind}")
+    if referred is not None and local(referred) != kind:
+        raise source.node.error(f"{kind}Ref {reference!r} is a {local(referred)}: expected an {kind}")
     code = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
     if code or source.place not in THROWS:
         return code or None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from dataclasses import replace
 
 from fame.bpmn.context import Context
 from fame.bpmn.model import Expression, Language
@@ -99,6 +100,12 @@ def body(context: Context, element: Node, language: str | None = None) -> Expres
     """The text of an element as code, with the line where its first line stands; None if there is no text."""
     text, line = _block(element)
     return code(context, element, text, language or element.get("language"), line) if text else None
+
+
+def condition(context: Context, element: Node) -> Expression | None:
+    """The text of an element as a condition; None if there is no text."""
+    said = body(context, element)
+    return None if said is None else replace(said, condition=True)
 
 
 def template(context: Context, element: Node) -> Expression | None:

@@ -36,11 +36,12 @@ payload      flow-style YAML or JSON with ``${...}`` inside: values are inserted
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A text to evaluate, not yet compiled."""
+    """A text to evaluate, not yet compiled. `condition`: what it gives is asked whether it is true."""
 
     text: str
     language: Language = "python"
     line: int = 0
+    condition: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

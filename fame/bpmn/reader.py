@@ -28,7 +28,8 @@ from fame.bpmn.context import Context, boolean, find, whole
 from fame.bpmn.conversations import connect
 from fame.bpmn.data import data_ids, data_variables
 from fame.bpmn.diagram import read_diagrams
-from fame.bpmn.dialects import extensions_of, fame_g2, looks_original
+from fame.bpmn.dialects import ELEMENTS, extensions_of, fame_g2, looks_original
+from fame.bpmn.dialects.misspelt import note_misspelt
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
 from fame.bpmn.nodes import Surroundings, documentation
 from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
@@ -76,6 +77,7 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     fame_g2.unfold(context, root)
     connect(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
+    note_misspelt(context, root, source, ELEMENTS)
     context.language = root.get("expressionLanguage", "")
     context.original = looks_original(root)
     for one in context.roots.values():

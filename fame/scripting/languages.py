@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 from fame.bpmn.model import Expression
 from fame.errors import ModelError
+from fame.scripting.conditions import judged
 from fame.scripting.data import Undefined
 from fame.scripting.feel import FEEL
 from fame.scripting.grammar import Evaluate, Parser
@@ -71,7 +72,8 @@ def parse_expression(
             case _:
                 text = text.strip() if inside(text.strip()) is None else str(inside(text.strip()))
                 parser = Parser(text, JUEL)
-        return parser.whole(), parser.names
+        evaluate = parser.whole()
+        return judged(evaluate) if expression.condition else evaluate, parser.names
     except ExpressionError as error:
         skipped = expression.text.find(text)
         line = expression.line + expression.text[: max(0, skipped) + error.place].count("\n")

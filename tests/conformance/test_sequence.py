@@ -88,6 +88,23 @@ def test_an_exclusive_gateway_takes_its_default_flow_if_no_other_is_true(play: P
     assert play(content, {"x": 3}).run().log == "s g a =completed"
 
 
+@pytest.mark.parametrize("condition", ["${x}", "=x"])
+@pytest.mark.parametrize(("value", "end"), [("false", "a"), ("true", "b"), ("", "a"), (None, "a"), (0, "a"), (2, "b")])
+def test_a_condition_takes_a_value_as_it_says(play: Play, condition: str, value: Any, end: str) -> None:
+    content = start() + gateway("exclusive", "g", default="g_a") + script("a") + script("b")
+    content += path("s g a") + flow("g", "b", condition)
+    assert play(content, {"x": value}).run().log == f"s g {end} =completed"
+
+
+@pytest.mark.parametrize("condition", ["${x}", "=x"])
+@pytest.mark.parametrize("value", ["weed", [1], {"data": False}])
+def test_what_is_neither_true_nor_false_is_an_error_that_shows_it(play: Play, condition: str, value: Any) -> None:
+    content = start() + gateway("exclusive", "g", default="g_a") + script("a") + script("b")
+    run = play(content + path("s g a") + flow("g", "b", condition), {"x": value}).run()
+    assert run.log == "s (g g!script =failed"
+    assert f"the condition gives {value!r}: expected true or false" in str(run.instance.error)
+
+
 def test_an_exclusive_gateway_without_a_true_condition_is_an_error(play: Play) -> None:
     content = start() + gateway("exclusive", "g") + script("a") + path("s g") + flow("g", "a", "False")
     run = play(content).run()

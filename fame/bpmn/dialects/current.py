@@ -86,7 +86,7 @@ def _mappings(element: Node, found: Extensions) -> None:
 
 def _copies(element: Node, kind: str, items: list[Assignment], everything: bool) -> None:
     said = [{"variables": "all"}] if everything else []
-    said += [{"sourceExpression": text_of_expression(item.source), "target": item.target} for item in items]
+    said += [{"sourceExpression": text_of_expression(item.source) or "=null", "target": item.target} for item in items]
     for one in said:
         etree.SubElement(_extensions(element), f"{_C}{kind}", one, nsmap={"camunda": CAMUNDA})
 
@@ -101,7 +101,7 @@ def _loop(element: Node, found: Extensions) -> None:
 
 
 def _script(element: Node, found: Extensions) -> None:
-    if found.script is not None and element.find(f"{_B}script") is None:
+    if found.script is not None and local(element).endswith("Task") and element.find(f"{_B}script") is None:
         element.set("scriptFormat", found.script.language)
         etree.SubElement(element, f"{_B}script").text = text_of_expression(found.script)
     _default(element, "resultVariable", found.result)
