@@ -1,0 +1,411 @@
+"""What `fame check` warns of, what it only notes, and what it does not blame."""
+
+from __future__ import annotations
+
+import pytest
+from bpmn_text import extensions, properties
+from check_drawing import (
+    BOOL,
+    START,
+    VECTOR,
+    alone,
+    call,
+    catch,
+    caught_at,
+    choice,
+    data,
+    ends,
+    event,
+    filling,
+    flow,
+    flows,
+    parallel,
+    reading,
+    row,
+    script,
+    service,
+    team,
+    throw,
+    timer,
+    told,
+)
+
+from fame.errors import UnavailableError
+
+BRANCHES = ends("a", "b")
+WARNINGS = {
+    "a script that is ready for a message that does not fit": (
+        row(script('try:\n    robot.publish("led", "std_msgs/msg/ColorRGBA", red=1.0)\nexcept Exception:\n    pass')),
+        "t: what is published does not fit: std_msgs/msg/ColorRGBA: red: there is no such field; "
+        "those of std_msgs/msg/ColorRGBA are r, g, b, a",
+    ),
+    "an element that nothing leads to": (
+        row(script("x = 1")) + script("y = 1", "lost"),
+        "lost: is never reached: no flow leads here from a start",
+    ),
+    "a part that nothing leads to": (
+        row(script("x = 1")) + script("y = 1", "lost") + ends("after") + flows("lost after"),
+        "lost: is never reached, nor what follows it (1): no flow leads here from a start",
+    ),
+    "a circle that nothing leads to": (
+        row(script("x = 1")) + script("y = 1", "c1") + script("y = 1", "c2") + flows("c1 c2 c1"),
+        "c1: is never reached, nor what follows it (1): no flow leads here from a start",
+    ),
+    "an element that nothing follows": (
+        START + parallel("g") + script("x = 1") + ends("e") + flows("s g t", "g e"),
+        "t: nothing follows it, though other flows lead to an end event",
+    ),
+    "a gateway that nothing follows": (
+        START + choice("g") + flows("s g"),
+        "g: has no way out: the token ends here",
+    ),
+    "a choice without a default": (
+        row(script("x = 1")) + choice("g") + BRANCHES + flows("s g") + flow("g", "a", "x") + flow("g", "b", "not x"),
+        "g: has no way out if none of its conditions is true: mark one of its flows as the default",
+    ),
+    "a choice with a flow that has no condition": (
+        row(script("x = 1")) + choice("g") + BRANCHES + flows("s g", "g a") + flow("g", "b", "x"),
+        "g-a: has no condition, so g always takes it: give it one, or mark it as the default",
+    ),
+    "a choice with a default and a flow that has no condition": (
+        row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g a", "g b"),
+        "g-a: has no condition, so g always takes it: give it one, or mark it as the default",
+    ),
+    "a condition in quotes": (
+        row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b")
+        + flow("g", "a", "'x > 3'"),
+        "g-a: its condition is a text, always true: 'x > 3' without its quotes would be right",
+    ),
+    "a property that is spelt with a capital": (
+        row(throw("a", "done", Type=BOOL)),
+        "a: its property 'Type' has no effect: did you mean 'type'?",
+    ),
+    "a default flow with a condition": (
+        row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g") + flow("g", "a", "x")
+        + flow("g", "b", "x"),
+        "g-b: is the default flow: its condition is never asked",
+    ),
+    "a condition that leaves a parallel gateway": (
+        row(script("x = 1")) + parallel("g") + BRANCHES + flows("s g", "g a") + flow("g", "b", "x"),
+        "g-b: its condition is never asked: g takes no conditions",
+    ),
+    "a parallel join of an exclusive choice": (
+        START + script("x = 1", "a") + script("x = 2", "b") + choice("g", 'default="g-b"') + parallel("j") + ends("e")
+        + flows("s g b j e", "a j") + flow("g", "a", "1 > 0"),
+        "j: waits for 2 flows from g, which takes only one: it may wait for ever",
+    ),
+    "an exclusive merge of parallel flows": (
+        START + script("x = 1", "a") + script("x = 2", "b") + parallel("g") + choice("m") + ends("e")
+        + flows("s g a m e", "g b m"),
+        "m: is reached 2 times from g, and what follows it as often: a parallel gateway would wait for all",
+    ),
+    "a cycle that fires once": (
+        row(timer("intermediateCatchEvent", "timeCycle", "R/PT1S")),
+        "w: only the first time of its cycle counts, since it fires once: a duration says so",
+    ),
+    "a cycle on an interrupting boundary event": (
+        row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
+        "w: only the first time of its cycle counts, since it fires once: a duration says so",
+    ),
+    "a signal that ROS cannot name": (
+        row('<intermediateCatchEvent id="a" name="weed found"><signalEventDefinition/></intermediateCatchEvent>'),
+        "a: ROS 2 refuses the topic /weed found: letters, digits and _ would be right, not beginning with a digit",
+    ),
+    "a topic of the robot without a type": (
+        row(catch("a", "odom", scope="robot")),
+        "a: no event says the type of the robot's topic ~/odom: it has to be known",
+    ),
+    "a data object filled by a topic without a type": (
+        data("d", x="${x}", y="${y}") + row(catch("a", into="d")),
+        "a: no event says the type of topic /done, so it carries std_msgs/msg/Empty, which has nothing for x, y",
+    ),
+    "a data object with names that the message does not have": (
+        data("d", width="${width}") + row(catch("a", into="d", type=VECTOR)),
+        f"a: {VECTOR} has no field for width: name them like its fields (x, y, z), or <field>_...",
+    ),
+    "a data object that nothing is connected to": (
+        data("d", speed="0.5") + row(script("x = 1")),
+        "d: no element is connected to it, so that nothing ever sets speed",
+    ),
+    "a variable that nothing sets": (
+        row(script("target_x = 1"), script("y = target_z", "t2")),
+        "t2: reads `target_z`, which nothing sets; did you mean `target_x`?",
+    ),
+    "a payload of what nothing sets": (
+        row(throw("a", type=VECTOR, payload="{x: ${speed}}")),
+        "a: reads `speed`, which nothing sets",
+    ),
+    "a condition on what nothing sets": (
+        row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b") + flow("g", "a", "low"),
+        "g-a: reads `low`, which nothing sets",
+    ),
+    "a constant of Python where it is written small": (
+        START + script("x = 1") + choice("g", 'default="g-b"') + BRANCHES + flows("s t g b")
+        + flow("g", "a", "${x == True}"),
+        "g-a: reads `True`, which nothing sets; here it is true",
+    ),
+    "a constant of other languages in Python": (
+        row(script("x = true")),
+        "t: reads `true`, which nothing sets; in Python it is True",
+    ),
+    "a name that only Python has": (
+        row(throw("a", type="std_msgs/msg/Float64", payload="${math.pi}")),
+        "a: reads `math`, which nothing sets; math is of Python: plain Python, without ${ }, knows it",
+    ),
+    "JavaScript in Python": (
+        row(script("console.log(1)")),
+        "t: reads `console`, which nothing sets; a script in JavaScript has format javascript",
+    ),
+    "an arrow to a data object that should come from it": (
+        data("d", x="4") + row(filling("t", "d", "y = x")),
+        "d: sets x when t has ended, which reads it: an arrow from it sets it before",
+    ),
+    "a decimal comma": (
+        data("d", x="4,5") + row(reading("t", "d", "y = x")),
+        "d: x is the text '4,5': the number is 4.5",
+    ),
+    "a sleep that blocks": (
+        row(script("import time\ntime.sleep(1)")),
+        "t: time.sleep holds up all that the robot does: await sleep(...)",
+    ),
+    "an error that is misspelt where it is caught": (
+        row(script("x_goal, y_goal = 1, 1"), call("GoTo", "GoTo")) + caught_at("GoTo", "unreachabel"),
+        "b: catches error 'unreachabel', which nothing in GoTo throws; did you mean 'unreachable'?",
+    ),
+    "an error that another activity throws": (
+        row(script("raise BpmnError('spilt')")) + caught_at("t", "lost"),
+        "b: catches error 'lost', which nothing in t throws; it throws spilt",
+    ),
+    "a timer of what nothing sets": (
+        row(timer("intermediateCatchEvent", "timeDuration", "PT${pause}S")),
+        "w: reads `pause`, which nothing sets",
+    ),
+    "a variable that hides the interface of scripts": (
+        row(script("robot = 3")),
+        "t: sets a variable `robot`, which hides robot of the script interface: name it otherwise",
+    ),
+    "a topic whose variable hides the interface of scripts": (
+        row(catch("a", "log")),
+        "a: sets a variable `log`, which hides log of the script interface: name it otherwise",
+    ),
+    "a script in JavaScript that never says next": (
+        row(script("this.environment.variables.x = 1;", format="javascript")),
+        "t: never calls next(), so it fails when it has run: next() completes a script",
+    ),
+    "a message that fills variables by their names": (
+        row(script("next();", format="javascript"), catch("a", "found", type="geometry_msgs/msg/Vector3"))
+        + data("goal", x_goal="${x_goal}"),
+        "a: fills `x_goal` with field x, by the name alone: connect the event with the data object",
+    ),
+    "a process that calls itself without end, in time": (
+        row(timer("intermediateCatchEvent", "timeDuration", "PT1S"), call("again", "P")),
+        "again: P calls itself without end: every way through it meets such a call",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "expected"), WARNINGS.values(), ids=WARNINGS.keys())
+def test_it_is_a_warning(content: str, expected: str) -> None:
+    assert expected in told(alone(content), "warning")
+
+
+def test_a_signal_that_nobody_catches_is_a_warning_where_the_file_has_all_robots() -> None:
+    one, other = row(throw("a")), row(catch("b", "found"), mark="2")
+    assert told(team(one, other)) == [
+        "a: throws /done, which nobody in bad.bpmn catches",
+        "b: waits for /found, which nobody in bad.bpmn throws",
+    ]
+    assert told(team(one, row(catch("b"), mark="2"))) == []
+
+
+def test_a_signal_that_is_spelt_in_two_ways_is_told_with_the_other_spelling() -> None:
+    spelt = '<signal id="S_Done" name="Done"/></definitions>'
+    text = team(row(throw("a", "Done")), row(catch("b"), mark="2")).replace("</definitions>", spelt)
+    assert told(text) == [
+        "a: throws /Done, which nobody in bad.bpmn catches; did you mean /done?",
+        "b: waits for /done, which nobody in bad.bpmn throws; did you mean /Done?",
+    ]
+
+
+def test_it_is_a_note_where_others_may_be_at_the_other_end() -> None:
+    expected = ["a: throws /done, which nobody in bad.bpmn catches"]
+    for text in (alone(row(throw("a"))), team(row(throw("a")), pools='<participant id="X" name="crowd"/>')):
+        assert told(text) == []
+        assert [line for line in told(text, "note") if line.startswith("a")] == expected
+
+
+def test_a_script_in_javascript_may_try_a_type_that_nobody_knows() -> None:
+    makes = 'node.createPublisher("geometry_msgs/msg/Vektor3", "v")'
+    said = "t: type geometry_msgs/msg/Vektor3: there is no such message type; did you mean geometry_msgs/msg/Vector3"
+    for text, level in ((makes, "error"), (f"try {{ {makes} }} catch (e) {{}}", "warning")):
+        (found,) = told(alone(row(script(f"{text}; next()", format="js"))), level)
+        assert found.startswith(said)
+
+
+def test_scripts_are_at_the_ends_of_topics_too() -> None:
+    sends = row(script('signal("done")'), script('await receive("/found")', "t2"))
+    assert told(team(sends, row(catch("a"), throw("b", "found"), mark="2"))) == []
+
+
+def test_the_topics_of_a_robot_are_its_drivers_affair() -> None:
+    own = row(throw("a", "odom", scope="robot", type=BOOL, payload="true"))
+    assert told(team(own, row(mark="2"))) == []
+
+
+def test_what_the_reader_notes_is_passed_on() -> None:
+    label = '<intermediateThrowEvent id="a" name="other">' + extensions(f'<ros:message type="{BOOL}"/>')
+    text = alone(row(label + '<signalEventDefinition signalRef="S_done"/></intermediateThrowEvent>'))
+    assert told(text) == ["a: the topic is 'done', the name of the signal, not the label 'other'"]
+
+
+def test_an_interrupting_handler_of_the_originals_models_is_a_warning() -> None:
+    start = event("startEvent", "hs", "done")
+    handler = f'<subProcess id="h" triggeredByEvent="true">{start}{ends("he")}{flows("hs he")}</subProcess>'
+    text = alone(row(script("next()", format="javascript")) + handler)
+    expected = (
+        "h: ends what its scope was doing; the original FaMe went on with it afterwards: "
+        "property semantics=original on the process does that"
+    )
+    assert expected in told(text)
+    original = text.replace('isExecutable="true" >\n', f'isExecutable="true">\n{properties(semantics="original")}')
+    assert original != text
+    assert expected not in told(original)
+    assert expected not in told(alone(row(script("x = 1")) + handler))
+
+
+def test_a_language_that_is_not_installed_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    def compile_script(*arguments: object, **named: object) -> object:
+        raise UnavailableError("t: JavaScript is not installed: pip install it")
+
+    monkeypatch.setattr("fame.check.compiling.compile_script", compile_script)
+    expected = "t: cannot be checked: JavaScript is not installed: pip install it"
+    assert told(alone(row(script("next()", format="javascript")))) == [expected]
+
+
+NOTES = {
+    "a script task without a script": (row('<scriptTask id="t"/>'), "t: has no script: it completes at once"),
+    "a plain task": (row('<task id="t"/>'), "t: a plain task does nothing: it completes at once"),
+    "a user task": (
+        row('<userTask id="t"/>'),
+        "t: a user task is outside of the elements that the guidelines select (G2)",
+    ),
+    "an embedded sub-process": (
+        row(f'<subProcess id="t">{row(mark="2")}</subProcess>'),
+        "t: an embedded sub-process is outside of the elements that the guidelines select (G2)",
+    ),
+    "an inclusive gateway": (
+        row('<inclusiveGateway id="t"/>'),
+        "t: an inclusive gateway is outside of the elements that the guidelines select (G2)",
+    ),
+    "a message event": (
+        row('<intermediateThrowEvent id="t" name="m"><messageEventDefinition/></intermediateThrowEvent>'),
+        "t: a message event is outside of the elements that the guidelines select (G2)",
+    ),
+    "a service task": (
+        row('<serviceTask id="t" implementation="grip"/>'),
+        "t: needs the service 'grip' where it runs: Simulation(services=...)",
+    ),
+    "a condition on what no data object declares": (
+        row(script("low = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b") + flow("g", "a", "low"),
+        "g-a: decides by `low`, which no data object declares (G4)",
+    ),
+    "a payload of what no data object declares": (
+        row(script("v = 1"), throw("a", type=VECTOR, payload="{x: ${v}}")),
+        "a: sends `v`, which no data object declares (G4)",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "expected"), NOTES.values(), ids=NOTES.keys())
+def test_it_is_a_note(content: str, expected: str) -> None:
+    assert expected in told(alone(content), "note")
+
+
+def test_message_flows_and_black_boxes_are_notes() -> None:
+    pools = '<participant id="X" name="crowd"/><messageFlow id="M" sourceRef="Pool1" targetRef="X"/>'
+    assert told(team(row(), pools=pools), "note") == [
+        "X: is a black box: no robot plays it, and its signals come from elsewhere",
+        "M: message flows have no effect: robots talk by signals, which are matched by name (G3)",
+    ]
+
+
+def test_two_pools_that_do_the_same_are_a_note() -> None:
+    one = data("d", x="1") + row(reading("a", "d", "y = x"))
+    other = one.replace('id="', 'id="o_').replace('Ref="', 'Ref="o_').replace("Ref>", "Ref>o_").replace("o_</", "</")
+    expected = "Pool2: does the same as pool REX: one multi-instance pool stands for all such robots (G1)"
+    assert expected in told(team(one, other), "note")
+    assert expected not in told(team(one, other.replace("y = x", "y = -x")), "note")
+
+
+GUARD = '<boundaryEvent id="w" attachedToRef="{}"><errorEventDefinition/></boundaryEvent>'
+FINE = {
+    "a recursion with a way out": (
+        START + choice("g", 'default="g-e"') + call("again", "P") + script("n = 1") + ends("e")
+        + flows("s t g e", "again e") + flow("g", "again", "n > 0")
+    ),
+    "a recursion that a script ends": row(script('raise BpmnError("enough")'), call("again", "P")),
+    "a recursion with a way past by a boundary event": (
+        row(script("x = 1"), call("again", "P")) + GUARD.format("t") + flows("w e")
+    ),
+    "a recursion that ends where no condition is true": (
+        START + script("n = 1") + call("again", "P") + ends("e") + flows("s t", "again e") + flow("t", "again", "n > 0")
+    ),
+    "a parallel join of parallel flows": (
+        START + parallel("g") + script("x = 1", "a") + script("x = 2", "b") + parallel("j") + ends("e")
+        + flows("s g a j e", "g b j")
+    ),
+    "an exclusive merge of a choice": (
+        START + choice("g", 'default="g-b"') + script("x = 1", "a") + script("x = 2", "b") + choice("m") + ends("e")
+        + flows("s g b m e", "a m") + flow("g", "a", "1 > 0")
+    ),
+    "a loop": (
+        START + choice("m") + script("x = 1") + choice("g", 'default="g-m"') + ends("e")
+        + flows("s m t g m") + flow("g", "e", "x")
+    ),
+    "links": (
+        START + '<intermediateThrowEvent id="a"><linkEventDefinition name="l"/></intermediateThrowEvent>'
+        '<intermediateCatchEvent id="b"><linkEventDefinition name="l"/></intermediateCatchEvent>' + ends("e")
+        + flows("s a", "b e")
+    ),
+    "a cycle that goes on beside its activity": (
+        row('<userTask id="t"/>') + ends("x")
+        + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t" cancelActivity="false"') + flows("w x")
+    ),
+    "a flow that starts without a start event": script("x = 1") + script("y = x", "t2") + flows("t t2"),
+    "an event sub-process": (
+        row(catch("a")) + '<subProcess id="h" triggeredByEvent="true">'
+        + event("startEvent", "hs", "found") + ends("he") + flows("hs he") + "</subProcess>"
+    ),
+    "a payload of computed values": row(
+        script("v = [1, 2]"), throw("a", type="geometry_msgs/msg/Pose", payload="{position: {x: ${v[0]}}}")
+    ),
+    "results of a script in a data object": data("d", x="${x}") + row(filling("t", "d", "x = 1")),
+    "an error that a script throws": row(script("raise BpmnError('lost')")) + caught_at("t", "lost"),
+    "an error of whatever code": row(script("raise BpmnError(codes[0])\ncodes = []")) + caught_at("t", "lost"),
+    "an exception": row(script("x = 1 / 0")) + caught_at("t", "script"),
+    "an error of a service": row(service(service="a", type="std_srvs/srv/Trigger")) + caught_at("t", "lost"),
+    "an error inside": (
+        row('<subProcess id="p">' + row(script("raise BpmnError('lost')"), mark="2") + "</subProcess>")
+        + caught_at("p", "lost")
+    ),
+    "an activity that a boundary event leads on from": (
+        START + script("await until(lambda: False)") + ends("e") + flows("s t", "w e")
+        + timer("boundaryEvent", "timeDuration", "PT1S", 'attachedToRef="t"')
+    ),
+    "a number made of two": row(script("v = 1"), throw("a", type="std_msgs/msg/Int32", payload="${v}${v}")),
+    "a wrapper's payload": row(script("v = 1"), throw("a", type="std_msgs/msg/Float64", payload="${v}")),
+    "a computed list": row(
+        script("v = 1"),
+        throw("a", type="std_msgs/msg/Float64MultiArray", payload="{data: [1, ${v}], layout: {dim: [{size: ${v}}]}}"),
+    ),
+    "a computed time": row(script("v = 1"), timer("intermediateCatchEvent", "timeDuration", "PT${v}S")),
+    "a time that is an expression": row(script("v = 'PT1S'"), timer("intermediateCatchEvent", "timeDuration", "${v}")),
+    "a type on one event alone": row(throw("a", payload="true"), catch("b", type=BOOL)),
+    "a script that takes a topic as it is": row(script('x = robot.latest("odom")')),
+    "a script that hides a builtin": row(catch("a", "found"), script("range = 3")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("content", FINE.values(), ids=FINE.keys())
+def test_it_is_not_blamed(content: str) -> None:
+    assert told(alone(content)) == []
