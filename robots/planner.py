@@ -34,6 +34,7 @@ class Planner:
     def __init__(self, node: Node, parameters: PlannerParameters, radius: float) -> None:
         self._clearance, self._tolerance = radius + parameters.margin, parameters.tolerance
         self._map: Message | None = None
+        self._ground: Grid | None = None
         self._grid: Grid | None = None  # inflated; made for the first goal: most of a thousand robots never get one
         self._odometry: Message | None = None
         self._goal: Message | None = None
@@ -59,12 +60,14 @@ class Planner:
         if self._map is None or self._odometry is None or self._goal is None:
             return
         if self._grid is None:
-            self._grid = inflate(from_message(self._map), self._clearance)
+            self._ground = from_message(self._map)
+            self._grid = inflate(self._ground, self._clearance)
         goal, self._goal = self._goal, None
         position, target = self._odometry.pose.pose.position, goal.pose.position
         places = None
         if math.isfinite(target.x) and math.isfinite(target.y):
-            places = route(self._grid, (position.x, position.y), (target.x, target.y), self._tolerance)
+            here, there = (position.x, position.y), (target.x, target.y)
+            places = route(self._grid, here, there, self._tolerance, self._ground)
         self._plan.publish(messages.create("nav_msgs/msg/Path", _path(places or [], self._odometry, goal)))
 
 

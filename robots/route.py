@@ -19,15 +19,18 @@ _STRAIGHT, _DIAGONAL = 985, 1393
 """Costs of steps as integers, for exact comparison: 1393 / 985 is the square root of 2 to six places."""
 
 _UNKNOWN = 1 << 60
+_TRIED = 10_000
+"""Cells that are looked at from a start that is not free, at most."""
 
 
-def route(grid: Grid, start: Point, goal: Point, tolerance: float) -> list[Point] | None:
+def route(grid: Grid, start: Point, goal: Point, tolerance: float, ground: Grid | None = None) -> list[Point] | None:
     """The corners of a way from `start` to `goal` (m), both included, or None if there is none.
 
     If the goal is not free, the way ends at the nearest free place within `tolerance` (m). A start that is not free,
-    as of a robot that stands too close to a wall, is left by the shortest way.
+    as of a robot that stands too close to a wall, is left by the shortest way; not through that wall, if `ground`, the
+    grid that is not inflated, tells where it is.
     """
-    first, last = nearest_free(grid, start, math.inf), nearest_free(grid, goal, tolerance)
+    first, last = nearest_free(grid, start, math.inf, ground), nearest_free(grid, goal, tolerance)
     if first is None or last is None:
         return None
     begin = [start] if _cell(grid, start) == first else [start, _centre(grid, first)]
@@ -51,8 +54,11 @@ def _centre(grid: Grid, cell: tuple[int, int]) -> Point:
     return grid.origin[0] + (cell[1] + 0.5) * grid.resolution, grid.origin[1] + (cell[0] + 0.5) * grid.resolution
 
 
-def nearest_free(grid: Grid, place: Point, tolerance: float) -> tuple[int, int] | None:
-    """The row and column of the free cell at a place of the grid, or nearest to it within `tolerance` (m)."""
+def nearest_free(grid: Grid, place: Point, tolerance: float, ground: Grid | None = None) -> tuple[int, int] | None:
+    """The row and column of the free cell at a place of the grid, or nearest to it within `tolerance` (m).
+
+    With `ground` the nearest one from which a straight line to the place is free there, if one of the nearest is.
+    """
     row, column = _cell(grid, place)
     rows, columns = grid.occupied.shape
     if not (0 <= row < rows and 0 <= column < columns):
@@ -65,6 +71,10 @@ def nearest_free(grid: Grid, place: Point, tolerance: float) -> tuple[int, int] 
     x, y = _centre(grid, (0, 0))
     squared = (x + free_columns * grid.resolution - place[0]) ** 2 + (y + free_rows * grid.resolution - place[1]) ** 2
     best = int(np.argmin(squared))
+    if ground is not None and not ground.occupied[row, column]:
+        nearest = np.argsort(squared, kind="stable")[:_TRIED].tolist()
+        cells = ((one, _centre(grid, (int(free_rows[one]), int(free_columns[one])))) for one in nearest)
+        best = next((one for one, centre in cells if _in_sight(ground, place, centre)), best)
     return (int(free_rows[best]), int(free_columns[best])) if squared[best] <= tolerance**2 else None
 
 

@@ -181,3 +181,12 @@ def test_a_goal_that_comes_before_map_and_odometry_is_answered_when_they_are_the
 @pytest.mark.parametrize("distance", [3.0, 1e6])
 def test_inflation_by_more_than_the_ground_leaves_nothing_free(distance):
     assert inflate(rasterise((0, 0, 6, 1), [], 0.05), distance).occupied.all()
+
+
+def test_a_passage_that_is_too_narrow_is_left_by_its_end_and_not_through_its_wall():
+    walls = [box((3, y), 3.0, 0.1, 0.0) for y in (1.7, 2.3)]
+    ground = rasterise((0, 0, 6, 4), walls, 0.05)
+    way = route(inflate(ground, 0.5), (3.2, 2.0), (3.0, 3.5), 0.0, ground)
+    assert way is not None
+    assert all(abs(y - 2.0) < 0.25 for x, y in way if 1.5 < x < 4.5 and y < 2.7)
+    assert way[1][0] > 4.5
