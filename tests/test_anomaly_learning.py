@@ -15,7 +15,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
 from fame.anomaly import persist
-from fame.anomaly.classifiers import candidates
+from fame.anomaly.classifiers import _HOMES, candidates
 from fame.anomaly.config import load
 from fame.anomaly.files import write_csv
 from fame.anomaly.interface import Interface
@@ -359,3 +359,36 @@ def test_every_wrong_learning_file_is_one_line_that_names_a_file(text: str, why:
 def test_a_grid_may_vary_the_classifiers_that_are_tried_without_any_named(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text(LEARNING + "Grid: {rbfsvm: {gamma: [1, 2]}}")
     assert [entry.parameters["gamma"] for entry in candidates(load(tmp_path / "a.yaml"))] == [1, 2]
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_every_classifier_that_may_be_named_is_the_same_each_time_and_comes_back_from_its_file(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    runs = [random.normal(3.0 * (run >= 4), 1, (12, 2)) for run in range(8)]
+    rows = [f"{run},{a},{b},{1 if run < 4 else -1}" for run, points in enumerate(runs) for a, b in points]
+    (tmp_path / "runs.csv").write_text("\n".join(["run,a,b,label", *rows]) + "\n")
+    names = [name for name in _HOMES if name != "EllipticEnvelope"]
+    few = {"IsolationForest": "n_estimators: 3", "RandomForestClassifier": "n_estimators: 3",
+           "HistGradientBoostingClassifier": "max_iter: 2, min_samples_leaf: 2", "MLPClassifier": "max_iter: 50",
+           "LogisticRegression": "max_iter: 500"}  # fmt: skip
+    named = [f"{{name: {name}, class: {name}, parameters: {{{few.get(name, '')}}}}}" for name in names]
+    source = "{name: runs.csv, input_col: [0, 1], output_col: [2]}"
+    both = f"Files: {{unsupervised_train: {source}, supervised_train: {source}}}\n"
+    (tmp_path / "a.yaml").write_text(both + f"Classifiers: [{', '.join(named)}]\nSplit: {{folds: 0}}\nThreshold: 0.4\n")
+    first, second = learn(load(tmp_path / "a.yaml")), learn(load(tmp_path / "a.yaml"))
+    for one, other in zip(first, second, strict=True):
+        assert one.judged == other.judged, one.entry.name
+        save_model(one.model, tmp_path / "one.skops")
+        save_model(other.model, tmp_path / "other.skops")
+        assert (tmp_path / "one.skops").read_bytes() == (tmp_path / "other.skops").read_bytes(), one.entry.name
+        points = of_runs(runs, 1, ("a", "b"))
+        np.testing.assert_array_equal(load_model(tmp_path / "one.skops").predict(points), one.model.predict(points))
+
+
+def test_a_classifier_that_could_not_be_read_back_is_not_stored(tmp_path: Path) -> None:
+    class Own:
+        pass
+
+    with pytest.raises(ConfigError, match="could not be read back as data"):
+        persist.write_artefact({"estimator": Own()}, tmp_path / "own.skops")
+    assert list(tmp_path.iterdir()) == []

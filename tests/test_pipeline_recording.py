@@ -496,3 +496,20 @@ def test_two_databases_get_every_row_and_neither_the_others_leavings(tmp_path: P
             server.stop()
     assert [len(server.lines) for server in servers] == [3, 3]
     assert list(tmp_path.glob(".*influx*")) == []
+
+
+def test_a_disk_that_is_full_is_said_with_the_file_and_what_was_written_is_whole(tmp_path: Path) -> None:
+    bag, (of, out) = tmp_path / "full.yaml", (configuration(tmp_path), tmp_path / "runs.csv")
+    bag.write_text(of.file.read_text())
+    code = (
+        "import resource, sys\nsys.path.insert(0, 'tests')\nfrom pathlib import Path\n"
+        "from test_pipeline_recording import Bench\n"
+        "from fame.pipeline.configuration import load\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        f"bench = Bench(); node = bench.record(load({str(bag)!r}), Path({str(out)!r}))\n"
+        "for number in range(1, 101):\n    bench.joints(number / 100, 1.0, 2.0)\n    bench.run()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert f"{out}: cannot be written: File too large" in done.stderr
+    (found,) = read_runs([out])
+    assert len(found) > 10

@@ -223,7 +223,7 @@ def test_a_file_that_is_no_table_is_refused_with_its_line(tmp_path: Path, text: 
     [
         ({"Files": ["no*.csv"]}, "no file matches"),
         ({"Files": [], "Windw": 3}, "found the key 'windw'"),
-        ({"Window": "fifty"}, "Training.window: found 'fifty'; a int would be right"),
+        ({"Window": "fifty"}, "Training.window: found 'fifty'; a whole number would be right"),
         ({"Hidden": [16, "4"]}, "Training.hidden"),
         ("runs.csv", "a mapping with Files would be right"),
     ],

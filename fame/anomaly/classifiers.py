@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
@@ -53,7 +54,9 @@ def make(entry: Entry, folder: Path) -> Any:
         cls = getattr(import_module(f"sklearn.{module}"), entry.cls.rpartition(".")[2])
     except ImportError:
         raise UnavailableError("learning needs scikit-learn: pip install 'fame-robots[ml]'") from None
-    defaults = {"novelty": True} if entry.cls.endswith("LocalOutlierFactor") else {}
+    defaults: dict[str, Any] = {"novelty": True} if entry.cls.endswith("LocalOutlierFactor") else {}
+    if "random_state" in inspect.signature(cls).parameters:
+        defaults["random_state"] = 0  # the same data, the same model
     return _build(cls, entry, {**defaults, **entry.parameters})
 
 

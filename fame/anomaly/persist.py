@@ -9,9 +9,12 @@ hash of that data, and not taken again for any other.
 from __future__ import annotations
 
 import hashlib
+import io
+import re
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 
@@ -23,6 +26,16 @@ from fame.errors import ConfigError, UnavailableError
 
 FORMAT = "fame-adm-1"
 _PACKAGES = ("scikit-learn", "numpy", "skops")
+_HOLD_DATA = (
+    "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
+    "sklearn.metrics._dist_metrics.EuclideanDistance64",
+    "sklearn.neighbors._ball_tree.BallTree",
+    "sklearn.neighbors._kd_tree.KDTree",
+    "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
+    "sklearn.neural_network._stochastic_optimizers.SGDOptimizer",
+    "sklearn.tree._tree.Tree",
+)
+"""Parts of scikit-learn's estimators that skops does not know, but that hold arrays and numbers only."""
 
 
 def data_hash(*recordings: Recording) -> str:
@@ -81,22 +94,50 @@ def load_model(path: str | Path) -> Model:
 
 
 def write_artefact(content: Any, path: str | Path) -> None:
-    """Store plain data and estimators of scikit-learn, as a whole file or not at all."""
+    """Store plain data and estimators of scikit-learn, as a whole file or not at all; the same content gives the same
+    file. Raises ConfigError for what `read_artefact` would refuse."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    data = io.BytesIO(_skops().dumps(content))
+    if unknown := _unknown(data):
+        text = f"is not stored: {', '.join(unknown)} could not be read back as data; another classifier would be right"
+        raise ConfigError(text, file=str(path))
     whole = path.with_name(f".{path.name}.part")
-    _skops().dump(content, whole)
+    _write_settled(data, whole)
     whole.replace(path)
+
+
+def _write_settled(data: io.BytesIO, path: Path) -> None:
+    """What skops dumped, without what differs from time to time: addresses in memory, by which it names parts and
+    files, become numbers in their order, and the files have no date."""
+    numbers: dict[str, str] = {}
+
+    def number(found: re.Match[str]) -> str:
+        return numbers.setdefault(found[0], str(len(numbers) + 1))
+
+    with ZipFile(data) as given, ZipFile(path, "w") as settled:
+        schema = re.sub(r'(?<="__id__": )\d+|(?<="file": ")\d+(?=\.)', number, given.read("schema.json").decode())
+        files = {re.sub(r"^\d+(?=\.)", number, name): given.read(name) for name in given.namelist()}
+        for name, content in sorted((files | {"schema.json": schema.encode()}).items()):
+            settled.writestr(ZipInfo(name), content)
+
+
+def _unknown(file: Any) -> list[str]:
+    """The classes in what skops stored that could hold more than data."""
+    return [name for name in _skops().get_untrusted_types(**_source(file)) if name not in _HOLD_DATA]
+
+
+def _source(file: Path | io.BytesIO) -> dict[str, Any]:
+    return {"file": file} if isinstance(file, Path) else {"data": file.getvalue()}
 
 
 def read_artefact(path: Path, maker: str) -> Any:
     """What `write_artefact` stored, by the command `maker`. Raises ConfigError if it is not there, corrupt, or holds
     anything that could run."""
-    io = _skops()
     if not path.is_file():
         raise ConfigError("there is no such file", file=str(path))
     try:
-        unknown = io.get_untrusted_types(file=path)
+        unknown = _unknown(path)
     except Exception as error:  # skops raises whatever its parts do on a file that is none of its own
         text = f"is corrupt, or no model of {maker} ({type(error).__name__})"
         raise ConfigError(text, file=str(path)) from None
@@ -104,7 +145,7 @@ def read_artefact(path: Path, maker: str) -> Any:
         text = f"refused: it contains code or unknown classes ({', '.join(unknown)}); a model holds data only"
         raise ConfigError(text, file=str(path))
     try:
-        return io.load(path, trusted=[])
+        return _skops().load(path, trusted=list(_HOLD_DATA))
     except Exception as error:
         raise ConfigError(f"is corrupt ({type(error).__name__}: {error})", file=str(path)) from None
 

@@ -230,7 +230,7 @@ def _beside(folder: Path, package: str, module: str) -> Path | None:
 
 
 def _policies(value: Any, key: str, general: Mapping[str, Any]) -> Mapping[str, Any]:
-    given = {**general, **_mapping(value, key, None)}
+    given = {**general, **{str(name): policy for name, policy in _mapping(value, key, None).items()}}
     try:
         qos.parse(given)
     except MessageError as error:

@@ -94,8 +94,11 @@ class CsvFile:
         if self._lines:
             data = "".join(self._lines).encode()
             self._lines.clear()
-            while data:
-                data = data[os.write(self._file, data) :]
+            try:
+                while data:
+                    data = data[os.write(self._file, data) :]
+            except OSError as error:
+                raise ConfigError(f"cannot be written: {error.strerror}", file=str(self.path)) from None
 
     def close(self) -> None:
         """Write the rest."""

@@ -118,6 +118,9 @@ def training_of(section: Mapping[str, Any], folder: Path) -> Training:
     return Training(**given)
 
 
+_KINDS: dict[type, str] = {int: "whole number", float: "number", str: "text"}
+
+
 def _value(name: str, value: Any, default: Any) -> Any:
     """A value of the type of its default."""
     element = f"Training.{name}"
@@ -125,13 +128,13 @@ def _value(name: str, value: Any, default: Any) -> Any:
         items = value if isinstance(value, list) else [value]
         kind: type = int if name == "hidden" else str
         if not all(type(item) is kind for item in items):
-            raise ConfigError(f"found {value!r}; a list of {kind.__name__} would be right", element=element)
+            raise ConfigError(f"found {value!r}; a list of {_KINDS[kind]}s would be right", element=element)
         return tuple(items)
     kind = type(default)
     if kind is float and type(value) is int:
         value = float(value)
     if type(value) is not kind:
-        raise ConfigError(f"found {value!r}; a {kind.__name__} would be right", element=element)
+        raise ConfigError(f"found {value!r}; a {_KINDS[kind]} would be right", element=element)
     return value
 
 
