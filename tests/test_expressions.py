@@ -172,6 +172,23 @@ FEEL_CASES: list[tuple[str, dict[str, Any], Any]] = [
     ("for i in 1..3, j in 1..i return j", {}, [1, 1, 2, 1, 2, 3]),
     ("some i in [1, 2], j in [2, 3] satisfies i = j", {}, True),
     ("every i in [1, 2], j in [2, 3] satisfies i < j", {}, False),
+    ('duration("PT2H") + duration("PT30M")', {}, "PT2H30M"),
+    ('duration("PT2H") - duration("PT3H")', {}, None),
+    ('duration("PT1H") * 2', {}, "PT2H"),
+    ('0.5 * duration("PT1H")', {}, "PT30M"),
+    ('duration("PT1H") / 4', {}, "PT15M"),
+    ('duration("PT1H") / 0', {}, None),
+    ('duration("P1D") > duration("PT12H")', {}, True),
+    ('duration("PT1H") = duration("PT60M")', {}, True),
+    ('duration("P1M") > duration("P30D")', {}, None),
+    ('duration("PT1H") in [duration("PT30M")..duration("PT90M")]', {}, True),
+    ('wait + duration("PT1M")', {"wait": "PT1H"}, "PT1H1M"),
+    ('date and time("2012-12-24T23:59:00") + duration("PT1M")', {}, "2012-12-25T00:00:00"),
+    ('date and time("2026-01-31T12:00:00Z") + duration("P1M")', {}, "2026-02-28T12:00:00+00:00"),
+    ('date and time("2026-01-02T00:00:00Z") - date and time("2026-01-01T12:00:00Z")', {}, "PT12H"),
+    ('date and time("2026-01-02T00:00:00Z") = date and time("2026-01-02T01:00:00+01:00")', {}, True),
+    ('date and time("weed") + duration("PT1M")', {}, None),
+    ('"in " + string(duration("PT1M"))', {}, "in PT1M"),
     ("not x = 4", {"x": 3}, True),
     ("not(x = 4) and true", {"x": 3}, True),
     ('substring("foobar", 0)', {}, None),
@@ -377,3 +394,9 @@ def test_what_is_neither_true_nor_false_is_no_condition(text: str, language: Lan
 def test_a_value_stays_what_it_is() -> None:
     assert juel("x", x="false") == "false"
     assert feel("x", x=[1]) == [1]
+
+
+@pytest.mark.parametrize("language", ["payload", "template", "value"])
+def test_the_signs_that_stand_for_expressions_inside_are_refused(language: Language) -> None:
+    with pytest.raises(ModelError, match="U\\+E000 and U\\+E001 cannot be used"):
+        evaluate("\ue0005\ue001", language)

@@ -21,6 +21,7 @@ from fame.scripting.feel_lists import (
     quantified,
     span,
 )
+from fame.scripting.feel_times import Time, are_times, computed
 from fame.scripting.feel_values import Bound, Range, equal, field_of, order, power, quotient, within
 from fame.scripting.functions import FUNCTIONS
 from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix
@@ -67,6 +68,11 @@ def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evalu
             if is_number(a) and is_number(b):
                 try:
                     return compute(a, b)
+                except (ArithmeticError, ValueError):
+                    return None
+            if are_times(a, b) or (is_number(b) and a.__class__ is Time) or (is_number(a) and b.__class__ is Time):
+                try:
+                    return computed(compute, a, b)
                 except (ArithmeticError, ValueError):
                     return None
             return a + b if compute is operator.add and isinstance(a, str) and isinstance(b, str) else None

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fame.scripting.data import Undefined, field, is_list, is_number, plain
+from fame.scripting.feel_times import are_times, compared
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,8 @@ def equal(left: Any, right: Any) -> bool | None:
     """``=``: null for values of different kinds, unless one is null."""
     if left is None or right is None:
         return left is right
+    if are_times(left, right):
+        return compared(operator.eq, left, right)
     if _kind(left) != _kind(right):
         return None
     return bool(plain(left) == plain(right))
@@ -46,6 +49,8 @@ def equal(left: Any, right: Any) -> bool | None:
 
 def order(compare: Callable[[Any, Any], bool], left: Any, right: Any) -> bool | None:
     """``<`` and the like, of two numbers or two texts; else null."""
+    if are_times(left, right):
+        return compared(compare, left, right)
     if (is_number(left) and is_number(right)) or (isinstance(left, str) and isinstance(right, str)):
         return bool(compare(left, right))
     return None

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from fame.scripting.data import is_list, is_number, plain
+from fame.scripting.feel_times import Time
 
 
 def to_number(value: Any) -> int | float | None:
@@ -95,8 +96,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "substring": _or_null(_sub),
     "context put": _put,
     "split": _or_null(lambda text, separator: text.split(separator)),
-    "duration": to_text,
-    "date and time": to_text,
+    "duration": lambda value: Time(to_text(value)),
+    "date and time": lambda value: Time(to_text(value)),
     "cycle": lambda *parts: f"R{parts[0]}/{parts[1]}" if len(parts) == 2 else f"R/{to_text(*parts)}",
 }
 """Name -> function."""

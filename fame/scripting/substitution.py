@@ -36,6 +36,8 @@ class Substituted:
 
     def __init__(self, text: str) -> None:
         self.text, self.evaluates, self.names = text, list[Evaluate](), dict[str, None]()
+        if _MARK.search(text):
+            raise ExpressionError("the private signs U+E000 and U+E001 cannot be used here")
         marked, last = [], 0
         for start, end in _holes(text):
             marked += [text[last:start], f"\ue000{len(self.evaluates)}\ue001"]
