@@ -32,7 +32,7 @@ class Planner:
     """Plans for a robot that fits into a circle of `radius` m."""
 
     def __init__(self, node: Node, parameters: PlannerParameters, radius: float) -> None:
-        self._clearance, self._tolerance = radius + parameters.margin, parameters.tolerance
+        self._radius, self._margin, self._tolerance = radius, parameters.margin, parameters.tolerance
         self._map: Message | None = None
         self._ground: Grid | None = None
         self._grid: Grid | None = None  # inflated; made for the first goal: most of a thousand robots never get one
@@ -61,7 +61,8 @@ class Planner:
             return
         if self._grid is None:
             self._ground = from_message(self._map)
-            self._grid = inflate(self._ground, self._clearance)
+            margin = max(self._margin, self._ground.resolution)  # cells are told from each other by their centres
+            self._grid = inflate(self._ground, self._radius + margin)
         goal, self._goal = self._goal, None
         position, target = self._odometry.pose.pose.position, goal.pose.position
         places = None

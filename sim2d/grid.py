@@ -57,9 +57,12 @@ def from_message(message: Message) -> Grid:
 
 
 def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Shape], resolution: float) -> Grid:
-    """The map of the ground within `bounds` with solid `shapes`, and a rim one cell wide around it that is occupied."""
+    """The map of the ground within `bounds` with solid `shapes`, and a rim one cell wide around it that is occupied.
+
+    A cell of which only a part is on the ground belongs to the rim.
+    """
     xmin, ymin, xmax, ymax = bounds
-    columns, rows = (math.ceil((high - low) / resolution - 1e-9) for low, high in ((xmin, xmax), (ymin, ymax)))
+    columns, rows = (math.floor((high - low) / resolution + 1e-9) for low, high in ((xmin, xmax), (ymin, ymax)))
     origin = xmin - resolution, ymin - resolution
     x = (origin[0] + (np.arange(columns + 2) + 0.5) * resolution)[np.newaxis, :]
     y = (origin[1] + (np.arange(rows + 2) + 0.5) * resolution)[:, np.newaxis]

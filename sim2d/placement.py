@@ -41,7 +41,7 @@ def _placed(
     """Copies of `model` with these names, apart from all that is solid and from each other."""
     solid = [thing.shape for thing in (*config.obstacles, *config.targets)]
     radius = _radius(model)
-    grid = inflate(rasterise(config.bounds, solid, config.resolution), radius + _APART / 2)
+    grid = inflate(rasterise(config.bounds, solid, config.resolution), radius + _APART / 2 + config.resolution / 2)
     for robot in kept:
         _occupy(grid, robot, _radius(robot) + radius + _APART)
     random = generator(seed, "placement", model.name.rpartition("_")[0])

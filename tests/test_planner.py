@@ -190,3 +190,12 @@ def test_a_passage_that_is_too_narrow_is_left_by_its_end_and_not_through_its_wal
     assert way is not None
     assert all(abs(y - 2.0) < 0.25 for x, y in way if 1.5 < x < 4.5 and y < 2.7)
     assert way[1][0] > 4.5
+
+
+def test_on_a_coarse_map_the_way_keeps_clear_of_the_walls_all_the_same():
+    g = ground(resolution=0.5, rex={"planner": {"margin": 0, "tolerance": 1}})
+    plans = g.hear("/REX/plan", "nav_msgs/msg/Path")
+    g.run(0.1)
+    g.say("/REX/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": 5.0, "y": 0.02}}})
+    g.run(0.2)
+    assert min(pose.pose.position.y for pose in plans[0].poses) > g.world.robots["REX"].drive.radius

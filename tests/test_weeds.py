@@ -123,3 +123,12 @@ def test_a_weed_in_an_obstacle_is_not_cut_from_beside_it() -> None:
     g.say("/REX/blade_force", "geometry_msgs/msg/Wrench", {"torque": {"z": 1.0}})
     g.run(2)
     assert [weed["by"] for weed in g.world.summary()["weeds"].values()] == ["REX", None]
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.3, 1.0])
+def test_ground_that_is_no_multiple_of_a_cell_has_robots_in_no_wall(resolution: float) -> None:
+    cars = {"Car_1": {"type": "car", "at": [0.5, 0.5]}}
+    config = world_config({"size": [4.37, 3.71], "resolution": resolution, "robots": cars})
+    for seed in range(20):
+        robots = place(config, "Car", 5, seed)
+        assert len(Ground(replace(config, robots=robots)).world.robots) == 5
