@@ -24,6 +24,7 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.pipeline.bagging import Bag
 from fame.pipeline.configuration import Configuration, load
 from fame.pipeline.influx import Influx
 from fame.pipeline.recording import RecordingNode, record_bag
@@ -97,7 +98,7 @@ def test_a_topic_that_stays_silent_has_no_columns_and_that_is_said(tmp_path: Pat
     node = bench.record(configuration(tmp_path, Force=FORCE, Efforts=EFFORTS), tmp_path / "runs.csv")
     for second in range(1, 13):
         bench.joints(float(second), 1.0, 2.0)
-    bench.run()
+        bench.run(1.0)
     bench.force.publish(messages.create("std_msgs/msg/Float64", 7))
     bench.run()
     node.close()
@@ -513,3 +514,26 @@ def test_a_disk_that_is_full_is_said_with_the_file_and_what_was_written_is_whole
     assert f"{out}: cannot be written: File too large" in done.stderr
     (found,) = read_runs([out])
     assert len(found) > 10
+
+
+def test_stamps_of_two_clocks_leave_no_topic_without_its_columns(tmp_path: Path) -> None:
+    bench = Bench()
+    bench.scheduler.run(100 * SECOND)
+    node = bench.record(configuration(tmp_path, Efforts=EFFORTS, Elbow=ELBOW, Force=FORCE), tmp_path / "runs.csv")
+    bench.joints(5e8, 1.0, 2.0)
+    bench.joints(6e8, 1.0, 2.0)
+    bench.run()
+    bench.force.publish(messages.create("std_msgs/msg/Float64", 3.0))
+    bench.run()
+    node.close()
+    assert (tmp_path / "runs.csv").read_text().splitlines()[0].endswith(",Force")
+
+
+def test_a_bag_with_a_pause_of_decades_is_read_at_once(tmp_path: Path) -> None:
+    of, said = configuration(tmp_path, Efforts=EFFORTS), list[str]()
+    bag = Bag(tmp_path / "bag", of.inputs, ["/joint_states"])
+    for time in (1.0, 1.1, 1.7e9, 1.7e9 + 0.1):
+        bag.put("/joint_states", time, messages.create(JOINT_STATE, {"header": {"stamp": time}, "effort": [1.0]}))
+    bag.close()
+    assert record_bag(tmp_path / "bag", of, [tmp_path / "runs.csv"], report=said.append).rows == 4
+    assert "joints: /joint_states: nothing for 2 s" in said

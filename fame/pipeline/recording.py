@@ -21,6 +21,7 @@ from fame.pipeline.rows import CsvFile, Row
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
 
+_PAUSE = 5 * SECOND
 EMPTY = "std_msgs/msg/Empty"
 
 
@@ -81,6 +82,15 @@ class RecordingNode:
         self.run += self._begun
         self._begun = False
 
+    def wait(self, until: int) -> None:
+        """Let simulated time pass in which nothing comes. It may be years: once silence is said, nothing is done."""
+        if until - self._scheduler.now > _PAUSE:
+            self._scheduler.run(self._scheduler.now + _PAUSE)
+            self._entry.cancel()
+            self._scheduler.run(until)
+            self._flush()
+        self._scheduler.run(until)
+
     def stop(self) -> bool:
         """Nothing has to be waited for."""
         return False
@@ -109,12 +119,15 @@ class RecordingNode:
                 spool = configuration.folder / f".{configuration.name}_influx_{place}"
                 self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.say, "influx")))
             elif path.suffix == ".csv":
-                self._sinks.append(CsvFile(path, configuration.inputs, self.say, append=append))
+                self._sinks.append(CsvFile(path, configuration.inputs, self.say, self._now, append=append))
             elif path.suffix in ("", ".mcap"):
                 self._bags.append(Bag(path, configuration.inputs, topics))
             else:
                 text = f"found the ending {path.suffix!r}; .csv, .mcap, none (a bag) or http:// would be right"
                 raise ConfigError(text, file=str(output))
+
+    def _now(self) -> float:
+        return self._scheduler.now / SECOND
 
     def _arrived(self, ports: Sequence[Port], stamp: float, values: Sequence[Any], names: Any) -> None:
         row = Row(stamp, self.run, ports, values, tuple(names))
@@ -166,7 +179,7 @@ def record_bag(
     begins = resolve(run_topic, namespace) if run_topic else None
     try:
         for time, topic, message in (first, *messages) if first is not None else ():
-            scheduler.run(until=round(time * SECOND))
+            node.wait(until=round(time * SECOND))
             if topic == begins:
                 node.begin()
             else:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,10 +63,13 @@ def cells_of(row: Row) -> list[float]:
 
 
 class CsvFile:
-    """Where rows go. `append` goes on with a file that has the same columns."""
+    """Where rows go. `append` goes on with a file that has the same columns; `now` tells the time (s), since the stamps
+    of two topics may be of two clocks."""
 
-    def __init__(self, path: Path, ports: Sequence[Port], say: Reporter, *, append: bool = False) -> None:
-        self.path, self.rows, self._say = path, 0, say
+    def __init__(
+        self, path: Path, ports: Sequence[Port], say: Reporter, now: Callable[[], float], *, append: bool = False
+    ) -> None:
+        self.path, self.rows, self._say, self._now, self._since = path, 0, say, now, 0.0
         self._topics = list(dict.fromkeys(port.topic for port in ports))
         self._waiting: list[Row] | None = []
         self._places: dict[str, tuple[list[str], str]] = {}  # topic -> its columns, and the format of a line
@@ -84,9 +87,11 @@ class CsvFile:
         if self._waiting is None:
             self._write(row)
             return
+        if not self._waiting:
+            self._since = self._now()
         self._waiting.append(row)
         spoken = {each.ports[0].topic for each in self._waiting}
-        if len(spoken) == len(self._topics) or row.stamp - self._waiting[0].stamp > PATIENCE:
+        if len(spoken) == len(self._topics) or self._now() - self._since > PATIENCE:
             self._begin()
 
     def flush(self) -> None:

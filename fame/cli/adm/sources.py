@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping
@@ -85,6 +86,7 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
         return
     with connected(arguments) as (scheduler, middleware):
         node = make(middleware, scheduler)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # whoever ends it wants what has come, too
         try:
             scheduler.run()
         except KeyboardInterrupt:
