@@ -16,8 +16,12 @@ from fame.anomaly.joints import TYPE
 from fame.anomaly.model import Model
 from fame.anomaly.paths import PathDetector
 from fame.anomaly.persist import load_model, save_model
-from fame.clock import SECOND
+from fame.anomaly.units import OperateUnit
+from fame.clock import SECOND, Scheduler
+from fame.errors import ConfigError
 from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from fame.units import Around
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
 
@@ -125,3 +129,13 @@ def test_what_is_wrong_fails_the_mission_by_name(
     watch = Watch(tmp_path, calling(unit), **variables)
     assert watch.status == "failed"
     assert said in str(watch.sim.instances[0].error)
+
+
+@pytest.mark.parametrize("threshold", [float("nan"), -1, 1.0, 5])
+def test_a_threshold_that_no_score_could_meet_is_refused_before_anything_is_watched(
+    threshold: float, tmp_path: Path
+) -> None:
+    scheduler = Scheduler()
+    around = Around("ARM", "ARM", LocalMiddleware(scheduler), scheduler, tmp_path, print, print)
+    with pytest.raises(ConfigError, match="a number from 0 to 1 would be right"):
+        OperateUnit(around, {"model": "best.skops", "threshold": threshold})

@@ -62,8 +62,10 @@ class OperateUnit:
         from fame.anomaly.operate import Operate
         from fame.anomaly.persist import load_model
 
-        model = load_model(around.folder / setting(variables, "model", type=str))
         threshold = setting(variables, "threshold", type=float) if variables.get("threshold") is not None else None
+        if threshold is not None and not 0 <= threshold < 1:
+            raise ConfigError(f"found threshold = {threshold:g}; a number from 0 to 1 would be right")
+        model = load_model(around.folder / setting(variables, "model", type=str))
         self._node = Operate(
             around.middleware, around.scheduler, model, threshold=threshold, rule=_rule(variables),
             cycle=setting(variables, "points", 0, type=int),
