@@ -12,8 +12,8 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.topic import Topic
+from deployment_field import patrol
 from middleware_contract import DOMAIN, WallWorld, dds_world
-from test_deployment import patrol
 
 from fame import deployment
 from fame.deployment import EngineNode, Report

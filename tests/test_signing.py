@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("cryptography", reason="cryptography is not installed: pip install 'fame-robots[dds]'")
 
-from test_deployment import TEAM, Field, made, patrol
+from deployment_field import TEAM, Field, made, patrol
 
 import fame
 from fame.cli import main

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from test_deployment import TEAM, Field, patrol
+from deployment_field import TEAM, Field, patrol
 
 from fame import deployment
 from fame.clock import SECOND

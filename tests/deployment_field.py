@@ -1,0 +1,116 @@
+"""A field of robots for the tests of deployment: engines, a sender, and what is said between them."""
+
+import json
+
+from fame import deployment
+from fame.bpmn.reader import read_text
+from fame.clock import SECOND, Scheduler
+from fame.deployment import Deployment, EngineNode, Report
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+
+BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
+
+
+def process(id: str, content: str, *flows: tuple[str, str]) -> str:
+    arrows = "".join(
+        f'<sequenceFlow id="{id}f{n}" sourceRef="{source}" targetRef="{target}"/>'
+        for n, (source, target) in enumerate(flows)
+    )
+    return f'<process id="{id}" isExecutable="true">{content}{arrows}</process>'
+
+
+def definitions(*content: str) -> str:
+    return f'<definitions xmlns="{BPMN}" targetNamespace="t">{"".join(content)}</definitions>'
+
+
+def patrol(mark: int) -> str:
+    """A process that sets `mark` and then waits for a signal for ever."""
+    return definitions(
+        '<signal id="S" name="stop"/>',
+        process(
+            "p",
+            f'<startEvent id="s"/><scriptTask id="t"><script>mark = {mark}</script></scriptTask>'
+            '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>',
+            ("s", "t"),
+            ("t", "c"),
+        ),
+    )
+
+
+LATE = "<timerEventDefinition><timeDuration>5s</timeDuration></timerEventDefinition>"
+TEAM = definitions(
+    '<signal id="S" name="go"/><collaboration id="c"><participant id="A" name="A" processRef="pa"/>'
+    '<participant id="B" name="B" processRef="pb"/></collaboration>',
+    process(
+        "pa",
+        '<startEvent id="sa"/><intermediateThrowEvent id="throw"><signalEventDefinition signalRef="S"/>'
+        '</intermediateThrowEvent><userTask id="ua"/>',
+        ("sa", "throw"),
+        ("throw", "ua"),
+    ),
+    process(
+        "pb",
+        '<startEvent id="sb"><signalEventDefinition signalRef="S"/></startEvent><userTask id="ub"/>',
+        ("sb", "ub"),
+    ),
+)
+
+
+class Field:
+    """Robots with engines, a plain publisher, and all that the robots have said."""
+
+    def __init__(self, *robots: str) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.engines = {name: EngineNode(name, scheduler=self.scheduler, middleware=self.middleware) for name in robots}
+        self.listen(*robots)
+
+    def listen(self, *robots: str) -> None:
+        self.person = self.middleware.node("person")
+        self.publishers = {name: self.person.publisher(f"/{name}/bpmn_process", deployment.STRING) for name in robots}
+        self.said: list[Report] = []
+        for name in robots:
+            self.person.subscription(f"/{name}/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+
+    def _hear(self, message) -> None:
+        self.said.append(Report(**json.loads(message.data)))
+
+    def send(self, robot: str, text: str) -> None:
+        self.publishers[robot].publish(messages.create(deployment.STRING, text))
+
+    def pass_time(self, seconds: float) -> None:
+        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+    def deploy(self, text: str, id: str = "d1", sequence: int = 1, **options) -> Deployment:
+        sent = Deployment(
+            read_text(text, file="team.bpmn"),
+            id=id,
+            sequence=sequence,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=lambda deployment: None,
+            **options,
+        )
+        sent.begin()
+        self.pass_time(12)
+        return sent
+
+    def answers(self) -> list[str]:
+        return [report.answer for report in self.said if report.answer]
+
+    def variables(self, robot: str) -> dict:
+        return self.engines[robot].running.instances[-1].variables
+
+
+def made(field: Field, text: str, id: str, sequence: int) -> Deployment:
+    """A deployment to A and B that has not begun."""
+    return Deployment(
+        read_text(text, file="team.bpmn"),
+        id=id,
+        sequence=sequence,
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        ended=lambda deployment: None,
+        robots=["A", "B"],
+    )
