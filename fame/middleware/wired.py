@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -82,7 +83,7 @@ class WireNode:
         return end
 
 
-class WireEnd:
+class WireEnd(ABC):
     """An end of a topic or service, closed once; `leave` gives back what the backend has made for it."""
 
     def __init__(self, node: Any) -> None:
@@ -96,8 +97,9 @@ class WireEnd:
                     ends.remove(self)
             self.leave()
 
+    @abstractmethod
     def leave(self) -> None:
-        """For the backend to fill."""
+        """Give back what the backend has made."""
 
 
 class TopicEnd(WireEnd):
@@ -130,7 +132,7 @@ class TopicEnd(WireEnd):
             callback(message)
 
 
-class ServiceEnd(WireEnd):
+class AskedEnd(WireEnd):
     """A service, or a client of one. Raises MessageError for an unknown type."""
 
     def __init__(self, node: Any, name: str, type: str) -> None:
@@ -138,25 +140,33 @@ class ServiceEnd(WireEnd):
         self.name, self.type = name, type
         self.request_type, self.response_type = messages.service(type)
 
-    @property
-    def available(self) -> bool:
-        """For a client: whether somebody offers the service now."""
-        raise NotImplementedError
+
+class ServiceEnd(AskedEnd):
+    """A service."""
 
     def check_offer(self) -> None:
         """Raise MessageError if somebody offers a service of that name already."""
         for _, owner in self.node.middleware.offers(self.name):
             raise second_service(self.name, owner, self.type)
 
+
+class ClientEnd(AskedEnd):
+    """A client of a service."""
+
+    @property
+    @abstractmethod
+    def available(self) -> bool:
+        """Whether somebody offers the service now."""
+
     def request(self, said: Any) -> Message:
-        """What a client asks. Raises MessageError if it does not fit, or nobody offers the service with this type."""
+        """What it asks. Raises MessageError if it does not fit, or nobody offers the service with this type."""
         if not self.available:
             offers = self.node.middleware.offers(self.name)
             raise unavailable(self.name, self.request_type, (type for type, _ in offers))
         return messages.create(self.request_type, said)
 
     def give_up(self) -> None:
-        """A client has asked, and the service has left."""
+        """It has asked, and the service has left."""
         self.node.middleware.warn(unanswered(self.name, self.node.full_name))
 
 
@@ -176,7 +186,7 @@ class Warnings:
             self._scheduler.soon(partial(self._tell, text))
 
 
-class WireMiddleware:
+class WireMiddleware(ABC):
     """A backend between processes: its nodes, and its `warnings`; `leave` gives back what it is made of."""
 
     def __init__(self, scheduler: Any, network: str | None, on_warning: Callable[[str], object] | None) -> None:
@@ -210,18 +220,19 @@ class WireMiddleware:
             self.closed = True
             self.leave()
 
-    def refresh(self) -> None:
+    def refresh(self) -> None:  # noqa: B027  rclpy sees it by itself
         """See who is there now, if the backend does not do so by itself."""
 
-    def changed(self) -> None:
+    def changed(self) -> None:  # noqa: B027  rclpy tells it by itself
         """Nodes or their ends are not what they were, if the backend does not see that by itself."""
 
+    @abstractmethod
     def hearers(self, end: Any) -> int:
         """How many subscriptions there are that can hear a publisher."""
-        raise NotImplementedError
 
+    @abstractmethod
     def leave(self) -> None:
-        """For the backend to fill."""
+        """Give back what the backend is made of."""
 
 
 def _ends(nodes: Iterable[WireNode], topic: str) -> Iterator[Any]:

@@ -21,7 +21,7 @@ from fame.middleware import codec, messages
 from fame.middleware.dds import policies, wire
 from fame.middleware.dds.entities import matched
 from fame.middleware.interface import Message, QoS, respond
-from fame.middleware.wired import ServiceEnd
+from fame.middleware.wired import ClientEnd, ServiceEnd
 
 if TYPE_CHECKING:
     from fame.middleware.dds.nodes import DdsNode
@@ -133,7 +133,7 @@ class DdsService(ServiceEnd):
         return True
 
 
-class DdsClient(ServiceEnd):
+class DdsClient(ClientEnd):
     """What asks a service. See `fame.middleware.interface.Client`."""
 
     def __init__(self, node: DdsNode, name: str, type: str) -> None:

@@ -14,7 +14,7 @@ from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.interface import Message, respond
 from fame.middleware.ros.translation import from_ros, ros_class, to_ros
-from fame.middleware.wired import ServiceEnd
+from fame.middleware.wired import ClientEnd, ServiceEnd
 
 if TYPE_CHECKING:
     from fame.middleware.ros.nodes import RosNode
@@ -70,7 +70,7 @@ class RosService(ServiceEnd):
             self._send()
 
 
-class RosClient(ServiceEnd):
+class RosClient(ClientEnd):
     """What asks a service. See `fame.middleware.interface.Client`."""
 
     def __init__(self, node: RosNode, name: str, type: str) -> None:
