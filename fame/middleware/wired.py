@@ -220,10 +220,10 @@ class WireMiddleware(ABC):
             self.closed = True
             self.leave()
 
-    def refresh(self) -> None:  # noqa: B027  rclpy sees it by itself
+    def refresh(self) -> None:  # noqa: B027 (rclpy sees it by itself)
         """See who is there now, if the backend does not do so by itself."""
 
-    def changed(self) -> None:  # noqa: B027  rclpy tells it by itself
+    def changed(self) -> None:  # noqa: B027 (rclpy tells it by itself)
         """Nodes or their ends are not what they were, if the backend does not see that by itself."""
 
     @abstractmethod
