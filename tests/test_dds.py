@@ -480,6 +480,16 @@ def test_after_many_deployments_everything_is_where_it_was(here: WallWorld) -> N
     here.until(lambda: present() == before)
 
 
+def test_whoever_leaves_leaves_its_types_to_others_of_the_process(here: WallWorld) -> None:
+    here.node("staying")
+    for topic, type in (("/a", "nav_msgs/msg/Path"), ("/b", "nav_msgs/msg/Odometry")):
+        here.node(topic[1:]).publisher(topic, type)
+    staying, *leaving = here.middlewares
+    for middleware in reversed(leaving):
+        middleware.close()
+    assert staying.entities.types >= {"nav_msgs/msg/Path", "nav_msgs/msg/Odometry"}
+
+
 def test_a_middleware_that_closed_leaves_no_thread_and_is_gone_for_the_others(here: WallWorld) -> None:
     here.node("staying")
     threads = threading.active_count()

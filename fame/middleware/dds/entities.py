@@ -4,7 +4,7 @@ Topics are made once and stay until the participant goes. Nobody sees a topic wi
 costs memory that cyclonedds does not give back, and Cyclone 11.0.1 crashes now and then when a type is declared after
 others of this process were forgotten: the tree in which it notes what types consist of keeps entries that were freed
 (`gv->typedeps`; eclipse-cyclonedds/cyclonedds, issue 2426). No harm was seen of types that other processes
-forget. For the same reason a process should not close one of several middlewares of a domain and go on with others.
+forget. So who leaves while others of this process stay in the domain leaves them its types.
 """
 
 from __future__ import annotations
@@ -21,13 +21,32 @@ from fame.errors import MessageError
 from fame.middleware.dds import policies, wire
 from fame.middleware.interface import QoS
 
+_KEPT = "kept"
+"""Topics of such names are there for their types."""
+_here: dict[int, list[Entities]] = {}
+"""Those of each domain that this process is in."""
+
 
 class Entities:
-    """What makes them."""
+    """What makes them, until it has `left`."""
 
-    def __init__(self, participant: DomainParticipant) -> None:
+    def __init__(self, participant: DomainParticipant, domain: int) -> None:
         self.participant = participant
         self._topics: dict[tuple[str, str, bool], Topic[Any]] = {}
+        self._others = _here.setdefault(domain, [])
+        self._others.append(self)
+
+    @property
+    def types(self) -> set[str]:
+        """Those that Cyclone knows at least as long as the participant is there."""
+        return {type for _, type, _ in self._topics}
+
+    def left(self) -> None:
+        """The participant is about to go: another one of the process keeps the types known, if there is one."""
+        self._others.remove(self)
+        if self._others:
+            for _, type, header in self._topics:
+                self._others[0].topic(f"{_KEPT}/{type}/{header}", type, header)
 
     def writer(self, topic: str, type: str, qos: QoS, user_data: str, *, header: bool = False) -> DataWriter[Any]:
         """A writer on a DDS topic (``rt/odom``) of a ROS type. Raises MessageError if Cyclone refuses it.
@@ -35,7 +54,7 @@ class Entities:
         `header` is for the topics of services, see `wire.declared`.
         """
         try:
-            shared = self._topic(topic, type, header)
+            shared = self.topic(topic, type, header)
             return DataWriter(self.participant, shared, policies.to_dds(qos, user_data, True))
         except DDSException as error:
             raise _refused(topic, type, error) from None
@@ -43,12 +62,13 @@ class Entities:
     def reader(self, topic: str, type: str, qos: QoS, user_data: str, *, header: bool = False) -> DataReader[Any]:
         """A reader likewise."""
         try:
-            shared = self._topic(topic, type, header)
+            shared = self.topic(topic, type, header)
             return DataReader(self.participant, shared, policies.to_dds(qos, user_data, False))
         except DDSException as error:
             raise _refused(topic, type, error) from None
 
-    def _topic(self, name: str, type: str, header: bool) -> Topic[Any]:
+    def topic(self, name: str, type: str, header: bool) -> Topic[Any]:
+        """The topic of that name and type."""
         key = name, type, header
         if key not in self._topics:
             self._topics[key] = Topic(self.participant, name, wire.declared(type, header))

@@ -64,7 +64,7 @@ class DdsMiddleware(WireMiddleware):
             self._participant = DomainParticipant(self.domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
             raise ConfigError(f"cannot join DDS domain {self.domain} on {network or 'loopback'}: {error}") from None
-        self.entities = Entities(self._participant)
+        self.entities = Entities(self._participant, self.domain)
         self._watch = self.data = Watch(self._participant, self._announce)
         if isinstance(scheduler, DdsScheduler) and scheduler.watch is None:
             self.data = scheduler.watch = Watch(self._participant)
@@ -104,6 +104,7 @@ class DdsMiddleware(WireMiddleware):
             self.scheduler.watch = None
             self.data.close()
         self.discovery.close()
+        self.entities.left()
         delete(self._participant)
         del self._open
 
