@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Iterator
 
 import pytest
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts the tests may have it ignored: nohup, a shell
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -124,7 +124,6 @@ def test_an_interruption_of_which_a_library_made_another_error_is_one(monkeypatc
         return 0
 
     monkeypatch.setattr(run_command, "run", import_numpy)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever starts the tests may have it ignored
     assert main(["run", "x.yaml"]) == 130
     assert capsys.readouterr().err == "fame: interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
