@@ -15,11 +15,16 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="Cyclone DDS is not installed: pip install 'fame-robots[dds]'")
 
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.topic import Topic
+
 from fame.clock import SECOND
 from fame.deployment import STATUS_QOS, STRING, Report
 from fame.deployment.splitting import DIAGRAM, STATUS
 from fame.middleware import messages
-from fame.middleware.dds import DdsMiddleware, DdsScheduler
+from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
 from fame.middleware.interface import LATCHED, Publisher
 
 pytestmark = pytest.mark.processes
@@ -145,6 +150,16 @@ class Field:
             self.until(lambda: not self.middleware.connecting(self.node), "the engine to be connected")
         self.senders[robot].publish(messages.create(STRING, text))
 
+    def refused(self, robot: str, reason: str, act: Callable[[], object]) -> None:
+        """Do something that a robot refuses, and wait until it says why."""
+        before = len(self.said[robot])
+        act()
+
+        def told() -> bool:
+            return any(said.answer == "refused" and reason in said.reason for said in self.said[robot][before:])
+
+        self.until(told, f"{robot} to refuse: {reason}")
+
     def kill(self, process: Process) -> None:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
@@ -244,6 +259,33 @@ def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, team):
     code, said = team.fame("activate", "A", "photo")
     assert (code, said) == (0, {"status": "completed", "robot": "A", "element": "photo", "reason": ""})
     team.until(lambda: team.last("A").offers == ["look", "photo"], "what could be activated")
+
+
+def test_what_is_no_model_is_refused_by_a_robot_that_goes_on_as_it_was(team):
+    topic = "/A/bpmn_process"
+    team.publish("A", waiting("here"))
+    team.until(lambda: team.at("A") == ["here"], "the model that runs")
+    entities = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
+    laughs = f'<!DOCTYPE x [<!ENTITY l0 "ha">{entities}]>' + waiting("here").replace("never", "&l9;")
+    for text, reason in (
+        (laughs, "DOCTYPE"),
+        (waiting("here").replace("never", "n" * 50_000_000), "at most"),
+        ("\x01\x02\x03", "neither"),
+    ):
+        team.refused("A", reason, partial(team.publish, "A", text))
+    stranger = DdsMiddleware(team.scheduler, domain=SHARED)
+    node = stranger.node("stranger")
+    team.refused("A", "std_msgs/msg/Int64", partial(node.publisher, topic, "std_msgs/msg/Int64"))
+    stranger.close()
+    participant = DomainParticipant(SHARED)
+    qos = Qos(Policy.Reliability.Reliable(10**9), Policy.DataRepresentation(use_cdrv0_representation=True))
+    kind = wire.declared(STRING, False)
+    writer = DataWriter(participant, Topic(participant, wire.dds_topic(topic), kind), qos)
+    team.until(writer.get_matched_subscriptions, "the robot to listen")
+    garbage = kind(b"\x00\x01\x00\x00\x04\x00\x00\x00\xff\xfe\xfd\x00")
+    team.refused("A", "dropped a message", partial(writer.write, garbage))
+    team.alive("A", "B")
+    assert team.at("A") == ["here"]
 
 
 def test_a_robot_that_does_not_answer_is_named_and_nobody_starts(tmp_path, team):
