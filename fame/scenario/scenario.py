@@ -76,12 +76,7 @@ class Scenario:
         for done in completions:
             expect(isinstance(done, Completion), "completions", done, 'a Completion("REX", 12.0, "Task_Sign")')
         path = Path(path)
-        if path.suffix.lower() in (".yaml", ".yml"):
-            said = read_scenario(path)
-        elif path.suffix.lower() in (".bpmn", ".xml"):
-            said = Said(model=path)
-        else:
-            raise ConfigError("is neither a scenario (.yaml) nor a model (.bpmn)", file=str(path))
+        said = _said(path)
         definitions = read(said.model)
         if semantics is not None:
             definitions = with_semantics(definitions, semantics)
@@ -96,10 +91,7 @@ class Scenario:
         names = [*bodies, *said.computers] if world is not None or said.computers else _names(pools, counts)
         cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
         _check_numbers(pools, cast, str(path))
-        for fault in faults:
-            if fault.robot not in cast:
-                text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
-                raise ConfigError(text, file=str(path))
+        _check_faults(faults, cast, str(path))
         tasks = {robot: list(_tasks(found, definitions, pool.process)) for robot, pool in cast.items()}
         wanted = [*said.completions, *((done, 0) for done in completions)]
         for done, line in wanted:
@@ -201,6 +193,23 @@ def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
         numbers = range(1, counts.get(pool.name, pool.minimum) + 1)
         names += [f"{pool.name}_{number}" for number in numbers] if pool.multi_instance else [pool.name]
     return names
+
+
+def _said(path: Path) -> Said:
+    """What a scenario says, or a model alone. Raises ConfigError for what is neither."""
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return read_scenario(path)
+    if path.suffix.lower() in (".bpmn", ".xml"):
+        return Said(model=path)
+    raise ConfigError("is neither a scenario (.yaml) nor a model (.bpmn)", file=str(path))
+
+
+def _check_faults(faults: Sequence[Fault], cast: Mapping[str, Pool], file: str) -> None:
+    """Raise ConfigError for a fault of a robot that is not there."""
+    for fault in faults:
+        if fault.robot not in cast:
+            text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
+            raise ConfigError(text, file=file)
 
 
 def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -> None:
