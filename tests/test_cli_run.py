@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from bpmn_text import document, process, properties
 
+import fame
+from fame.bpmn import read_text
 from fame.cli import main
 from fame.cli.output import progress_line, progress_text, table
 from fame.scenario import Progress
@@ -262,3 +264,21 @@ def test_who_waits_for_somebody_is_told_how_to_reach_it(tmp_path: Path, capsys) 
     err = capsys.readouterr().err
     assert "REX waits at u for somebody to complete it\n" in err
     assert "fame: --complete REX@S:u does it at simulated second S; fame complete reaches robots in processes" in err
+
+
+def test_of_what_came_too_early_nothing_is_told_once_it_came_in_time() -> None:
+    catch = '<intermediateCatchEvent id="{0}"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
+    content = (
+        '<scriptTask id="w"><script>await sleep(1)</script></scriptTask>'
+        + catch.format("a")
+        + catch.format("b")
+        + '<sequenceFlow id="f" sourceRef="w" targetRef="a"/><sequenceFlow id="g" sourceRef="a" targetRef="b"/>'
+    )
+    simulation = fame.Simulation(read_text(process(content, root='<signal id="S" name="go"/>')))
+    told = []
+    for second in (0.5, 2, 3):
+        simulation.run(until=second)
+        told.append([wait.text for wait in simulation.node.waits()])
+        simulation.signal("go")
+    topic = "topic /go, which nobody else publishes"
+    assert told == [["sleep(1)"], [f"{topic} (its last message came 1.5 s ago, when nobody waited for it)"], [topic]]

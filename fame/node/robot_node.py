@@ -185,7 +185,9 @@ class RobotNode:
         if self._early is not None:
             self._early.append((topic, message))
             return
-        if topic not in self.engine.listeners:
+        if topic in self.engine.listeners:
+            self.missed.pop(topic, None)
+        else:
             self.missed[topic] = self.scheduler.now
         self.engine.deliver(topic, message)
         self.runner.poll()
