@@ -413,7 +413,8 @@ def main() -> None:
         return
     unknown = [word for word in words if word not in CASES]
     if unknown:
-        raise SystemExit(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}")
+        print(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}", file=sys.stderr)
+        raise SystemExit(2)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         BYTECODE["PYTHONPYCACHEPREFIX"] = folder
