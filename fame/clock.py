@@ -19,12 +19,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from enum import IntEnum
 from heapq import heapify, heappop, heappush
 from itertools import count
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
+
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+"""The date of simulated second 0 unless a mission has another, as in ROS."""
 
 _SWEEP = 64
 """A queue with fewer cancelled entries than this is not worth sweeping."""
@@ -33,6 +37,11 @@ _NAP = 3600.0
 """Longest single wait (s). Below the limit of `threading`, which a timer for the year 9999 would exceed."""
 
 Action = Callable[[], object]
+
+
+def date_at(epoch: datetime, time: int) -> datetime:
+    """The date (UTC) at `time` (ns) of a clock whose time 0 is `epoch`. Raises OverflowError beyond the year 9999."""
+    return epoch.astimezone(UTC) + timedelta(microseconds=time // 1000)
 
 
 class Kind(IntEnum):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from fame.bpmn.model import Definitions, Process
-from fame.clock import SECOND, Scheduler
+from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
 from fame.errors import ModelError, expect
 from fame.library import Library
@@ -28,6 +29,7 @@ class Simulation:
     observer     called with each `fame.observation.Event`; a `fame.EventLog` keeps them. Without one the run is faster
     library      folders with called processes, besides those of the model and of FAME
     robot        the robot's name and namespace
+    epoch        the date of simulated second 0, with a time zone
 
     Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together,
     ConfigError for arguments that are none.
@@ -44,12 +46,15 @@ class Simulation:
         library: str | Path | Sequence[str | Path] = (),
         robot: str = "robot",
         strict: bool = False,
+        epoch: datetime = EPOCH,
     ) -> None:
         from fame.bpmn.reader import read
 
         definitions = read(definitions)
         expect(process is None or isinstance(process, str), "process", process, "an id, or the name of a pool,")
         expect(isinstance(robot, str), "robot", robot, "a name")
+        dated = isinstance(epoch, datetime) and epoch.tzinfo is not None
+        expect(dated, "epoch", epoch, "a datetime with a time zone")
         expect(observer is None or callable(observer), "observer", observer, "a function of events")
         expect(
             services is None or (isinstance(services, Mapping) and all(map(callable, services.values()))),
@@ -69,6 +74,7 @@ class Simulation:
             observer=observer,
             on_report=self.reports.append,
             strict=strict,
+            epoch=epoch,
         )
         self.node.load()
         self._outside = self.middleware.node("outside")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from fame.bpmn.model import Expression, Language
 from fame.clock import Scheduler
 from fame.errors import ModelError
 from fame.middleware.local import LocalMiddleware
-from fame.scripting import Robot, Runner, Variables, compile_expression, interface
+from fame.scripting import Robot, Runner, Variables, compile_expression, interface, mission_date
 
 
 @dataclass
@@ -400,3 +401,13 @@ def test_a_value_stays_what_it_is() -> None:
 def test_the_signs_that_stand_for_expressions_inside_are_refused(language: Language) -> None:
     with pytest.raises(ModelError, match="U\\+E000 and U\\+E001 cannot be used"):
         evaluate("\ue0005\ue001", language)
+
+
+def test_the_date_of_the_mission_is_found_from_the_variables_of_any_scope() -> None:
+    scheduler = Scheduler()
+    node = LocalMiddleware(scheduler).node("test", "REX")
+    inbox = Runner(scheduler, node, print).inbox
+    robot = Robot("REX", "REX", print, inbox, lambda: 1.5, datetime(2026, 1, 1, tzinfo=UTC))
+    outer = {"__builtins__": interface(robot=robot, signal=print, log=print), "robot": "a variable of that name"}
+    assert mission_date(Variables(outer, {"x": 1})) == datetime(2026, 1, 1, 0, 0, 1, 500_000, tzinfo=UTC)
+    assert mission_date({"x": 1}) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,16 @@ def test_a_script_knows_the_time_of_the_mission() -> None:
     <scriptTask id="t">{script}</scriptTask>"""
     variables = Simulation(read_text(process(content))).run().instances[0].variables
     assert (variables["a"], variables["b"]) == (0.0, 2.5)
+
+
+def test_a_script_knows_the_date_of_the_mission() -> None:
+    content = """<startEvent id="s"/><sequenceFlow id="f" sourceRef="s" targetRef="t"/>
+    <scriptTask id="t"><script>await sleep(90)
+date = robot.date</script></scriptTask>"""
+    epoch = datetime(2026, 3, 1, 23, 59, tzinfo=UTC)
+    variables = Simulation(read_text(process(content)), epoch=epoch).run().instances[0].variables
+    assert variables["date"] == datetime(2026, 3, 2, 0, 0, 30, tzinfo=UTC)
+    assert Simulation(read_text(process(content))).run().instances[0].variables["date"].year == 1970
 
 
 def test_the_functions_of_expressions_are_those_that_there_are() -> None:

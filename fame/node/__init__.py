@@ -11,8 +11,9 @@ waits       what its tokens wait for
 
 from __future__ import annotations
 
+from fame.clock import EPOCH
 from fame.node.mission import Mission, Service, mission
-from fame.node.robot_node import EPOCH, RobotNode
+from fame.node.robot_node import RobotNode
 from fame.node.waits import Wait
 from fame.observation import Event
 from fame.scripting import Log, error_text

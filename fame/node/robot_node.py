@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from fame.bpmn.model import CallActivity, Expression, Process, Task
-from fame.clock import Scheduler, WallScheduler
+from fame.clock import EPOCH, Scheduler, WallScheduler
 from fame.engine import Engine, Instance, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
@@ -37,9 +37,6 @@ from fame.scripting import (
 )
 from fame.units import Around, Make, living
 
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-"""The date of simulated second 0, as in ROS."""
-
 _EARLY = 1000
 """How many messages are kept for a process that is loaded and has not been started."""
 
@@ -50,6 +47,7 @@ class RobotNode:
     observer   gets every `Event`, if given; the program is compiled for it
     safe_state (topic, type, fields) to publish when the robot is to be safe
     safe_suspended  the same while its mission is suspended, if it is not `safe_state`
+    epoch      the date of the scheduler's time 0: what dates of timers and `robot.date` are counted from
     strict     an undefined name in a payload is an error, not a warning
     keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
     on_end     called with each instance that has ended

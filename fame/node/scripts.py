@@ -36,7 +36,9 @@ class Scripts:
         )
         self.javascript = self._surroundings()
         scheduler = robot.scheduler
-        speaker = Robot(robot.name, robot.namespace, self._publish, self.runner.inbox, lambda: scheduler.now / SECOND)
+        speaker = Robot(
+            robot.name, robot.namespace, self._publish, self.runner.inbox, lambda: scheduler.now / SECOND, robot.epoch
+        )
         self._in_scope = interface(robot=speaker, signal=self._signal, log=self._log) | {SURROUNDINGS: self.javascript}
 
     def variables(self) -> dict[str, Any]:

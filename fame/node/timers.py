@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from datetime import datetime, timedelta
+from datetime import datetime
 from functools import partial
 
-from fame.clock import Entry, Kind, Scheduler
+from fame.clock import Entry, Kind, Scheduler, date_at
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 
 AT_ONE_INSTANT = 1_000_000
@@ -31,7 +31,7 @@ class Timers:
         Raises ValueError for a text that is none, and when too many have been due at the instant they were set.
         """
         now = self._scheduler.now
-        date = self._epoch + timedelta(microseconds=now // 1000)
+        date = date_at(self._epoch, now)
         delays = _delays(kind, text, date)
         first = next(delays, None)
         if first is not None:

@@ -14,7 +14,7 @@ from fame.engine.host import BpmnError, Cancelled
 from fame.engine.variables import UNDEFINED, Variables, plain
 from fame.scripting.budget import BudgetExceeded, heartbeat
 from fame.scripting.inbox import Inbox
-from fame.scripting.interface import NAMES, Log, Robot, another, interface
+from fame.scripting.interface import NAMES, Log, Robot, another, interface, mission_date
 from fame.scripting.languages import compile_expression, compile_script
 from fame.scripting.names import script_names
 from fame.scripting.python import error_line, error_text
@@ -26,5 +26,5 @@ __all__ = [
     "GRACE", "NAMES", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log",
     "MessageQueue", "Receive", "Request", "Robot", "Runner", "ScriptTopic", "Sleep", "Until", "Variables",
     "another", "compile_expression", "compile_script", "error_line", "error_text", "heartbeat", "interface",
-    "plain", "script_names", "script_topics",
+    "mission_date", "plain", "script_names", "script_topics",
 ]  # fmt: skip

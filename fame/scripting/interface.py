@@ -10,8 +10,10 @@ import builtins
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Any
 
+from fame.clock import EPOCH, SECOND, date_at
 from fame.engine.host import BpmnError
 from fame.middleware.interface import Message
 from fame.scripting.budget import DEFAULT, Budget
@@ -33,7 +35,7 @@ class Robot:
     """The robot that runs the script. `namespace` has no slashes; topic names are relative to it.
 
     `_publish` takes topic, type and a mapping of fields (or a whole message), and may raise MessageError; `_clock`
-    gives the time of the mission in s.
+    gives the time of the mission in s, `_epoch` the date of its time 0.
     """
 
     name: str
@@ -41,11 +43,17 @@ class Robot:
     _publish: Publish = field(repr=False)
     _inbox: Inbox = field(repr=False)
     _clock: Callable[[], float] = field(repr=False)
+    _epoch: datetime = field(default=EPOCH, repr=False)
 
     @property
     def now(self) -> float:
         """The time of the mission, on which `sleep` and timers are (s): simulated, or the wall's."""
         return self._clock()
+
+    @property
+    def date(self) -> datetime:
+        """The date and time of the mission, in UTC: its epoch (1970 unless the scenario has another) and `now`."""
+        return date_at(self._epoch, round(self._clock() * SECOND))
 
     def publish(
         self, topic: str, type: str, message: Message | Mapping[str, Any] | None = None, /, **fields: Any
@@ -80,6 +88,13 @@ class Robot:
         """``result = await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose={...})``."""
         check_topic("robot.act", action)
         return Act(action, type, fields, on_feedback)
+
+
+def mission_date(variables: Mapping[str, Any]) -> datetime | None:
+    """The date and time of the mission (UTC) whose variables an expression is evaluated on; None outside of one."""
+    builtins = variables.get("__builtins__")
+    robot = builtins.get("robot") if isinstance(builtins, dict) else None
+    return robot.date if isinstance(robot, Robot) else None
 
 
 class Log:
