@@ -8,8 +8,10 @@ import pytest
 from bpmn_text import body_of, document, extensions, node_of, notes_of, process, properties, refused
 
 from fame.bpmn import read, read_bytes, read_text
-from fame.bpmn.model import Expression, Task
+from fame.bpmn.conversion import convert
+from fame.bpmn.model import Assignment, Expression, Task
 from fame.errors import ModelError
+from fame.splitter import split
 
 SIGNAL = '<signal id="S" name="weed_found"/>'
 
@@ -97,6 +99,25 @@ def test_encodings_are_those_that_the_file_declares() -> None:
     assert read_bytes(text.replace("ISO-8859-1", "UTF-16").encode("utf-16")).processes[0].body.nodes[0].name == "Mähen"
 
 
+@pytest.mark.parametrize("declaration", ["<?xml{}?>", "<?xml{}>", "<?xml version='1.0'{}encoding='latin-1'{}?><a/>"])
+def test_a_million_blanks_in_a_declaration_are_read_at_once(declaration: str) -> None:
+    blanks = " " * 1_000_000
+    refused(declaration.format(blanks, blanks))
+    refused((declaration.format("", "") + "<?xml").replace("?>", " encoding='\"" * 100_000))
+
+
+def test_a_namespace_with_a_blank_in_it_is_a_name_like_any_other() -> None:
+    text = process('<task id="t" name="Go"/>').replace(
+        "<definitions ", '<definitions xmlns:x="http://Some Tool/1" x:version="1" '
+    )
+    definitions = read_text(text.replace("<task ", '<task x:y="1" '), file="tool.bpmn")
+    assert definitions.processes[0].body.nodes[0].name == "Go"
+    assert b'"http://Some Tool/1"' in split(definitions)[0].source
+    for source in (split(definitions)[0].source, convert(definitions)):
+        assert read_bytes(source).processes[0].body.nodes[0].name == "Go"
+    assert "not well-formed" in str(refused(text.replace("</definitions>", "")))
+
+
 def test_ids_may_be_odd() -> None:
     ids = ["sid-8B2E-4F", "Tätigkeit_ü", "a.b.c", "_1"]
     nodes = body_of("".join(f'<task id="{id}"/>' for id in ids)).nodes
@@ -155,6 +176,25 @@ def condition_of(text: str, language: str = "", file: str = "") -> Expression:
 def test_the_language_of_a_condition(text: str, language: str, file: str, seen: tuple[str, str]) -> None:
     condition = condition_of(text, language, file)
     assert (condition.text, condition.language) == seen
+
+
+FEEL = [
+    "http://www.omg.org/spec/FEEL/20140401",
+    "http://www.omg.org/spec/DMN/20180521/FEEL/",
+    *(f"https://www.omg.org/spec/DMN/{version}/FEEL/" for version in (20191111, 20211108, 20230324, 20240513)),
+]
+
+
+@pytest.mark.parametrize("uri", FEEL)
+def test_every_version_of_feel_is_known_wherever_a_language_is_named(uri: str) -> None:
+    for text, language, file in (("=x > 3", "", uri), ("x > 3", uri, ""), ("=x > 3", uri, "python")):
+        assert condition_of(text.replace(">", "&gt;"), language, file) == Expression("x > 3", "feel", 2)
+    node = node_of(
+        f"""<task id="t"><dataInputAssociation id="d"><sourceRef>A</sourceRef><targetRef>B</targetRef>
+            <transformation language="{uri}">a + 1</transformation></dataInputAssociation></task>
+            <property id="A" name="a"/><property id="B" name="b"/>"""
+    )
+    assert node.copies_in == (Assignment("b", Expression("a + 1", "feel", 4)),)
 
 
 @pytest.mark.parametrize("format", ["javascript", "js", "JavaScript", "JavaScript()"])

@@ -21,10 +21,12 @@ _LANGUAGES: dict[str, Language | None] = {
     **dict.fromkeys(("javascript", "js", "javascript()", "ecmascript"), "javascript"),
     **dict.fromkeys(("text/javascript", "application/javascript"), "javascript"),
     "http://www.javascript.com/javascript": "javascript",
-    **dict.fromkeys(("feel", "http://www.omg.org/spec/feel/20140401"), "feel"),
+    "feel": "feel",
     "juel": "juel",
 }
 """Names as files write them; XPath is what the standard says where a file says nothing, so it says nothing."""
+_FEEL = re.compile(r"https?://(www\.)?omg\.org/spec/(dmn/[0-9]+/feel|feel/[0-9]+)/?")
+"""Its namespaces: of its own at first, of each version of DMN since."""
 _ACCEPTED = "accepted are python (meant if nothing is said), javascript, ${...} and =..."
 _NAME = re.compile(r"[^\W\d]\w*")
 
@@ -32,6 +34,8 @@ _NAME = re.compile(r"[^\W\d]\w*")
 def named(context: Context, element: Node, language: str) -> Language | None:
     """The language of that name, None if it says nothing. Raises ModelError for one that is not known."""
     name = language.strip().lower()
+    if _FEEL.fullmatch(name):
+        return "feel"
     if name not in _LANGUAGES:
         raise context.error(element, f"language {language!r}: {_ACCEPTED}")
     return _LANGUAGES[name]

@@ -141,10 +141,21 @@ def _new_root(home: Node, others: Iterable[Node]) -> Node:
     prefixes: dict[str | None, str] = {"camunda": CAMUNDA}
     for other in (*others, home):
         prefixes.update({prefix: uri for prefix, uri in other.nsmap.items() if prefix or other is home})
-    root = etree.Element(home.tag, dict(home.attrib), nsmap=prefixes)  # type: ignore[arg-type, misc]
+    prefixes = {prefix: uri for prefix, uri in prefixes.items() if _can_be_new(f"{{{uri}}}any")}
+    known = {name: value for name, value in home.attrib.items() if _can_be_new(name)}
+    root = etree.Element(home.tag, known, nsmap=prefixes)  # type: ignore[arg-type]
     for one in home.iterchildren(f"{_B}documentation", f"{_B}extensionElements"):
         root.append(deepcopy(one))
     return root
+
+
+def _can_be_new(name: str | bytes) -> bool:
+    """Whether a name can be given to a new element: a namespace that is no URI can only be copied."""
+    try:
+        etree.Element(name)
+    except ValueError:
+        return False
+    return True
 
 
 def _assemble(pieces: list[Piece]) -> Node:

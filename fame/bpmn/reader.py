@@ -36,6 +36,7 @@ from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, pars
 from fame.errors import ModelError, expect
 
 _IGNORED_ROOTS = ("choreography", "globalChoreographyTask", "conversation")
+_ENCODING = re.compile(r"""\sencoding\s*=\s*(["'])[^"']*\1""")
 _MARKER = re.compile("multiplicity|multiinstance|multi_instance", re.IGNORECASE)
 
 
@@ -62,8 +63,10 @@ def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -
 
 def read_text(text: str, *, file: str = "") -> Definitions:
     """As `read`, of a text: whatever encoding it declares, it is UTF-8 from here on."""
-    declared = re.compile(r"""(<\?xml[^>]*?)\s+encoding\s*=\s*(["'])[^"']*\2""")
-    return read_bytes(declared.sub(r"\1", text, count=1).encode(), file=file)
+    declaration, end, rest = text.partition("?>")
+    if declaration.lstrip("\ufeff").startswith("<?xml"):
+        declaration = _ENCODING.sub("", declaration, count=1)
+    return read_bytes((declaration + end + rest).encode(errors="surrogatepass"), file=file)
 
 
 def read_bytes(source: bytes, *, file: str = "") -> Definitions:

@@ -54,6 +54,20 @@ def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
     check_size(len(source), file)
     if _PROLOG.match(source.replace(b"\0", b"").lstrip(_MARKS)):
         raise _has_document_type(file)
+    try:
+        root = _tree(source, keep_all)
+    except etree.XMLSyntaxError as error:
+        if source.startswith(b"PK\x03\x04"):
+            raise ModelError("is a zip archive: take the .bpmn file out of it", file=file) from None
+        reason = re.sub(r", line \d+, column \d+.*", "", error.msg or "it is empty")
+        raise ModelError(f"not well-formed XML: {reason}", file=file, line=error.lineno or 0) from None
+    if root.getroottree().docinfo.internalDTD is not None:
+        raise _has_document_type(file)
+    return root
+
+
+def _tree(source: bytes, keep_all: bool, recover: bool = False) -> Node:
+    """The root of a document; `recover` passes over what is wrong with it."""
     parser = etree.XMLParser(
         resolve_entities=False,
         load_dtd=False,
@@ -63,17 +77,14 @@ def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
         remove_pis=not keep_all,
         strip_cdata=not keep_all,
         collect_ids=False,
+        recover=recover,
     )
     try:
-        root = etree.fromstring(source, parser)
-    except etree.XMLSyntaxError as error:
-        if source.startswith(b"PK\x03\x04"):
-            raise ModelError("is a zip archive: take the .bpmn file out of it", file=file) from None
-        reason = re.sub(r", line \d+, column \d+.*", "", error.msg or "it is empty")
-        raise ModelError(f"not well-formed XML: {reason}", file=file, line=error.lineno or 0) from None
-    if root.getroottree().docinfo.internalDTD is not None:
-        raise _has_document_type(file)
-    return root
+        return etree.fromstring(source, parser)
+    except etree.XMLSyntaxError:
+        if any(one.type != etree.ErrorTypes.WAR_NS_URI for one in parser.error_log):
+            raise
+    return _tree(source, keep_all, recover=True)  # names of namespaces are compared, so any text is one
 
 
 def check_size(size: int, file: str) -> None:
