@@ -231,6 +231,8 @@ def restore(
 ) -> Engine:
     """The engine of a snapshot. Nothing moves, and the host is not asked for anything, until `Engine.restart`.
 
+    `data` stays as it is, whatever the engine does: any number of engines may be restored from it.
+
     `load` makes values of what `dump` made. Raises MissionError for the state of another program.
     """
     if (data["program"], data["observed"]) != (program.hash, program.observed):
@@ -273,7 +275,7 @@ class _Restoring:
 
     def _instance(self, item: Data) -> Instance:
         instance = Instance(item["key"], self.engine.program, self.dicts[item["variables"]])
-        instance.counts = item["counts"]
+        instance.counts = list(item["counts"])
         if item["error"] is not None:
             said = dict(item["error"])
             instance.error = MissionError(said.pop("text"), **said)
@@ -294,7 +296,7 @@ class _Restoring:
         scope.items = decode(item["items"], self.load)
         scope.done = None if item["done"] is None else [self._record(record) for record in item["done"]]
         if item["joins"] is not None:
-            scope.joins = {self.nodes[key]: counts for key, counts in item["joins"].items()}
+            scope.joins = {self.nodes[key]: list(counts) for key, counts in item["joins"].items()}
         return scope
 
     def _record(self, item: list[Any]) -> Record:

@@ -199,6 +199,7 @@ class Run:
         if isinstance(definitions, str):
             definitions = model(definitions)
         self.events: list[Event] = []
+        self.state: tuple[Any, str] = (None, "null")  # what the engine was restored from last, as data and as text
         self.simulation = fame.Simulation(definitions, "P", variables, observer=self.events.append, **options)
         self.node = self.simulation.node
         if moves is not None:
@@ -233,8 +234,10 @@ class Run:
         engine = self.node.engine
         if engine.leaving or any(rest.started for rest in engine.rests.values()):
             return
+        assert json.dumps(self.state[0]) == self.state[1], "the engine has changed what it was restored from"
         text = json.dumps(snapshot(engine, dump=dump))
-        fresh = restore(engine.program, json.loads(text), self.node, engine.new_variables, load=load)
+        self.state = json.loads(text), text
+        fresh = restore(engine.program, self.state[0], self.node, engine.new_variables, load=load)
         fresh.limit = engine.limit
         assert json.dumps(snapshot(fresh, dump=dump)) == text
         self.node.engine = fresh

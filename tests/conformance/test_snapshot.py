@@ -56,6 +56,16 @@ def test_a_snapshot_of_a_restored_engine_is_the_same() -> None:
     assert json.loads(json.dumps(snapshot(engine, dump=dump))) == data
 
 
+def test_one_snapshot_restores_any_number_of_engines() -> None:
+    content = start() + gateway("parallel", "g") + user("a") + user("b") + gateway("parallel", "j") + end()
+    run = Run(content + path("s g a j e") + path("g b j")).run()
+    data = snapshot(run.node.engine)
+    for _ in range(3):
+        carry_on(run, data)
+        assert run.complete("a").instance.waiting == ["b", "j"]
+        assert run.instance.visits == {"s": 1, "g": 1, "a": 1}
+
+
 def test_a_suspended_script_starts_again() -> None:
     text = "n = n + 1\nawait sleep(10)\ndone = True"
     run = Run(start() + script("a", text) + end() + path("s a e"), {"n": 0}).run(4)
