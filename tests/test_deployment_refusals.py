@@ -1,14 +1,17 @@
 """What a robot refuses, and that it goes on as before: envelopes, texts and models that are none."""
 
 import json
+import time
 
 import pytest
-from deployment_field import TEAM, Field, definitions, patrol, process
+from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 import fame
 from fame import deployment
 from fame.deployment import EngineNode
+from fame.deployment.envelope import AHEAD
 from fame.middleware import messages
+from fame.middleware.interface import LATCHED
 
 
 def test_of_two_engines_of_one_robot_the_younger_leaves():
@@ -37,8 +40,17 @@ def test_of_two_engines_of_one_robot_the_younger_leaves():
         {"colour": "red"},
         {"model": "\ud800"},
         {"hash": True},
+        {"team": ["A", "bad name!"]},
+        {"team": [5, None]},
+        {"team": ["A"] * 10_001},
+        {"promises": {"/go": "nobody"}},
+        {"promises": {"no name": "publisher"}},
+        {"issued": 10**400},
+        {"issued": float("nan")},
+        {"born": -1},
+        {"deployment": "d" * 1001},
     ],
-    ids=str,
+    ids=lambda change: str(change)[:40],
 )
 def test_an_envelope_that_is_not_as_it_has_to_be_is_refused_and_harms_nobody(change):
     field = Field("A", "B")
@@ -94,6 +106,34 @@ def test_a_model_that_nothing_can_be_made_of_is_refused_and_leaves_nothing_behin
     assert len(field.middleware.nodes) == nodes
 
 
+def test_a_sequence_far_ahead_of_the_clock_is_refused_and_takes_no_numbers_from_later_ones():
+    field = Field("A", "B")
+    field.deploy(TEAM)
+    said = json.loads(made(field, TEAM, "d9", 9).standings["A"].envelope.to_json())
+    field.send("A", json.dumps(said | {"sequence": 2**53 - 1}))
+    field.pass_time(0.1)
+    assert (field.said[-1].answer, field.said[-1].state) == ("refused", "running")
+    assert "are the clocks set?" in field.said[-1].reason
+    assert not field.deploy(TEAM, "d2", 2).failed
+
+
+def test_a_sequence_as_far_ahead_as_is_accepted_leaves_room_for_later_ones():
+    field = Field("A", "B")
+    ahead = round((time.time() + AHEAD) * 1e6)
+    assert not field.deploy(TEAM, "d1", ahead).failed
+    assert not field.deploy(TEAM, "d2", 2).failed
+
+
+@pytest.mark.parametrize("state", ["ready", "waiting"])
+def test_a_report_of_a_sequence_far_ahead_moves_no_sender(state):
+    field = Field("A", "B")
+    liar = field.middleware.node("liar").publisher("/A/bpmn_status", deployment.STRING, LATCHED)
+    report = {"robot": "A", "state": state, "sequence": 2**53 - 1}
+    liar.publish(messages.create(deployment.STRING, json.dumps(report)))
+    sent = field.deploy(TEAM)
+    assert (sent.failed, sent.sequence) == (False, 1)
+
+
 def test_a_report_that_is_none_harms_no_deployment():
     field = Field("A", "B")
     node = field.middleware.node("liar")
@@ -105,6 +145,9 @@ def test_a_report_that_is_none_harms_no_deployment():
             '{"robot": 1, "state": 2}',
             '{"robot": "A", "state": "x", "waits": [1]}',
             '{"robot": "A", "state": "ready", "born": "x"}',
+            '{"robot": "A", "state": "ready", "offers": [1, 2]}',
+            '{"robot": "A", "state": "ready", "now": 1e400}',
+            '{"robot": "A", "state": "ready", "waits": [{"element": "x", "since": 1' + "0" * 400 + "}]}",
         ):
             liar.publish(messages.create(deployment.STRING, text))
     assert not field.deploy(TEAM).failed

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
+from fame.deployment import fields
 from fame.errors import DeploymentError
 from fame.middleware.interface import Middleware, QoS
 
@@ -23,18 +24,10 @@ PHASES = ("load", "hold", "start", "abort")
 PLAIN = "plain-"
 """How the deployment of a bare model begins: nobody waits for an answer."""
 _SIZE = 20_000_000
-LAST = 2**53
-"""A sequence is less: microseconds until the year 2255, and exact in the JSON of every language."""
-_KINDS: dict[str, Any] = {
-    "str": str,
-    "int": int,
-    "float": (int, float),
-    "bool": bool,
-    "Mapping": dict,
-    "Sequence": list,
-}
-"""What an annotation is in JSON."""
 _Said = TypeVar("_Said", "Envelope", "Report")
+AHEAD = 366 * 86_400.0
+"""How far a sequence may be ahead of the clock of the robot (s): a sender takes a number above all that were seen, so
+that one from far ahead must not take the numbers of all that follow. Clocks may be wrong, and this one runs on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,12 +109,52 @@ class Report:
     def from_json(cls, text: str) -> Report | None:
         """A report, or None if the text is none."""
         try:
-            report = _made(cls, json.loads(text))
-            for wait in report.waits:
-                _checked({"element": str, "for": str, "since": (int, float), "topics": dict}, wait)
-            return report
+            return _made(cls, json.loads(text), _REPORT)
         except (ValueError, TypeError, RecursionError):
             return None
+
+
+_TEXT, _NAME = fields.text(_SIZE), fields.text(1000)
+_ENVELOPE: dict[str, fields.Check] = {
+    "deployment": _NAME,
+    "sequence": fields.integer(),
+    "robot": fields.robot,
+    "phase": fields.among(*PHASES),
+    "hash": fields.text(64),
+    "model": _TEXT,
+    "promises": fields.mapping(fields.topic, fields.among("publisher", "subscriber")),
+    "team": fields.sequence(fields.robot),
+    "again": fields.flag,
+    "born": fields.integer(0, 2**63),
+    "issued": fields.number,
+    "signature": _NAME,
+}
+_WAIT: dict[str, fields.Check] = {
+    "element": _TEXT,
+    "for": _TEXT,
+    "since": fields.number,
+    "topics": fields.mapping(_TEXT, fields.integer()),
+}
+_REPORT: dict[str, fields.Check] = {
+    "robot": fields.robot,
+    "state": fields.among("waiting", "loading", "ready", "running", "idle", "failed"),
+    "hash": fields.text(64),
+    "deployed": _NAME,
+    "sequence": fields.integer(-1),
+    "deployment": _NAME,
+    "answer": _NAME,
+    "reason": _TEXT,
+    "instances": fields.integer(),
+    "started": fields.integer(),
+    "completed": fields.integer(),
+    "failed": fields.integer(),
+    "waits": fields.sequence(fields.record(_WAIT)),
+    "offers": fields.sequence(_TEXT),
+    "error": _TEXT,
+    "now": fields.number,
+    "born": fields.integer(0, 2**63),
+    "time": fields.number,
+}
 
 
 def model_hash(model: bytes) -> str:
@@ -129,8 +162,8 @@ def model_hash(model: bytes) -> str:
     return hashlib.sha256(model).hexdigest()
 
 
-def read_envelope(text: str, robot: str) -> Envelope:
-    """What came in: a bare model becomes an envelope of its own. Raises DeploymentError."""
+def read_envelope(text: str, robot: str, now: float) -> Envelope:
+    """What came in `now` (s since 1970): a bare model becomes an envelope of its own. Raises DeploymentError."""
     if len(text) > _SIZE:
         raise DeploymentError(f"{len(text)} characters; at most {_SIZE} are taken")
     text = text.removeprefix("\ufeff")  # the mark that editors put before a file's text
@@ -140,18 +173,26 @@ def read_envelope(text: str, robot: str) -> Envelope:
     try:
         said = json.loads(text)
         said.pop("fame")
-        envelope = _made(Envelope, said)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise DeploymentError(f"neither a .bpmn text nor an envelope: {text[:60]!r}") from None
-    if envelope.phase not in PHASES:
-        raise DeploymentError(f"phase {envelope.phase!r}; there are {', '.join(PHASES)}")
+        envelope = _made(Envelope, said, _ENVELOPE)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        why = f" ({error})" if isinstance(error, TypeError) else ""
+        raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}") from None
     if envelope.robot.casefold() != robot.casefold():
         raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}")
-    if not 0 <= envelope.sequence < LAST:
-        raise DeploymentError(f"sequence {envelope.sequence}: 0 to {LAST - 1} would be right")
+    if is_ahead(envelope.sequence, now):
+        ahead = (envelope.sequence / 1e6 - now) / 86_400
+        raise DeploymentError(
+            f"sequence {envelope.sequence} is {ahead:.0f} days ahead of this robot's clock; "
+            f"at most {AHEAD / 86_400:.0f} are accepted (are the clocks set?)"
+        )
     if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
         raise DeploymentError("the model does not have the hash that the envelope says")
     return envelope
+
+
+def is_ahead(sequence: int, now: float) -> bool:
+    """Whether a sequence is too far ahead of a clock (s since 1970)."""
+    return sequence > (now + AHEAD) * 1e6
 
 
 def _text_hash(text: str) -> str:
@@ -161,19 +202,14 @@ def _text_hash(text: str) -> str:
         raise DeploymentError("the model has half a character (a lone surrogate)") from None
 
 
-def _made(cls: type[_Said], said: Mapping[str, Any]) -> _Said:
+def _made(cls: type[_Said], said: Any, checks: Mapping[str, fields.Check]) -> _Said:
     """An object of data that came from somewhere. Raises TypeError if a field is not what it has to be."""
-    _checked({part.name: _KINDS[str(part.type).partition("[")[0]] for part in fields(cls)}, said)
-    return cls(**said)
-
-
-def _checked(kinds: Mapping[str, Any], said: Mapping[str, Any]) -> None:
-    """Raises TypeError if one of the names that are there is not what it has to be."""
     if not isinstance(said, dict):
         raise TypeError("not an object")
-    for name in kinds.keys() & said.keys():
-        if not isinstance(said[name], kinds[name]) or (isinstance(said[name], bool) and kinds[name] is not bool):
-            raise TypeError(name)
+    field = fields.wrong(said, checks)
+    if field is not None:
+        raise TypeError(f"field {field[:40]!r}")
+    return cls(**said)
 
 
 def engines(middleware: Middleware) -> list[str]:

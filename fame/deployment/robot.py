@@ -110,7 +110,7 @@ class EngineNode:
     def _heard(self, message: Any) -> None:
         said = ""
         try:
-            envelope = read_envelope(message.data, self.robot)
+            envelope = read_envelope(message.data, self.robot, self._wall_time())
             said = envelope.deployment
             if self._trusted:
                 verify(asdict(envelope), self._trusted, self._wall_time(), self.born)

@@ -12,7 +12,6 @@ from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deployment.casting import cast_of, promises
 from fame.deployment.envelope import (
-    LAST,
     PROCESS_QOS,
     SILENCE,
     STATUS_QOS,
@@ -20,6 +19,7 @@ from fame.deployment.envelope import (
     Envelope,
     Report,
     engines,
+    is_ahead,
     model_hash,
 )
 from fame.library import Library
@@ -134,7 +134,8 @@ class Deployment:
         if len(self._known) < len(self.standings) and self.scheduler.now < self._begun + round(HEARING * SECOND):
             self._again = self.scheduler.after(round(SETTLE * SECOND), self._open, Kind.TIMER)
             return
-        seen = [report.sequence for report in self._known.values() if report.sequence < LAST - 1]
+        now = self._wall_time()
+        seen = [report.sequence for report in self._known.values() if not is_ahead(report.sequence, now)]
         self.sequence = max(self.sequence, *(number + 1 for number in seen), 0)
         for standing in self.standings.values():
             standing.envelope = replace(standing.envelope, sequence=self.sequence)
