@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from fame.deployment.beside import Task
 from fame.errors import FameError, ModelError
 from fame.middleware.interface import Middleware
 
 if TYPE_CHECKING:
     from fame.library import Library
-    from fame.node import RobotNode, Service
+    from fame.node import Mission, RobotNode, Service
 
 KEPT = 10
 """How many instances that have ended an engine remembers."""
@@ -18,16 +20,15 @@ KEPT = 10
 
 def load(
     model: str, robot: str, *, library: Library | None, services: Mapping[str, Service] | None, **options: Any
-) -> RobotNode:
+) -> Task[RobotNode]:
     """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
 
-    Raises ModelError, MessageError, ConfigError: also for what would fail only when a token gets there, and for
-    whatever else goes wrong, since what runs must not end for a model that is to take its place.
+    A task of `fame.deployment.beside`: the text is read, checked and compiled beside the scheduler's thread. Raises
+    ModelError, MessageError, ConfigError: also for what would fail only when a token gets there, and for whatever else
+    goes wrong, since what runs must not end for a model that is to take its place.
     """
-    from fame.library import Library
-
     try:
-        return _load(model, robot, library or Library(), services, options)
+        return (yield from _load(model, robot, library, services, options))
     except FameError:
         raise
     except Exception as error:
@@ -35,27 +36,40 @@ def load(
 
 
 def _load(
-    model: str, robot: str, library: Library, services: Mapping[str, Service] | None, options: Mapping[str, Any]
-) -> RobotNode:
+    model: str,
+    robot: str,
+    library: Library | None,
+    services: Mapping[str, Service] | None,
+    options: Mapping[str, Any],
+) -> Task[RobotNode]:
+    mission = yield partial(_read, model, robot, library, services)
+    from fame.monitoring import UNITS
+    from fame.node import RobotNode
+
+    node = RobotNode(robot, mission, keep=KEPT, units=UNITS, compiled=False, **options)
+    try:
+        node.assemble((yield node.compile_process))
+        node.load()
+    except BaseException:
+        node.close()
+        raise
+    return node
+
+
+def _read(model: str, robot: str, library: Library | None, services: Mapping[str, Service] | None) -> Mission:
+    import fame.monitoring  # noqa: F401
     from fame.bpmn.reader import read_text
     from fame.check.refusing import refuse_literals
-    from fame.monitoring import UNITS
-    from fame.node import RobotNode, mission
+    from fame.library import Library
+    from fame.node import mission
     from fame.simulation import choose_process
 
+    library = library or Library()
     definitions = read_text(model, file=f"{robot}.bpmn")
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
     refuse_literals(definitions, [process], library)
-    node = RobotNode(
-        robot, mission(definitions, process, library=library, services=services), keep=KEPT, units=UNITS, **options
-    )
-    try:
-        node.load()
-    except Exception:
-        node.close()
-        raise
-    return node
+    return mission(definitions, process, library=library, services=services)
 
 
 def missing(promises: Mapping[str, str], robot: str, middleware: Middleware) -> Sequence[str]:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
+from fame.deployment.beside import Work
 from fame.deployment.candidate import Candidate, Stage
 from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, read_envelope
 from fame.deployment.loading import load
@@ -72,6 +74,7 @@ class EngineNode:
         self.hash = self.deployed = ""
         self.candidate: Candidate | None = None
         self._next: Envelope | None = None
+        self._loading = False  # whether `_next`, or one before it, is being loaded
         self._newest = (-1, "")  # `Envelope.order` of the newest that was looked at
         self._stopped = False
         self.node = middleware.node("fame_deployment", robot)
@@ -88,7 +91,7 @@ class EngineNode:
     def state(self) -> str:
         """See `Report`."""
         if self.candidate is None:
-            return state_of(self.running)
+            return "loading" if self._loading else state_of(self.running)
         return "ready" if self.candidate.stage is Stage.READY else "loading"
 
     def _standing(self) -> dict[str, Any]:
@@ -168,20 +171,28 @@ class EngineNode:
     # ---- one process after the other -------------------------------------------------------------------------------
 
     def _load_next(self) -> None:
-        if self._next is None:
+        if self._next is None or self._loading:
             return
         if self.candidate is not None and self.candidate.stage is not Stage.LOADING:
             self._ask_for_room()
             return
-        envelope, self._next = self._next, None
+        envelope = self._next  # it waits on, so a newer one takes its place, and its sender may abort it
         self.drop("superseded")
         self._newest = max(self._newest, envelope.order)
-        try:
-            process = load(
-                envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options
-            )
-        except FameError as error:
-            self.status.answer("refused", envelope.deployment, str(error))
+        self._loading = True
+        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options)
+        Work(self.scheduler, task, partial(self._loaded, envelope))
+
+    def _loaded(self, envelope: Envelope, process: RobotNode | FameError) -> None:
+        self._loading = False
+        if self._next is not envelope:
+            if not isinstance(process, FameError):
+                process.close()
+            self._load_next_soon()
+            return
+        self._next = None
+        if isinstance(process, FameError):
+            self.status.answer("refused", envelope.deployment, str(process))
             return
         self.candidate = Candidate(
             envelope, process, self, node=self.node, scheduler=self.scheduler, middleware=self.middleware

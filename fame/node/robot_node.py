@@ -17,7 +17,7 @@ from typing import Any
 
 from fame.bpmn.model import CallActivity, Expression, Process, Task
 from fame.clock import EPOCH, Scheduler, WallScheduler
-from fame.engine import Engine, Instance, compile_program
+from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
 from fame.errors import MissionError, ModelError
@@ -52,6 +52,7 @@ class RobotNode:
     keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
     on_end     called with each instance that has ended
     units      what service tasks keep running, by name (`fame.units`)
+    compiled   False leaves that to whoever makes it: `compile_process`, in any thread, then `assemble`
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class RobotNode:
         keep: int | None = None,
         on_end: Callable[[Instance], object] = lambda instance: None,
         units: Mapping[str, Make] = MappingProxyType({}),
+        compiled: bool = True,
     ) -> None:
         self.name, self.mission, self.scheduler, self.strict = name, mission, scheduler, strict
         self.namespace = name if namespace is None else namespace
@@ -90,13 +92,21 @@ class RobotNode:
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
         self.scripts = Scripts(self, self._ends)
         self.runner = self.scripts.runner
-        self.engine = Engine(self._compile(), self, self.scripts.variables)
-        if isinstance(scheduler, WallScheduler):
-            self.engine.at_once = True  # all that happens has a time of its own
+        self.engine: Engine
+        if compiled:
+            self._assemble_or_close()
 
     # ---- life ----------------------------------------------------------------------------------------------------
 
-    def _compile(self) -> Any:
+    def _assemble_or_close(self) -> None:
+        try:
+            self.assemble(self.compile_process())
+        except Exception:  # nobody has the robot yet who could close it
+            self.close()
+            raise
+
+    def compile_process(self) -> Program:
+        """The program of its process. Touches no endpoint, so any thread may do it. Raises ModelError."""
         mission = self.mission
         homes = {mission.definitions.file: mission.definitions}
 
@@ -105,17 +115,19 @@ class RobotNode:
             homes[home.file] = home
             return process, home.file
 
-        try:
-            return compile_program(
-                mission.process,
-                host=self,
-                library=library,
-                file=mission.definitions.file,
-                observed=self._observer is not None,
-            )
-        except Exception:  # nobody has the robot yet who could close it
-            self.close()
-            raise
+        return compile_program(
+            mission.process,
+            host=self,
+            library=library,
+            file=mission.definitions.file,
+            observed=self._observer is not None,
+        )
+
+    def assemble(self, program: Program) -> None:
+        """Make the engine of what `compile_process` gave."""
+        self.engine = Engine(program, self, self.scripts.variables)
+        if isinstance(self.scheduler, WallScheduler):
+            self.engine.at_once = True  # all that happens has a time of its own
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
