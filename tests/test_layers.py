@@ -13,7 +13,16 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = (
-    ("fame.bpmn", "fame.clock", "fame.iso8601", "fame.errors", "fame.lazy", "fame.purposes", "fame.documents"),
+    (
+        "fame.bpmn",
+        "fame.clock",
+        "fame.iso8601",
+        "fame.errors",
+        "fame.lazy",
+        "fame.purposes",
+        "fame.documents",
+        "fame.text",
+    ),
     ("fame.engine",),
     ("fame.middleware", "fame.scripting"),
     (
@@ -142,7 +151,7 @@ def test_only_reader_and_writer_know_xml() -> None:
 
 def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
     loaded = [item for item in IMPORTS if item.at_load and room(item.source) == "fame.cli" and ours(item.target)]
-    assert {room(item.target) for item in loaded} == {"fame.cli", "fame.errors"}
+    assert {room(item.target) for item in loaded} == {"fame.cli", "fame.errors", "fame.text"}
 
 
 def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_needs() -> None:

@@ -21,6 +21,7 @@ from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, print_json
 from fame.errors import FameError
+from fame.text import printable
 
 COMMANDS = (
     "run", "split", "check", "convert", "draw", "library", "templates", "engine", "deploy", "splitter", "status",
@@ -103,5 +104,5 @@ def _say(error: FameError, cause: BaseException, given: Sequence[str], code: int
     if "--json" in given:
         print_json(error_object(error, cause, "interrupted" if interrupted else "error"))
     else:
-        print(f"fame: {error}" if interrupted else f"fame: error: {error}", file=sys.stderr)
+        print(printable(f"fame: {error}" if interrupted else f"fame: error: {error}"), file=sys.stderr)
     return code

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Commands, add_json, command, positive
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -71,7 +72,7 @@ def ask_and_tell(arguments: Namespace, act: str, values: Mapping[str, Any]) -> i
             }
         )
     else:
-        print(f"{arguments.robot}: {report.answer}: {report.reason or arguments.element}")
+        print(f"{arguments.robot}: {report.answer}: {printable(report.reason or arguments.element)}")
     return 0 if done else 1
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fame.cli.arguments import Commands, add_json, add_library, command, positive
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.deployment import Deployment
@@ -59,7 +60,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 def _tell(deployment: Deployment, *, json: bool) -> None:

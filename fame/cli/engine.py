@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Commands, add_library, command
 from fame.cli.network import OPEN, add_network, lockstep, say_ready
 from fame.errors import ConfigError, FameError
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -150,4 +151,4 @@ def _say(event: Event) -> None:
     if event.what == "answer" and is_child():  # whoever started us asked, and says it
         return
     place = f"{event.robot}: {event.element}" if event.element else event.robot
-    print(f"{event.time / 1e9:9.1f} s   {place}: {event.detail}", file=sys.stderr, flush=True)
+    print(f"{event.time / 1e9:9.1f} s   {place}: {printable(event.detail)}", file=sys.stderr, flush=True)

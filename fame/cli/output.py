@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
 from fame.errors import FameError
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.scenario import Progress
@@ -32,7 +33,8 @@ def error_object(error: FameError, cause: BaseException, status: str = "error") 
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str | int]]) -> str:
-    """Columns as wide as their longest cell, numbers to the right."""
+    """Columns as wide as their longest cell, numbers to the right. A row is a line, whatever its cells say."""
+    rows = [[printable(cell) if isinstance(cell, str) else cell for cell in row] for row in rows]
     widths = [max(len(str(row[column])) for row in (heads, *rows)) for column in range(len(heads))]
     right = [bool(rows) and isinstance(cell, int) for cell in (rows[0] if rows else heads)]
     lines = (
@@ -136,7 +138,7 @@ class LiveTable:
             drawn = self._drawn
             self._wipe()
             self._drawn = drawn
-            self._stream.write(f"{line}\n{drawn}")
+            self._stream.write(f"{printable(line)}\n{drawn}")
             self._stream.flush()
 
     def _wipe(self) -> None:

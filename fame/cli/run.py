@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
 from fame.cli.output import live_table, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
@@ -186,7 +187,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         simulated = f"{result.world['time']:.1f} s simulated in " if result.world is not None else ""
         print(f"{result.status}: {simulated}{result.seconds:.1f} s", flush=True)
     for message in result.messages:
-        print(f"fame: {message}", file=sys.stderr)
+        print(f"fame: {printable(message)}", file=sys.stderr)
     return result.exit_code
 
 
@@ -257,12 +258,12 @@ def _tell(result: Result, *, quiet: bool) -> None:
     if not quiet:
         for event in result.reports:
             place = f"{event.robot}: {event.element}" if event.element else event.robot
-            print(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}", file=sys.stderr)
+            print(f"{event.time / 1e9:7.1f} s   {place}: {printable(event.detail)}", file=sys.stderr)
         rows = [(robot.name, robot.instances, robot.elements, _standing(robot)) for robot in result.robots]
         print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
         print(f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}", flush=True)
     for message in result.messages:
-        print(f"fame: {message}", file=sys.stderr)
+        print(f"fame: {printable(message)}", file=sys.stderr)
 
 
 def _speed(result: Result) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fame.cli.arguments import Commands, add_library, command, positive
 from fame.cli.network import OPEN, add_network
 from fame.errors import FameError
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -54,7 +55,7 @@ def run(arguments: Namespace) -> int:
             library=Library(arguments.library),
             patience=arguments.wait,
             key=key,
-            say=lambda text: print(f"{scheduler.now / 1e9:9.1f} s   {text}", file=sys.stderr, flush=True),
+            say=lambda text: print(f"{scheduler.now / 1e9:9.1f} s   {printable(text)}", file=sys.stderr, flush=True),
         )
 
     serve(arguments.middleware, arguments.network, build)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from fame.cli.output import print_json, table
 if TYPE_CHECKING:
     from fame.deployment import Report
 
+_LISTENING = 1.5  # heartbeats
 HEADS = ("robot", "state", "model", "instances", "token at", "since", "waits for", "publishers")
 
 
@@ -33,6 +34,7 @@ def run(arguments: Namespace) -> int:
 
     from fame.clock import SECOND
     from fame.deployment import STATUS_QOS, STRING, Report, engines
+    from fame.deployment.reporting import HEARTBEAT
     from fame.errors import DeploymentError
 
     reports: dict[str, Report] = {}
@@ -48,14 +50,29 @@ def run(arguments: Namespace) -> int:
         robots = engines(middleware)
         for robot in robots:
             node.subscription(f"/{robot}/bpmn_status", STRING, partial(heard, robot), STATUS_QOS)
-        scheduler.run(scheduler.now + 3 * SECOND // 2)
-    if not reports:
+        scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
+    silent = silences(reports, robots, _LISTENING * HEARTBEAT)
+    if not reports and not silent:
         raise DeploymentError("no engine was found")
     if arguments.json:
-        print_json({"robots": {name: asdict(report) for name, report in sorted(reports.items())}})
+        print_json({"robots": {name: asdict(report) for name, report in sorted(reports.items())}, "silent": silent})
     else:
-        print(table(HEADS, [row for name in sorted(reports) for row in rows(name, reports[name])]))
+        lines = {name: list(rows(name, report)) for name, report in reports.items()}
+        lines |= {name: [(name, "silent", "", "", "", f"{s:.0f} s", "", "")] for name, s in silent.items()}
+        print(table(HEADS, [row for name in sorted(lines) for row in lines[name]]))
     return 0
+
+
+def silences(reports: Mapping[str, Report], engines: Iterable[str], listened: float) -> dict[str, float]:
+    """The robots that say nothing, and for how long at least (s).
+
+    Their engines are in the graph and said nothing while they were `listened` to, or their team misses them.
+    """
+    missed = [item for report in reports.values() for item in report.absent.items()]
+    silent = dict.fromkeys(engines, listened)
+    for robot, seconds in missed:
+        silent[robot] = max(seconds, silent.get(robot, 0.0))
+    return {robot: seconds for robot, seconds in sorted(silent.items()) if robot not in reports}
 
 
 def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:

@@ -77,6 +77,7 @@ class Report:
                On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``activated``, ``refused``, to that request
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
     offers     the elements of open ad-hoc sub-processes that could be activated
+    absent     robots of its team that have no engine any more, and for how long (s)
     now        the time of the mission (s), which `since` is on
     born       when the engine began (ns since 1970): of two with one name the older stays
     time       how long it has been there (s)
@@ -96,6 +97,7 @@ class Report:
     failed: int = 0
     waits: Sequence[Mapping[str, Any]] = ()
     offers: Sequence[str] = ()
+    absent: Mapping[str, float] = field(default_factory=dict)
     error: str = ""
     now: float = 0.0
     born: int = 0
@@ -150,6 +152,7 @@ _REPORT: dict[str, fields.Check] = {
     "failed": fields.integer(),
     "waits": fields.sequence(fields.record(_WAIT)),
     "offers": fields.sequence(_TEXT),
+    "absent": fields.mapping(fields.robot, fields.number),
     "error": _TEXT,
     "now": fields.number,
     "born": fields.integer(0, 2**63),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
@@ -105,6 +105,21 @@ class Status:
         other = Report.from_json(message.data)
         if other is not None and 0 < other.born < self._born:
             raise FameError(f"there is an engine {self._robot!r} already; a robot has one")
+
+
+class Absences:
+    """Which robots of a team have no engine any more, and since when."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, int] = {}
+        self._looked = -1
+
+    def seen(self, team: Collection[str], now: int, engines: Callable[[], Collection[str]]) -> dict[str, float]:
+        """For how long each has been absent (s) at `now` (ns); who is there is looked up once a heartbeat."""
+        if team and (self._looked < 0 or now - self._looked >= HEARTBEAT * SECOND):
+            self._looked, there = now, engines()
+            self._since = {robot: self._since.get(robot, now) for robot in team if robot not in there}
+        return {robot: (now - since) / SECOND for robot, since in self._since.items() if robot in team}
 
 
 def state_of(process: RobotNode | None) -> str:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.beside import Work
 from fame.deployment.candidate import Candidate, Stage
-from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, read_envelope
+from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, engines, read_envelope
 from fame.deployment.loading import load
-from fame.deployment.reporting import Status, progress, state_of
+from fame.deployment.reporting import Absences, Status, progress, state_of
 from fame.deployment.tasks import Tasks
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware
@@ -72,6 +72,8 @@ class EngineNode:
         self.born = round(wall_time() * SECOND)
         self.running: RobotNode | None = None
         self.hash = self.deployed = ""
+        self._team: Sequence[str] = ()  # of what runs
+        self._absences = Absences()
         self.candidate: Candidate | None = None
         self._next: Envelope | None = None
         self._loading = False  # whether `_next`, or one before it, is being loaded
@@ -96,7 +98,8 @@ class EngineNode:
 
     def _standing(self) -> dict[str, Any]:
         said = {"state": self.state, "hash": self.hash, "deployed": self.deployed, "sequence": self._newest[0]}
-        return {**said, "now": self._time.now / SECOND, **progress(self.running)}
+        absent = self._absences.seen(self._team, self.scheduler.now, lambda: engines(self.middleware))
+        return {**said, "absent": absent, "now": self._time.now / SECOND, **progress(self.running)}
 
     def _refused(self, reason: str, deployment: str) -> None:
         asked = deployment and not deployment.startswith(PLAIN)
@@ -212,7 +215,7 @@ class EngineNode:
         assert candidate is not None
         self._close_running()
         envelope, self.running = candidate.envelope, candidate.process
-        self.hash, self.deployed = envelope.hash, envelope.deployment
+        self.hash, self.deployed, self._team = envelope.hash, envelope.deployment, envelope.team
         self.running.start()
         reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
         if reason:

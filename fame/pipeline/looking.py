@@ -12,6 +12,7 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import SENSOR_DATA, Middleware, Node
 from fame.pipeline.fields import Path, Unusable, has_stamp, reader
+from fame.text import printable
 
 
 def type_of_topic(middleware: Middleware, topic: str) -> str:
@@ -81,7 +82,7 @@ def shown(value: Any, limit: int = 8, indent: str = "") -> str:
     """A message as plain data, like YAML, long lists cut."""
     if isinstance(value, dict):
         return "".join(_entry(name, item, limit, indent) for name, item in value.items())
-    return str(value)
+    return printable(str(value))
 
 
 def _entry(name: str, item: Any, limit: int, indent: str) -> str:
@@ -97,7 +98,7 @@ def _entry(name: str, item: Any, limit: int, indent: str) -> str:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else repr(value) if value == "" else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else repr(value) if value == "" else printable(str(value))
 
 
 def wait_for_types(
