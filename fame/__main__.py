@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
+from contextlib import suppress
+
+_PATIENCE = 0.5
+"""How long a thread that somebody's script has begun may take to end (s)."""
 
 
 def main() -> int:
@@ -12,7 +18,21 @@ def main() -> int:
     except KeyboardInterrupt:
         print("fame: interrupted", file=sys.stderr)
         return 130
-    return cli.main()
+    return _without_waiting(cli.main())
+
+
+def _without_waiting(code: int) -> int:
+    """The exit code. Threads of scripts that are at work, and are no daemons, would keep the process from ending."""
+    others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
+    for thread in others:
+        if not thread.daemon:
+            thread.join(_PATIENCE)
+    if left := [thread.name for thread in others if not thread.daemon and thread.is_alive()]:
+        with suppress(OSError):
+            print(f"fame: ended while threads were at work: {', '.join(left)}", file=sys.stderr, flush=True)
+            sys.stdout.flush()
+        os._exit(code)
+    return code
 
 
 if __name__ == "__main__":

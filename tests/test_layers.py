@@ -18,6 +18,7 @@ FLOORS = (
         "fame.clock",
         "fame.iso8601",
         "fame.errors",
+        "fame.heartbeat",
         "fame.lazy",
         "fame.purposes",
         "fame.documents",

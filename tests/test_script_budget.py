@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import textwrap
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,6 +15,8 @@ import pytest
 from fame.bpmn.model import Expression
 from fame.engine.variables import Variables
 from fame.scripting import BudgetExceeded, compile_expression, compile_script, error_line, heartbeat, interface
+
+ROOT = Path(__file__).parent.parent
 
 
 def root(budget: int = 10_000, **variables: Any) -> dict[str, Any]:
@@ -124,7 +131,11 @@ else: ended = True
     assert (variables["n"], variables["ended"]) == (2, True)
 
 
-@pytest.mark.parametrize("text", ["import time\ntime.sleep(60)", "while True: pass"])
+@pytest.mark.parametrize(
+    "text",
+    ["import time\ntime.sleep(60)", "while True: pass", "9**9**9", "import re\nre.match('(a|aa)+$', 'a' * 60 + 'b')"],
+    ids=["sleep", "loop", "power", "regular expression"],
+)
 def test_the_heartbeat_ends_what_the_budget_does_not_see(text: str) -> None:
     with pytest.raises(BudgetExceeded, match=r"more than 0\.05 s"), heartbeat(0.05):
         compile_script(Expression(text))(root(10**12))
@@ -137,3 +148,46 @@ def test_the_heartbeat_leaves_short_steps_and_other_code_alone() -> None:
         while time.monotonic() < end:
             script(variables)
     assert variables["x"] > 0
+
+
+def process(code: str) -> subprocess.CompletedProcess[str]:
+    """A Python process that runs a script between `with heartbeat` and the end."""
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.processes
+def test_a_call_that_nothing_interrupts_ends_the_process_and_says_where() -> None:
+    done = process("""
+        from fame.heartbeat import heartbeat
+        with heartbeat(0.1, last_resort=0.5):
+            exec(compile("import itertools\\nsum(itertools.count())", "REX.bpmn", "exec"))
+    """)
+    assert done.returncode == -signal.SIGVTALRM
+    assert 'File "REX.bpmn", line 2' in done.stderr
+
+
+@pytest.mark.processes
+def test_one_that_computes_and_hears_its_beats_lives_on() -> None:
+    done = process("""
+        import time
+        from fame.heartbeat import heartbeat
+        with heartbeat(0.1, last_resort=0.5):
+            while time.process_time() < 1: pass
+    """)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.processes
+def test_a_thread_that_a_script_left_keeps_no_process_from_ending() -> None:
+    done = process("""
+        import sys, threading
+        from fame import __main__, cli
+        def command():
+            threading.Thread(target=threading.Event().wait, name="of a script").start()
+            return 3
+        cli.main = command
+        sys.exit(__main__.main())
+    """)
+    assert done.returncode == 3
+    assert "of a script" in done.stderr

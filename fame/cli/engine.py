@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
     from fame.node import Event
 
+STUCK = 20.0
+"""How long one call that nothing can interrupt may compute before it ends the engine (s of processor time)."""
 _OPEN = f"{OPEN}: give --trust FILE.pub, or --insecure to take what anybody sends"
 
 
@@ -58,9 +60,12 @@ def _name(text: str) -> str:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
+    from fame.heartbeat import heartbeat
+
     gc.disable()  # what is loaded now stays: to look for garbage in it costs a tenth of the start
     try:
-        _serve(arguments)
+        with heartbeat(last_resort=STUCK):
+            _serve(arguments)
     finally:
         gc.enable()
     return 0

@@ -12,7 +12,7 @@ script_names      the variables that a text reads and writes, for checks
 
 from fame.engine.host import BpmnError, Cancelled
 from fame.engine.variables import UNDEFINED, Variables, plain
-from fame.scripting.budget import BudgetExceeded, heartbeat
+from fame.heartbeat import BudgetExceeded, heartbeat
 from fame.scripting.inbox import Inbox
 from fame.scripting.interface import NAMES, Log, Robot, another, interface, mission_date
 from fame.scripting.languages import compile_expression, compile_script

@@ -8,35 +8,28 @@ one for each call, and by `Budget.refill` for a script that was suspended.
 
 The count is deterministic: the same script is stopped at the same pass on every machine. Once a step has spent its
 budget, each further tick of it raises again, so a bare ``except:`` inside a loop cannot go on forever. What loops
-inside C (``sum(itertools.count())``) does not count; nor do the loops of imported Python modules, which `heartbeat`
-ends.
+inside C (``sum(itertools.count())``) does not count; nor do the loops of imported Python modules, which
+`fame.heartbeat` ends.
 """
 
 from __future__ import annotations
 
 import ast
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from itertools import repeat
 from types import FrameType
 from typing import Any
 
+from fame.heartbeat import BUDGET, BudgetExceeded, script_frame
+
 TICK = "__tick__"
-BUDGET = "__budget__"
 DEFAULT = 20_000_000
 """Loop passes and function entries in one step: about 5 s of a loop body of a few statements on a present-day
 machine.
 """
 
 _PARTS = 20
-
-
-class BudgetExceeded(BaseException):
-    """A step did not end. Not an Exception: `except Exception` must not swallow it."""
 
 
 class Budget:
@@ -78,17 +71,6 @@ class Budget:
         self._names[TICK] = partial(next, repeat(True, self._part), False)
 
 
-def script_frame(frame: FrameType | None, budget: Budget | None = None) -> FrameType | None:
-    """The outermost frame of a script (of the interface with that budget) that called `frame`, or None."""
-    found = None
-    while frame is not None:
-        owner = frame.f_builtins.get(BUDGET)
-        if owner is not None and (budget is None or owner is budget):
-            found = frame
-        frame = frame.f_back
-    return found
-
-
 def count_steps(tree: ast.AST) -> ast.AST:
     """The same tree with a tick in each loop, function and comprehension. Lines stay what they are."""
     counted: ast.AST = _Ticks().visit(tree)
@@ -123,34 +105,3 @@ def _tick(place: ast.AST) -> ast.expr:
             ast.copy_location(node, place)
             node.end_lineno, node.end_col_offset = node.lineno, node.col_offset
     return tick
-
-
-@contextmanager
-def heartbeat(seconds: float = 5.0) -> Iterator[None]:
-    """End by the wall clock what the budget does not see: a step at work at three beats in a row, half of that apart.
-
-    Acts in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
-    engine.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    seen: tuple[FrameType, int] | None = None
-    times = 0
-
-    def beat(_number: int, frame: FrameType | None) -> None:
-        nonlocal seen, times
-        script = script_frame(frame)
-        now = (script, script.f_builtins[BUDGET].steps) if script is not None else None
-        same = now is not None and seen is not None and now[0] is seen[0] and now[1] == seen[1]
-        seen, times = now, times + 1 if same else 1
-        if times >= 3:
-            raise BudgetExceeded(f"one step of the script took more than {seconds:g} s")
-
-    former = signal.signal(signal.SIGALRM, beat)
-    signal.setitimer(signal.ITIMER_REAL, seconds / 2, seconds / 2)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, former)

@@ -21,9 +21,10 @@ from typing import Any
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.faults import is_from_outside
 from fame.engine.host import BpmnError, Cancelled
+from fame.heartbeat import BUDGET
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Node
-from fame.scripting.budget import BUDGET, Budget
+from fame.scripting.budget import Budget
 from fame.scripting.inbox import Inbox, Subscribe, Types
 from fame.scripting.python import error_text
 from fame.scripting.requests import Act, Call, Next, Receive, Request, Sleep, Until
