@@ -78,6 +78,11 @@ class Cycle:
     start: datetime | None = None
     end: datetime | None = None
 
+    @property
+    def endless(self) -> bool:
+        """Whether there is always a next time."""
+        return self.repetitions is None and self.end is None
+
     def due_times(self, now: datetime) -> Iterator[datetime]:
         """When it is due, from `now` on. What is past by then is skipped, but counts as a repetition.
 

@@ -390,13 +390,15 @@ class SubProcess(Activity):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Process(Element):
-    """A process. `instances`: how many not yet ended may be at a time (None: no bound). `semantics`: ``original`` for
+    """A process. `instances`: how many not yet ended may be at a time (None: no bound). `optional`: a mission may be
+    completed although the process has never started. `semantics`: ``original`` for
     models of the original FaMe, whose interrupting event sub-processes suspend and resume. `by_prefix`: one of those,
     whose messages fill variables by their names alone where no data object is connected (FORMATS, rules of reading)."""
 
     body: Body
     executable: bool = True
     instances: int | None = None
+    optional: bool = False
     semantics: Literal["standard", "original"] = "standard"
     by_prefix: bool = False
     lanes: tuple[Element, ...] = ()

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Literal
 
 from fame.bpmn.bodies import read_body
-from fame.bpmn.context import Context, boolean, find, whole
+from fame.bpmn.context import Context, boolean, find, truth, whole
 from fame.bpmn.conversations import connect
 from fame.bpmn.data import data_ids, data_variables
 from fame.bpmn.diagram import read_diagrams
@@ -123,6 +123,7 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
 def _process(context: Context, element: Node) -> Process:
     found, parts = extensions_of(context, element), parts_of(element)
     topics, instances, semantics, fields = map(found.take, ("topics", "instances", "semantics", "fields"))
+    optional = found.take("optional")
     for name, given, choices in (
         ("topics", topics, ("signals", "labels")),
         ("semantics", semantics, ("standard", "original")),
@@ -144,6 +145,7 @@ def _process(context: Context, element: Node) -> Process:
         body=read_body(around, element, parts),
         executable=boolean(context, element, "isExecutable", True),
         instances=whole(context, element, "instances", instances.value, 1) if instances is not None else None,
+        optional=truth(context, element, "optional", optional.value) if optional is not None else False,
         semantics=meaning,
         by_prefix=fields.value.strip() == "prefix" if fields is not None else context.original,
         lanes=tuple(_lanes(context, element)),

@@ -15,7 +15,7 @@ from fame.splitter import pools_of
 
 _ROS_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OF_TOPICS = ("type", "payload", "queue", "scope")
-_OF_PROCESSES = ("instances", "semantics", "topics")
+_OF_PROCESSES = ("instances", "optional", "semantics", "topics")
 
 
 def name_findings(subject: Subject) -> Iterator[Finding]:

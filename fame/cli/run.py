@@ -274,9 +274,8 @@ def _speed(result: Result) -> str:
 
 def _standing(robot: RobotResult) -> str:
     """How it is with one robot, in words."""
-    running = robot.instances - robot.completed - robot.failed
     if not robot.instances:
         return "; ".join(["never started", *(f"waits for {wait.text}" for wait in robot.waits)])
-    counts = ((robot.failed, "failed"), (running, "running"), (robot.completed, "completed"))
+    counts = ((robot.failed, "failed"), (robot.running, "running"), (robot.completed, "completed"))
     said = [(count, word) for count, word in counts if count]
     return said[0][1] if len(said) == 1 else ", ".join(f"{count} {word}" for count, word in said)

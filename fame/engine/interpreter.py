@@ -119,6 +119,11 @@ class Engine:
             waiting.fire(self, self.rests.pop(key) if last else self.rests[key])
         self.run()
 
+    def timed(self, key: int) -> Node:
+        """The node that a timer is set for."""
+        start = self.armed_starts.get(key)
+        return start if start is not None else self.rests[key].node
+
     def script_ended(self, key: int, error: BaseException | None = None) -> None:
         """A suspended script is out: done, failed, or (it was cancelled) gone."""
         departure = self.leaving.pop(key, None)

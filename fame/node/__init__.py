@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from fame.clock import EPOCH
 from fame.node.mission import Mission, Service, mission
-from fame.node.robot_node import RobotNode
+from fame.node.robot_node import Ahead, RobotNode
 from fame.node.waits import Wait
 from fame.observation import Event
 from fame.scripting import Log, error_text
 
-__all__ = ["EPOCH", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]
+__all__ = ["EPOCH", "Ahead", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]

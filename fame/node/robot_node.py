@@ -13,10 +13,10 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from fame.bpmn.model import CallActivity, Expression, Process, Task
-from fame.clock import EPOCH, Scheduler, WallScheduler
+from fame.clock import EPOCH, Scheduler, WallScheduler, date_at
 from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
@@ -37,6 +37,9 @@ from fame.scripting import (
 )
 from fame.units import Around, Make, living
 
+Ahead = Literal["", "endless", "due"]
+"""What is still to come of the timers of start events: nothing, nothing but cycles without end, or more."""
+
 _EARLY = 1000
 """How many messages are kept for a process that is loaded and has not been started."""
 
@@ -49,6 +52,7 @@ class RobotNode:
     safe_suspended  the same while its mission is suspended, if it is not `safe_state`
     epoch      the date of the scheduler's time 0: what dates of timers and `robot.date` are counted from
     strict     an undefined name in a payload is an error, not a warning
+    until      when the run ends at the latest (ns): dates and cycles that are due later are reported
     keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
     on_end     called with each instance that has ended
     units      what service tasks keep running, by name (`fame.units`)
@@ -69,6 +73,7 @@ class RobotNode:
         safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         strict: bool = False,
         epoch: datetime = EPOCH,
+        until: int | None = None,
         keep: int | None = None,
         on_end: Callable[[Instance], object] = lambda instance: None,
         units: Mapping[str, Make] = MappingProxyType({}),
@@ -88,6 +93,7 @@ class RobotNode:
         self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
         self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
         self._timers = Timers(scheduler, epoch, self._fire)
+        self._until, self._told_late = until, set[str]()
         self._ends = Ends(self.node, mission.types, middleware)
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
         self.scripts = Scripts(self, self._ends)
@@ -165,6 +171,19 @@ class RobotNode:
         self.node.close()
 
     # ---- what people ask -----------------------------------------------------------------------------------------
+
+    @property
+    def ahead(self) -> Ahead:
+        """Whether a timer will still start an instance."""
+        starts = self.starts_due()
+        if not starts:
+            return ""
+        return "endless" if all(map(self._timers.is_endless, starts)) else "due"
+
+    def starts_due(self) -> dict[int, int]:
+        """The timers of start events that are still to fire, by key, and when they are due next (ns)."""
+        times = {key: self._timers.due(key) for key in self.engine.armed_starts}
+        return {key: time for key, time in times.items() if time is not None}
 
     def waits(self) -> list[Wait]:
         """Every resting token, and what it waits for; starts that wait for their first trigger if nothing runs."""
@@ -247,6 +266,16 @@ class RobotNode:
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
         self._timers.set(key, kind, text)
+        due = self._timers.due(key)
+        if kind != "duration" and due is not None and self._until is not None and due > self._until:
+            self._tell_late(self.engine.timed(key).id, f"{kind} timer {text}", due, self._until)
+
+    def _tell_late(self, element: str, timer: str, due: int, until: int) -> None:
+        """Say once of an element that its timer will not fire in this run."""
+        if element not in self._told_late:
+            self._told_late.add(element)
+            first, last, moment = (_written(self.epoch, time) for time in (0, until, due))
+            self.report(element, f"{timer} is due at {moment}, and the run goes from {first} to {last}: see epoch")
 
     def cancel_timer(self, key: int) -> None:
         self._timers.cancel(key)
@@ -306,3 +335,8 @@ class RobotNode:
                 if line:
                     return file, line
         return error.file, error.line
+
+
+def _written(epoch: datetime, time: int) -> str:
+    """A date, as people read it."""
+    return date_at(epoch, time).isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -23,6 +23,7 @@ class Timers:
     def __init__(self, scheduler: Scheduler, epoch: datetime, fire: Callable[[int, bool], object]) -> None:
         self._scheduler, self._epoch, self._fire = scheduler, epoch, fire
         self._set: dict[int, tuple[Entry, Iterator[int], int]] = {}
+        self._endless: set[int] = set()
         self._instant, self._at_once = 0, 0
 
     def set(self, key: int, kind: str, text: str) -> None:
@@ -32,12 +33,23 @@ class Timers:
         """
         now = self._scheduler.now
         date = date_at(self._epoch, now)
-        delays = _delays(kind, text, date)
+        cycle = parse_cycle(text) if kind == "cycle" else None
+        delays = _delays(kind, text, date) if cycle is None else cycle.delays(date)
         first = next(delays, None)
         if first is not None:
             if first <= 0:
                 self._count(now)
             self._await(key, delays, now, first)
+            if cycle is not None and cycle.endless:
+                self._endless.add(key)
+
+    def due(self, key: int) -> int | None:
+        """When one is due next (ns); None if it is not set, or never due."""
+        return self._set[key][0].time if key in self._set else None
+
+    def is_endless(self, key: int) -> bool:
+        """Whether it is a cycle without end."""
+        return key in self._endless
 
     def _count(self, now: int) -> None:
         self._at_once = self._at_once + 1 if now == self._instant else 1
@@ -48,6 +60,7 @@ class Timers:
     def cancel(self, key: int) -> None:
         """Forget one, if it is set."""
         timer = self._set.pop(key, None)
+        self._endless.discard(key)
         if timer is not None:
             timer[0].cancel()
 
@@ -56,6 +69,7 @@ class Timers:
         for entry, _, _ in self._set.values():
             entry.cancel()
         self._set.clear()
+        self._endless.clear()
 
     def _await(self, key: int, delays: Iterator[int], base: int, delay: int) -> None:
         self._set[key] = (self._scheduler.at(base + delay, partial(self._due, key), Kind.TIMER), delays, base)
@@ -69,9 +83,7 @@ class Timers:
 
 
 def _delays(kind: str, text: str, date: datetime) -> Iterator[int]:
-    """When it is due, ns from `date`."""
-    if kind == "cycle":
-        return parse_cycle(text).delays(date)
+    """When a date or duration is due, ns from `date`."""
     if kind == "date":
         return iter((nanoseconds_between(date, parse_datetime(text)),))
     duration = parse_duration(text)

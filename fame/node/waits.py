@@ -49,6 +49,11 @@ def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
     found += [
         Wait(robot.name, join.id, _join_text(join, held), seen[scope.key, join.id]) for scope, join, held in joins
     ]
+    if not robot.engine.instances:
+        found += [
+            Wait(robot.name, robot.engine.armed_starts[key].id, f"its start, due at {due / SECOND:g} s")
+            for key, due in robot.starts_due().items()
+        ]
     if not robot.instances:
         for topic, nodes in robot.engine.program.starts.items():
             full = resolve(topic, robot.namespace)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.clock import SECOND
 from fame.errors import MissionError
-from fame.node import Event, Wait
+from fame.node import Ahead, Event, Wait
 from fame.node.waits import SOMEBODY
 
 if TYPE_CHECKING:
@@ -53,7 +53,10 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class RobotResult:
-    """How it went for one robot. `elements`: how many were completed; `waits`: what still waited at the end."""
+    """How it went for one robot. `elements`: how many were completed; `waits`: what still waited at the end.
+
+    `ahead`: whether timers of start events were still to come.
+    """
 
     name: str
     instances: int
@@ -62,6 +65,12 @@ class RobotResult:
     elements: int
     errors: tuple[MissionError, ...]
     waits: tuple[Wait, ...]
+    ahead: Ahead = ""
+
+    @property
+    def running(self) -> int:
+        """How many instances had not ended."""
+        return self.instances - self.completed - self.failed
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +78,7 @@ class Result:
     """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
 
     `ending` says why it was not over when it ended: its time was up, or nothing could move any more; else it is empty.
+    `never_started` are the pools without which it is not completed.
     """
 
     status: Status
@@ -79,6 +89,7 @@ class Result:
     reports: tuple[Event, ...]
     ending: str
     world: Mapping[str, Any] | None
+    never_started: tuple[str, ...] = ()
     record: Record | None = field(default=None, repr=False)
     labels: tuple[tuple[float, str, str], ...] = field(default=(), repr=False)
 
@@ -95,6 +106,7 @@ class Result:
             alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
             lines.append(f"{self.ending} after {self.simulated:g} simulated seconds{alone}")
         if self.status != "completed":
+            lines += [f"pool {name} never started: no robot of it ran its process" for name in self.never_started]
             waits = [wait for robot in self.robots for wait in robot.waits]
             lines += [f"{wait.robot} waits at {wait.element} for {wait.text}" for wait in waits]
             asked = next((wait for wait in waits if wait.text == SOMEBODY), None)
@@ -123,6 +135,7 @@ class Result:
                 }
                 for robot in self.robots
             },
+            "never_started": list(self.never_started),
             "world": self.world,
             "reports": [
                 {"time": event.time / SECOND, "robot": event.robot, "element": event.element, "text": event.detail}

@@ -18,8 +18,9 @@ from fame.monitoring import UNITS
 from fame.node import Event, RobotNode, Wait, mission
 from fame.observation import Observer, together
 from fame.scenario.captions import Captions
+from fame.scenario.ending import at_rest, never_started, status_of
 from fame.scenario.garbage import seldom_collected
-from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult, Status
+from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult
 from fame.scenario.unheard import unheard
 from fame.scripting import heartbeat
 from fame.splitter import pools_of, shared_topics
@@ -80,6 +81,7 @@ class Run:
                 safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
                 safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
                 strict=strict,
+                until=round(scenario.duration * SECOND),
             )
             for robot, pool in scenario.cast.items()
         ]
@@ -109,24 +111,26 @@ class Run:
         return world, recorder
 
     def _over(self) -> bool:
-        """Something has run, and nothing runs any more."""
-        return any(node.instances for node in self.nodes) and not any(node.engine.instances for node in self.nodes)
+        """Something has run, nothing runs any more, and nothing will start by itself."""
+        return any(node.started for node in self.nodes) and not any(
+            node.engine.instances or node.ahead for node in self.nodes
+        )
 
     def result(self) -> Result:
         """Let it go on until it is over, stop everything safely, and say how it went."""
         begun = time.monotonic()
         with self._interruptible(), heartbeat(), seldom_collected():
-            status = self._work(begun)
+            self._work(begun)
         simulated = self.scheduler.now / SECOND
         waits = {
-            node.name: tuple(node.waits()) if node.engine.instances or not node.started else ()
+            node.name: tuple(node.waits()) if node.engine.instances or node.ahead == "due" or not node.started else ()
             for node in self.nodes
             if node.name not in self.dead
         }
         robots = tuple(_robot_result(node, waits.get(node.name, ())) for node in self.nodes)
-        ending = "" if self._over() else "nothing can move any more" if self._stuck else "not over"
-        if status == "timeout" and any(robot.failed for robot in robots):
-            status = "failed"
+        unstarted = never_started(self.scenario.cast, robots)
+        status = "interrupted" if self.interrupted else status_of(robots, unstarted)
+        ending = "" if at_rest(robots) else "nothing can move any more" if self._stuck else "not over"
         world = self.world.summary() if self.world is not None else None
         if self.recorder is not None:
             self.recorder.finish(self.world)
@@ -144,6 +148,7 @@ class Run:
             reports=tuple(self.reports),
             ending=ending,
             world=world,
+            never_started=unstarted,
             record=self.recorder.record if self.recorder is not None else None,
             labels=tuple(self.captions.labels) if self.captions is not None else (),
         )
@@ -168,7 +173,7 @@ class Run:
         finally:
             signal.signal(signal.SIGINT, former)
 
-    def _work(self, begun: float) -> Status:
+    def _work(self, begun: float) -> None:
         """Run until the mission is over or its time is up."""
         if self.world is not None:
             self.world.start()
@@ -191,12 +196,6 @@ class Run:
             going = self.scheduler.now < end and not self._over() and not self.interrupted
         if self.progress is not None:
             self._tell()
-        if self.interrupted:
-            return "interrupted"
-        if not self._over():
-            return "timeout"
-        failed = any(instance.status == "failed" for node in self.nodes for instance in node.instances)
-        return "failed" if failed else "completed"
 
     def _next_look(self) -> int:
         """When to look next whether it is over (ns).
@@ -269,4 +268,5 @@ def _robot_result(node: RobotNode, waits: tuple[Wait, ...]) -> RobotResult:
         elements=sum(instance.visits.total() for instance in instances),
         errors=tuple(instance.error for instance in instances if instance.error is not None),
         waits=waits,
+        ahead=node.ahead,
     )

@@ -1,0 +1,143 @@
+"""A run ends when nothing runs and nothing will start by itself; what never started is not completed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from bpmn_text import document
+
+from fame.cli import main
+from fame.scenario import Result, Scenario
+
+SIGNALS = '<signal id="Go" name="go"/><signal id="Own" name="~/go"/><message id="Order" name="order"/>'
+OPTIONAL = (
+    '<extensionElements><camunda:properties><camunda:property name="optional" value="true"/></camunda:properties>'
+    "</extensionElements>"
+)
+
+
+def started_by(kind: str, text: str) -> str:
+    """A timer start event's definition."""
+    return f"<timerEventDefinition><{kind}>{text}</{kind}></timerEventDefinition>"
+
+
+def pool(name: str, *starts: str, work: str = "await sleep(0.5)", head: str = "", many: int = 0) -> tuple[str, str]:
+    """A pool whose process has these start events, and works a while."""
+    events = "".join(
+        f'<startEvent id="{name}_s{n}">{start}</startEvent><sequenceFlow id="{name}_f{n}" sourceRef="{name}_s{n}"'
+        f' targetRef="{name}_t"/>'
+        for n, start in enumerate(starts)
+    )
+    task = f'<scriptTask id="{name}_t"><script>{work}</script></scriptTask>'
+    mark = f'<participantMultiplicity minimum="{many}"/>' if many else ""
+    participant = f'<participant id="{name}_p" name="{name}" processRef="{name}_b">{mark}</participant>'
+    return participant, f'<process id="{name}_b" isExecutable="true">{head}{events}{task}</process>'
+
+
+def write(folder: Path, *pools: tuple[str, str]) -> Path:
+    drawn, processes = ("".join(parts) for parts in zip(*pools, strict=True))
+    path = folder / "mission.bpmn"
+    path.write_text(document(f'{SIGNALS}<collaboration id="C">{drawn}</collaboration>{processes}'))
+    return path
+
+
+def run(folder: Path, *pools: tuple[str, str], duration: float = 20, **options: object) -> Result:
+    return Scenario.load(write(folder, *pools), duration=duration, **options).run()  # type: ignore[arg-type]
+
+
+def completed(result: Result) -> dict[str, int]:
+    return {robot.name: robot.completed for robot in result.robots}
+
+
+# ---- what starts by itself -------------------------------------------------------------------------------------------
+
+
+def test_a_cycle_starts_as_often_as_it_says(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", started_by("timeCycle", "R3/PT2S")))
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 3}, 6.5)
+
+
+def test_a_timer_starts_also_when_all_else_has_ended(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", ""), pool("B", started_by("timeDuration", "PT3S")))
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1, "B": 1}, 3.5)
+
+
+def test_a_date_starts_on_its_day(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", started_by("timeDate", "1970-01-01T00:00:07Z")))
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1}, 7.5)
+
+
+def test_a_cycle_without_end_is_completed_with_the_duration(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", started_by("timeCycle", "R/PT2S")), duration=7)
+    assert (result.status, result.exit_code, result.messages) == ("completed", 0, [])
+    assert (completed(result), result.simulated) == ({"A": 3}, 7.0)
+
+
+def test_what_runs_when_the_duration_is_over_is_not_completed(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", started_by("timeCycle", "R/PT2S")), duration=6.2)
+    assert (result.status, result.messages[0][:8]) == ("timeout", "not over")
+
+
+def test_nor_is_what_was_still_to_start(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", started_by("timeCycle", "R3/PT2S")), duration=5)
+    assert (result.status, result.exit_code, completed(result)) == ("timeout", 1, {"A": 2})
+    assert result.messages[1] == "A waits at A_s0 for its start, due at 6 s"
+
+
+def test_each_robot_of_a_pool_has_its_timers(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("Ant", started_by("timeCycle", "R2/PT2S"), many=3))
+    assert (result.status, completed(result)) == ("completed", {"Ant_1": 2, "Ant_2": 2, "Ant_3": 2})
+
+
+def test_a_timer_beside_a_message_start(tmp_path: Path) -> None:
+    message = '<messageEventDefinition messageRef="Order"/>'
+    result = run(tmp_path, pool("A", started_by("timeDuration", "PT3S"), message), pool("B", ""))
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1, "B": 1}, 3.5)
+
+
+def test_a_cycle_that_is_over_before_the_beginning_keeps_nobody(tmp_path: Path) -> None:
+    past = started_by("timeCycle", "R2/1969-01-01T00:00:00Z/PT1H")
+    result = run(tmp_path, pool("A", "", past))
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1}, 0.5)
+
+
+def test_a_robot_whose_engine_dies_starts_no_more(tmp_path: Path) -> None:
+    from fame.scenario import Fault
+
+    pools = pool("A", started_by("timeCycle", "R3/PT2S")), pool("B", "")
+    result = run(tmp_path, *pools, faults=[Fault("A", 3.0, "engine")])
+    assert (result.status, completed(result), result.simulated) == ("completed", {"A": 1, "B": 1}, 3.0)
+
+
+# ---- what never started ----------------------------------------------------------------------------------------------
+
+ON_GO = '<signalEventDefinition signalRef="Go"/>'
+ON_ITS_GO = '<signalEventDefinition signalRef="Own"/>'
+
+
+def test_a_pool_that_never_started_is_not_completed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = run(tmp_path, pool("A", ""), pool("B", ON_GO))
+    assert (result.status, result.exit_code, result.never_started) == ("failed", 1, ("B",))
+    assert result.messages[0] == "pool B never started: no robot of it ran its process"
+    assert main(["run", str(tmp_path / "mission.bpmn"), "--quiet"]) == 1
+    assert "fame: pool B never started" in capsys.readouterr().err
+
+
+def test_unless_its_process_is_optional(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", ""), pool("B", ON_GO, head=OPTIONAL))
+    assert (result.status, result.messages) == ("completed", [])
+
+
+def test_a_pool_of_many_has_started_with_one_of_its_robots(tmp_path: Path) -> None:
+    calls = 'robot.publish("/Ant_1/go", "std_msgs/msg/Empty")'
+    result = run(tmp_path, pool("A", "", work=calls), pool("Ant", ON_ITS_GO, many=2))
+    assert (result.status, completed(result)) == ("completed", {"A": 1, "Ant_1": 1, "Ant_2": 0})
+    result = run(tmp_path, pool("A", ""), pool("Ant", ON_ITS_GO, many=2))
+    assert result.never_started == ("Ant",)
+
+
+def test_optional_is_true_or_false(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path, pool("A", "", head=OPTIONAL.replace("true", "maybe")))
+    assert main(["run", str(path)]) == 2
+    assert "property optional='maybe': expected true or false" in capsys.readouterr().err
