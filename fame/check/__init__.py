@@ -6,13 +6,18 @@
     subject      the processes of a file and all that they call
     compiling    what the compiler refuses, all of it
     catching     errors that nothing throws where they are caught
-    flow         what tokens never reach, gateways without a way out, joins that wait in vain
+    start_end    flows that lead the wrong way at start and end events
+    flow         what tokens never reach, gateways without a way out
+    coverage     conditions of which one is always true
+    joins        joins that wait in vain, merges that let through too often
+    loops        loops that neither wait nor end
     recursion    calls without end
     timers       times that are none
     topics       types, payloads, and who is at the other end
     texts        what each text reads and writes
     variables    what is read and never set
     guidelines   the guidelines of the FaMe paper, as notes
+    script_mistakes  requests without await, misspelt methods
     slips        a decimal comma, an arrow the wrong way round
     quirks       habits of other tools that a model relies on
     refusing     what a run and a deployment refuse

@@ -1,4 +1,4 @@
-"""Where tokens get and where they do not: what is never reached, gateways without a way out, joins that wait in vain.
+"""Where tokens get and where they do not: what is never reached, gateways without a way out.
 
 Only what can be told from the picture alone. A condition may be false whenever it is asked, and a token may come twice,
 so nothing here is an error.
@@ -6,10 +6,10 @@ so nothing here is an error.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 
 from fame.bpmn.model import Activity, Event, Expression, FlowNode, Gateway, SequenceFlow
+from fame.check.coverage import cover_all
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, is_event, link_of
 from fame.check.subject import Subject, Unit
@@ -26,8 +26,6 @@ def flow_findings(subject: Subject) -> Iterator[Finding]:
                 yield from _conditions(unit, scope, node)
                 if isinstance(node, Gateway):
                     yield from _ways_out(unit, scope, node)
-                if len(node.incoming) > 1:
-                    yield from _meeting(unit, scope, node)
 
 
 # ---- what is reached -------------------------------------------------------------------------------------------------
@@ -88,7 +86,10 @@ def _ways_out(unit: Unit, scope: Graph, gateway: Gateway) -> Iterator[Finding]:
     if not flows and gateway.kind != "event":  # which the compiler refuses
         yield unit.finding("warning", "has no way out: the token ends here", gateway)
     elif flows and gateway.kind in ("exclusive", "inclusive"):
-        if not gateway.default and all(flow.condition is not None for flow in flows):
+        conditions = [flow.condition for flow in flows if flow.condition is not None]
+        if not gateway.default and len(conditions) == len(flows):
+            if cover_all(conditions):
+                return
             text = "has no way out if none of its conditions is true: mark one of its flows as the default"
             yield unit.finding("warning", text, gateway)
         elif len(flows) > 1:
@@ -101,33 +102,3 @@ def _open_flows(unit: Unit, gateway: Gateway, flows: list[SequenceFlow]) -> Iter
         if flow.condition is None and flow.id != gateway.default:
             text = f"has no condition, so {gateway.label} always takes it: give it one, or mark it as the default"
             yield unit.finding("warning", text, flow)
-
-
-# ---- where flows meet ------------------------------------------------------------------------------------------------
-
-
-def _meeting(unit: Unit, scope: Graph, node: FlowNode) -> Iterator[Finding]:
-    """Flows that a gateway took apart in one way, and that this node puts together in another."""
-    joins = isinstance(node, Gateway) and node.kind == "parallel"
-    merges = isinstance(node, Activity) or (isinstance(node, Gateway) and node.kind == "exclusive")
-    origins = Counter(_origin(scope, node, flow) for flow in node.incoming)
-    for origin, number in origins.items():
-        gateway = scope.nodes[origin]
-        if number < 2 or not isinstance(gateway, Gateway):
-            continue
-        if joins and gateway.kind in ("exclusive", "event"):
-            text = f"waits for {number} flows from {gateway.label}, which takes only one: it may wait for ever"
-            yield unit.finding("warning", text, node)
-        elif merges and gateway.kind == "parallel":
-            text = f"is reached {number} times from {gateway.label}, and what follows it as often"
-            yield unit.finding("warning", f"{text}: a parallel gateway would wait for all", node)
-
-
-def _origin(scope: Graph, node: FlowNode, flow: str) -> str:
-    """Where a flow comes from, past elements in a row; the node itself if that goes round."""
-    origin = scope.nodes[scope.flows[flow].source]
-    seen = {node.id}
-    while len(origin.incoming) == 1 and len(origin.outgoing) == 1 and origin.id not in seen:
-        seen.add(origin.id)
-        origin = scope.nodes[scope.flows[origin.incoming[0]].source]
-    return origin.id

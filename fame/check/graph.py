@@ -27,8 +27,11 @@ class Graph:
 
     def beginnings(self) -> list[FlowNode]:
         """Where tokens come from: start events and their like, else all that has no incoming flow (standard 13.2)."""
-        starts = [node for node in self.body.nodes if is_event(node, "start") or instantiates(node)]
-        return starts or [node for node in self.body.nodes if begins(node)]
+        return self.starts() or [node for node in self.body.nodes if begins(node)]
+
+    def starts(self) -> list[FlowNode]:
+        """Its start events, and the gateways and receive tasks that start a process."""
+        return [node for node in self.body.nodes if is_event(node, "start") or instantiates(node)]
 
     def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:
         """What tokens get to from some nodes, these included, without what has been `seen`; that grows by it."""
@@ -46,8 +49,10 @@ class Graph:
 def graph(body: Body) -> Graph:
     """The graph of one scope."""
     following: dict[str, list[str]] = {node.id: [] for node in body.nodes}
+    ending = {node.id for node in body.nodes if is_event(node, "end")}
     for flow in body.flows:
-        following[flow.source].append(flow.target)
+        if flow.source not in ending:  # where every token ends
+            following[flow.source].append(flow.target)
     landings: dict[str, list[str]] = {}
     for node in body.nodes:
         if is_event(node, "catch"):

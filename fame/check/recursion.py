@@ -33,7 +33,7 @@ Passes = Callable[[FlowNode], bool]
 def recursion_findings(subject: Subject) -> Iterator[Finding]:
     """Errors where nothing on the way waits, so that it fails at once; else warnings."""
     circle = {unit for unit in subject.units if any(unit in callee.closure() for _, callee in unit.calls if callee)}
-    at_once, in_time = _endless(circle, _at_once), _endless(circle, _in_time)
+    at_once, in_time = _endless(circle, passes_at_once), _endless(circle, _in_time)
     for unit in subject.units:
         for call, callee in unit.calls if unit in in_time else ():
             if callee in in_time and callee is not None and unit in callee.closure():
@@ -62,7 +62,7 @@ def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
     if any(isinstance(node, SubProcess) and node.triggered_by_event for node in body.nodes):
         return False
     guarded = {node.attached_to for node in body.nodes if isinstance(node, Event) and node.place == "boundary"}
-    cut_short = any(_ends_all(node) for node in body.nodes)
+    cut_short = any(ends_all(node) for node in body.nodes)
     meeting: set[str] = set()
 
     def meets(node: FlowNode) -> bool:
@@ -73,7 +73,7 @@ def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
                 return False
             return _meets_always(node.body, calls, passes)
         ways = [other in meeting for other in scope.following[node.id]]
-        if not ways or _may_stop(scope, node):
+        if not ways or may_stop(scope, node):
             return False
         return any(ways) if _forks(scope, node) and not cut_short else all(ways)
 
@@ -89,14 +89,14 @@ def _forks(scope: Graph, node: FlowNode) -> bool:
     return all(flow.condition is None for flow in scope.leaving(node))
 
 
-def _may_stop(scope: Graph, node: FlowNode) -> bool:
+def may_stop(scope: Graph, node: FlowNode) -> bool:
     """Whether a token finds no way out where no condition is true."""
     default = node.default if isinstance(node, Activity | Gateway) else ""
     flows = scope.leaving(node)
     return bool(flows) and not default and all(flow.condition is not None for flow in flows)
 
 
-def _ends_all(node: FlowNode) -> bool:
+def ends_all(node: FlowNode) -> bool:
     """Whether it ends what other tokens do."""
     ends = TerminateDefinition | ErrorDefinition
     return isinstance(node, Event) and any(isinstance(one, ends) for one in node.definitions)
@@ -109,10 +109,10 @@ def _says(node: FlowNode, *words: str) -> bool:
 
 def _in_time(node: FlowNode) -> bool:
     """Whether a token passes it sooner or later, without an error that could be meant as the way out."""
-    return not _ends_all(node) and not _says(node, "raise")
+    return not ends_all(node) and not _says(node, "raise")
 
 
-def _at_once(node: FlowNode) -> bool:
+def passes_at_once(node: FlowNode) -> bool:
     """Whether a token passes it so, and without waiting."""
     if isinstance(node, Event):
         waits = node.place in ("catch", "boundary") and not link_of(node)

@@ -26,7 +26,7 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.errors import ModelError
-from fame.scripting import script_names
+from fame.scripting import code_names, script_names
 
 Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
 Found = tuple[Expression | None, Use]
@@ -34,13 +34,17 @@ Found = tuple[Expression | None, Use]
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A text, where it stands and what it is for; the names that it reads from the variables, and writes to them."""
+    """A text, where it stands and what it is for; the names that it reads from the variables, and writes to them.
+
+    `code`: the functions, classes and modules that it leaves for later scripts.
+    """
 
     expression: Expression
     element: Element
     use: Use
     reads: frozenset[str]
     writes: frozenset[str]
+    code: frozenset[str] = frozenset()
 
 
 def texts_of(body: Body) -> Iterator[Text]:
@@ -50,7 +54,8 @@ def texts_of(body: Body) -> Iterator[Text]:
         for expression, use in _texts(element):
             if expression is not None:
                 reads, writes = names_of(expression, use == "script")
-                yield Text(expression, element, use, reads - _own(element, expression), writes)
+                code = _code_of(expression) if use == "script" else frozenset[str]()
+                yield Text(expression, element, use, reads - _own(element, expression), writes, code)
 
 
 def _own(element: Element, value: Expression) -> set[str]:
@@ -66,6 +71,13 @@ def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[st
         return script_names(expression, script=script)
     except ModelError:
         return frozenset(), frozenset()
+
+
+def _code_of(script: Expression) -> frozenset[str]:
+    try:
+        return code_names(script)
+    except ModelError:  # the compiler tells
+        return frozenset()
 
 
 def _texts(element: Element) -> Iterator[Found]:

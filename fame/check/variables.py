@@ -47,12 +47,14 @@ _SMALL = {"true": "True", "false": "False", "null": "None"}
 class Uses:
     """What one process does to variables. `declared` by data objects; `sets`: name -> first element that sets it.
 
+    `code`: functions, classes and modules that scripts leave for later ones;
     `needs`: the names that units of FAME cannot do without; `opaque`: something in it may set whatever it likes.
     """
 
     texts: list[Text] = field(default_factory=list)
     declared: set[str] = field(default_factory=set)
     sets: dict[str, Element] = field(default_factory=dict)
+    code: set[str] = field(default_factory=set)
     needs: list[tuple[FlowNode, str]] = field(default_factory=list)
     opaque: bool = False
 
@@ -84,6 +86,7 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
             uses.texts.append(text)
             for name in text.writes:
                 uses.sets.setdefault(name, text.element)
+            uses.code |= text.code
             uses.opaque |= text.expression.language == "javascript" and words_of(text.expression.text).open
         for node in body.nodes:
             for name in (*_set_by(node), *_caught(unit, node, objects, types)):
@@ -179,7 +182,7 @@ class _Space:
     """A process and all that shares its variables.
 
     members  each with the call of the first one by which it is entered (None: the first itself)
-    known    the names that anything sets
+    known    the names that anything sets, or that a script defines for later ones
     opaque   something in it may set whatever it likes
     call     the call with a mapping that made it, and whose it is
     """
@@ -231,8 +234,9 @@ def _space(
                 opaque |= inner.io is None or inner.io.all_out
             elif inner.io is not None and inner.io.all_out:
                 setting += callee.closure()
-    known = frozenset(given.union(*(uses[unit].sets for unit in setting)))
-    return _Space(members, known, opaque or any(uses[unit].opaque for unit in setting), call)
+    known = frozenset(given.union(*(uses[unit].sets for unit in setting), *(uses[unit].code for unit in members)))
+    opaque |= any(uses[unit].opaque for unit in setting) or "*" in known
+    return _Space(members, known, opaque, call)
 
 
 def _unset(space: _Space, uses: Mapping[Unit, Uses], strict: bool) -> Iterator[Finding]:

@@ -13,10 +13,14 @@ from fame.check.compiling import compiler_findings
 from fame.check.findings import Finding, arranged, of_error
 from fame.check.flow import flow_findings
 from fame.check.guidelines import guideline_findings
+from fame.check.joins import join_findings
+from fame.check.loops import loop_findings
 from fame.check.names import name_findings
 from fame.check.quirks import unfinished_findings
 from fame.check.recursion import recursion_findings
+from fame.check.script_mistakes import script_findings
 from fame.check.slips import slip_findings
+from fame.check.start_end import start_end_findings
 from fame.check.subject import Subject, subject
 from fame.check.timers import timer_findings
 from fame.check.topics import topic_findings, types_of
@@ -53,11 +57,15 @@ def check(
         *compiler_findings(about),
         *recursion_findings(about),
         *catching_findings(about),
+        *start_end_findings(about),
         *flow_findings(about),
+        *join_findings(about),
+        *loop_findings(about),
         *timer_findings(about),
         *topic_findings(about, all_of_them),
         *name_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
+        *script_findings(about),
         *slip_findings(about),
         *guideline_findings(about),
         *unfinished_findings(about),

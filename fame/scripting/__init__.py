@@ -7,6 +7,7 @@ interface         what scripts find in scope: the ``__builtins__`` of their vari
 Runner            drives suspended scripts
 script_topics     the topics that a script names, for endpoints made at load
 script_names      the variables that a text reads and writes, for checks
+code_names        the functions, classes and modules that a script leaves for later ones, for checks
 ================  =======================================================================
 """
 
@@ -16,7 +17,7 @@ from fame.heartbeat import BudgetExceeded, heartbeat
 from fame.scripting.inbox import Inbox
 from fame.scripting.interface import NAMES, Log, Robot, another, interface, mission_date
 from fame.scripting.languages import compile_expression, compile_script
-from fame.scripting.names import script_names
+from fame.scripting.names import code_names, script_names
 from fame.scripting.python import error_line, error_text
 from fame.scripting.requests import Call, MessageQueue, Receive, Request, Sleep, Until
 from fame.scripting.runner import GRACE, Runner
@@ -25,6 +26,6 @@ from fame.scripting.topics import ScriptTopic, script_topics
 __all__ = [
     "GRACE", "NAMES", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log",
     "MessageQueue", "Receive", "Request", "Robot", "Runner", "ScriptTopic", "Sleep", "Until", "Variables",
-    "another", "compile_expression", "compile_script", "error_line", "error_text", "heartbeat", "interface",
-    "mission_date", "plain", "script_names", "script_topics",
+    "another", "code_names", "compile_expression", "compile_script", "error_line", "error_text", "heartbeat",
+    "interface", "mission_date", "plain", "script_names", "script_topics",
 ]  # fmt: skip

@@ -17,17 +17,18 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
     """(reads, writes): the names that it takes from the variables, and those that it sets there.
 
     `script`: it is statements, not an expression. Functions, classes and imports of a script are not variables, nor are
-    names of the interface and builtins that it does not set. Raises ModelError if the text is wrong.
+    names of the interface and builtins that it does not set (in ``${...}`` and FEEL: ``robot``). Raises ModelError if
+    the text is wrong.
     """
     if expression.language == "javascript":
         words = words_of(expression.text)
         return words.reads, words.writes
     if expression.language != "python":
-        return frozenset(parse_expression(expression)[1]), frozenset()
+        return frozenset(parse_expression(expression)[1]) - {"robot"}, frozenset()
     tree = parse_python(expression, "exec" if script else "eval")
     top = symtable.symtable(ast.unparse(tree), "<script>", "exec")
     inner = _comprehended(tree)  # CPython 3.12 counts them among the names around the comprehension
-    code = {symbol.get_name() for symbol in top.get_symbols() if symbol.is_imported() or symbol.is_namespace()}
+    code = _code(top)
     reads, writes = set[str](), set[str]()
     for table in _tables(top):
         for symbol in table.get_symbols():
@@ -38,6 +39,23 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
     reads, writes = reads - inner, writes - inner
     provided = interface(robot=None, signal=print, log=lambda level, text: None).keys() - writes
     return frozenset(reads - code - provided), frozenset(writes - code)
+
+
+def code_names(script: Expression) -> frozenset[str]:
+    """The functions, classes and modules that a script leaves for the scripts after it; ``*`` for all of a module.
+
+    Raises ModelError if the text is wrong.
+    """
+    if script.language != "python":
+        return frozenset()
+    tree = parse_python(script)
+    everything = any(isinstance(node, ast.ImportFrom) and node.names[0].name == "*" for node in ast.walk(tree))
+    return _code(symtable.symtable(ast.unparse(tree), "<script>", "exec")) | ({"*"} if everything else set())
+
+
+def _code(table: symtable.SymbolTable) -> frozenset[str]:
+    symbols = table.get_symbols()
+    return frozenset(symbol.get_name() for symbol in symbols if symbol.is_imported() or symbol.is_namespace())
 
 
 def _augmented(tree: ast.AST) -> set[str]:

@@ -1,0 +1,175 @@
+"""Conditions of which one is always true: ``x`` and ``not x``, ``x > 3`` and ``x <= 3``, three ranges of a number.
+
+Conditions of all languages are read as Python expressions, as far as they can be. What they are made of (a variable, a
+call, a comparison) is given every value that makes a difference, each independently of the others: if some condition
+is true whatever the values are, the conditions cover all cases. A wrong "no" costs a warning, a wrong "yes" hides one.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from fame.bpmn.model import Expression
+
+_MOST = 4096
+"""Combinations of values that are tried."""
+
+_SPELLINGS = (
+    (r"!==", "!="), (r"===", "=="), (r"&&", " and "), (r"\|\|", " or "), (r"!(?!=)", " not "),
+    (r"(?<![<>=!])=(?!=)", "=="), (r"\bempty\s+", "~"), (r"\bgt\b", ">"), (r"\bge\b", ">="), (r"\blt\b", "<"),
+    (r"\ble\b", "<="), (r"\beq\b", "=="), (r"\bne\b", "!="), (r"\btrue\b", "True"), (r"\bfalse\b", "False"),
+    (r"\bnull\b", "None"),
+)  # fmt: skip
+"""What other languages write -> what Python does; ``empty x`` becomes an operator of the same rank."""
+
+_HOLDS = {
+    ast.Lt: {-1}, ast.LtE: {-1, 0}, ast.Eq: {0}, ast.Is: {0}, ast.NotEq: {-1, 1}, ast.IsNot: {-1, 1},
+    ast.GtE: {0, 1}, ast.Gt: {1},
+}  # fmt: skip
+"""Operator -> the orders of its operands (left less, equal, greater) in which it holds."""
+
+Value = bool | float
+
+
+def cover_all(conditions: Sequence[Expression]) -> bool:
+    """Whether one of the conditions is true whatever the variables are. False where that cannot be told."""
+    trees = [_tree(condition) for condition in conditions]
+    if any(tree is None for tree in trees):
+        return False
+    made = _Parts()
+    known = [tree for tree in trees if tree is not None]
+    for tree in known:
+        made.collect(tree)
+    values = made.values()
+    if math.prod(map(len, values.values())) > _MOST:
+        return False
+    cases = (dict(zip(values, case, strict=True)) for case in itertools.product(*values.values()))
+    return all(any(_is_true(tree, case) for tree in known) for case in cases)
+
+
+def python_tree(expression: Expression) -> ast.expr | None:
+    """An expression of whatever language as one of Python, as far as it can be read so; else None."""
+    text = expression.text.strip()
+    if expression.language != "python":
+        text = text[2:-1] if text[:2] in ("${", "#{") and text[-1:] == "}" else text
+        for pattern, spelling in _SPELLINGS:
+            text = re.sub(pattern, spelling, text)
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _tree(condition: Expression) -> ast.expr | None:
+    """The same of a condition that gives the same result whenever it is asked."""
+    tree = python_tree(condition)
+    if isinstance(tree, ast.Call) and ast.unparse(tree.func) == "next" and len(tree.args) == 2:
+        tree = tree.args[1]  # next(null, x > 3), the condition of the original FaMe
+    return None if tree is None or "random" in condition.text else tree
+
+
+@dataclass(slots=True)
+class _Parts:
+    """What conditions are made of: truths, numbers that are compared with constants, pairs that are compared."""
+
+    truths: set[str] = field(default_factory=set)
+    numbers: dict[str, set[float]] = field(default_factory=dict)
+    pairs: set[str] = field(default_factory=set)
+
+    def collect(self, tree: ast.expr) -> None:
+        """Add those of one condition."""
+        if isinstance(tree, ast.BoolOp):
+            for value in tree.values:
+                self.collect(value)
+        elif isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not):
+            self.collect(tree.operand)
+        elif isinstance(tree, ast.Compare):
+            for left, _, right in _comparisons(tree):
+                self._compare(left, right)
+        elif not isinstance(tree, ast.Constant):
+            self.truths.add(ast.dump(tree))
+
+    def _compare(self, left: ast.expr, right: ast.expr) -> None:
+        constant = _number(right)
+        if isinstance(right, ast.Constant) and isinstance(right.value, bool):
+            self.collect(left)
+        elif constant is not None:
+            self.numbers.setdefault(ast.dump(left), set()).add(constant)
+        else:
+            self.pairs.add(_pair(left, right))
+
+    def values(self) -> Mapping[str, Sequence[Value]]:
+        """The values of each part that make a difference."""
+        found: dict[str, Sequence[Value]] = dict.fromkeys(sorted(self.truths), (False, True))
+        found |= dict.fromkeys(sorted(self.pairs), (-1.0, 0.0, 1.0))
+        return found | {f"number {name}": _around(sorted(constants)) for name, constants in self.numbers.items()}
+
+
+def _around(constants: Sequence[float]) -> list[float]:
+    """The constants, and a number below, between and above them."""
+    between = [(low + high) / 2 for low, high in itertools.pairwise(constants)]
+    return sorted({constants[0] - 1, *constants, *between, constants[-1] + 1})
+
+
+def _comparisons(tree: ast.Compare) -> list[tuple[ast.expr, ast.cmpop, ast.expr]]:
+    """Those of a chain such as ``0 <= x < 10``; the constant of each on its right, else the operands in one order."""
+    operands = [tree.left, *tree.comparators]
+    found = []
+    for left, operator, right in zip(operands, tree.ops, operands[1:], strict=False):
+        turned = (_is_constant(left), ast.dump(left)) > (_is_constant(right), ast.dump(right))
+        found.append((right, _turned(operator), left) if turned else (left, operator, right))
+    return found
+
+
+def _turned(operator: ast.cmpop) -> ast.cmpop:
+    """The operator for operands that change their places."""
+    others: dict[type[ast.cmpop], type[ast.cmpop]] = {
+        ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE,
+    }  # fmt: skip
+    return others.get(type(operator), type(operator))()
+
+
+def _is_constant(tree: ast.expr) -> bool:
+    return isinstance(tree, ast.Constant) or _number(tree) is not None
+
+
+def _number(tree: ast.expr) -> float | None:
+    sign = -1 if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub) else 1
+    inner = tree.operand if isinstance(tree, ast.UnaryOp) and sign < 0 else tree
+    value = inner.value if isinstance(inner, ast.Constant) else None
+    return sign * float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def _pair(left: ast.expr, right: ast.expr) -> str:
+    return f"{ast.dump(left)} ? {ast.dump(right)}"
+
+
+def _is_true(tree: ast.expr, case: Mapping[str, Value]) -> bool:
+    """What a condition comes to in one case."""
+    if isinstance(tree, ast.BoolOp):
+        found = [_is_true(value, case) for value in tree.values]
+        return all(found) if isinstance(tree.op, ast.And) else any(found)
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not):
+        return not _is_true(tree.operand, case)
+    if isinstance(tree, ast.Compare):
+        return all(_holds(left, operator, right, case) for left, operator, right in _comparisons(tree))
+    return bool(tree.value) if isinstance(tree, ast.Constant) else bool(case[ast.dump(tree)])
+
+
+def _holds(left: ast.expr, operator: ast.cmpop, right: ast.expr, case: Mapping[str, Value]) -> bool:
+    constant = _number(right)
+    if isinstance(right, ast.Constant) and isinstance(right.value, bool):
+        order = 0 if _is_true(left, case) == right.value else 1
+    elif constant is not None:
+        number = case[f"number {ast.dump(left)}"]
+        order = (number > constant) - (number < constant)
+    else:
+        order = int(case[_pair(left, right)])
+    if isinstance(operator, ast.In | ast.NotIn):
+        return (order == 0) == isinstance(operator, ast.In)
+    return order in _HOLDS[type(operator)]

@@ -1,0 +1,115 @@
+"""Mistakes in scripts that show when they run: a request without ``await``, a misspelt method of the interface."""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+
+from fame.bpmn.model import Element, Expression
+from fame.check.findings import Finding
+from fame.check.subject import Subject, Unit
+from fame.check.texts import Text, texts_of
+from fame.errors import ModelError
+from fame.scripting.interface import Log, Robot
+from fame.scripting.python import parse_python
+
+_REQUESTS = ("sleep", "receive", "until", "robot.call", "robot.act")
+_HAVE: Mapping[str, tuple[str, ...]] = {
+    name: tuple(one for one in dir(kind) if not one.startswith("_")) for name, kind in (("robot", Robot), ("log", Log))
+}
+"""What the objects of the script interface have."""
+
+_IN_EXPRESSIONS = {"robot": ("name", "namespace")}
+"""What texts that are not Python see of them."""
+
+_OF_ROBOT = {"": re.compile(r"[$#]\{[^{}]*\brobot\.(\w+)"), "feel": re.compile(r"\brobot\.(\w+)")}
+"""Where ``robot.name`` stands in a text that is not Python: inside ``${...}``, or anywhere in FEEL."""
+
+_USES = (ast.Attribute, ast.Subscript, ast.Compare, ast.BinOp, ast.BoolOp, ast.UnaryOp, ast.FormattedValue)
+_USES_TEST = (ast.If, ast.While, ast.IfExp)
+"""What takes a value apart or judges it: nothing that can be done to a request."""
+
+
+def script_findings(subject: Subject) -> Iterator[Finding]:
+    """Of the scripts and expressions of every process."""
+    for unit in subject.units:
+        for body in unit.bodies():
+            for text in texts_of(body):
+                tree = _tree(text)
+                bound = _bound(tree) if tree is not None else set()
+                have = _HAVE if tree is not None else _IN_EXPRESSIONS
+                for name, method, line in _attributes(text.expression, tree):
+                    if method not in have[name] and name not in bound:
+                        yield unit.finding("warning", _unknown(name, method, have[name]), text.element, line)
+                if tree is not None and text.use == "script":
+                    yield from _not_awaited(unit, text.element, tree, bound)
+
+
+def _tree(text: Text) -> ast.AST | None:
+    """The text as Python, with the lines of the file; None if it is in another language, or wrong."""
+    if text.expression.language != "python":
+        return None
+    try:
+        return parse_python(text.expression, "exec" if text.use == "script" else "eval")
+    except ModelError:  # the compiler tells
+        return None
+
+
+def _bound(tree: ast.AST) -> set[str]:
+    """The names that the text gives another meaning."""
+    nodes = list(ast.walk(tree))
+    found = {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
+    found |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
+    found |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    return found | {alias.asname or alias.name for node in nodes
+                    if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names}  # fmt: skip
+
+
+def _attributes(expression: Expression, tree: ast.AST | None) -> Iterator[tuple[str, str, int]]:
+    """(object, method or field, line) wherever a text names one of an object of the script interface."""
+    if tree is None and expression.language != "javascript":
+        of_robot = _OF_ROBOT["feel" if expression.language == "feel" else ""]
+        yield from (("robot", name, expression.line) for name in of_robot.findall(expression.text))
+    for node in ast.walk(tree) if tree is not None else ():
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in _HAVE:
+            yield node.value.id, node.attr, node.lineno
+
+
+def _unknown(name: str, method: str, have: Sequence[str]) -> str:
+    similar = difflib.get_close_matches(method, have, 1)
+    known = f"did you mean {name}.{similar[0]}?" if similar else f"it has {', '.join(have)}"
+    return f"{name} has no {method!r}; {known}"
+
+
+def _not_awaited(unit: Unit, element: Element, tree: ast.AST, bound: set[str]) -> Iterator[Finding]:
+    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
+    for node in ast.walk(tree):
+        called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+        if called not in _REQUESTS or called.partition(".")[0] in bound:
+            continue
+        target = _target(parents[node])
+        used = _is_used(parents, node) or (target and all(_is_used(parents, one) for one in _loads(tree, target)))
+        if used:
+            right = f"{target} = await {called}(...)" if target else f"(await {called}(...))"
+            text = f"{called}(...) gives nothing unless it is awaited: {right}"
+            yield unit.finding("warning", text, element, getattr(node, "lineno", 0))
+
+
+def _target(parent: ast.AST) -> str:
+    """The variable that takes the value, if one does."""
+    targets = parent.targets if isinstance(parent, ast.Assign) else [getattr(parent, "target", None)]
+    only = targets[0] if len(targets) == 1 and isinstance(parent, ast.Assign | ast.AnnAssign | ast.NamedExpr) else None
+    return only.id if isinstance(only, ast.Name) else ""
+
+
+def _loads(tree: ast.AST, name: str) -> list[ast.Name]:
+    names = (node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == name)
+    return [node for node in names if isinstance(node.ctx, ast.Load)]
+
+
+def _is_used(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> bool:
+    """Whether a value is taken apart or judged where it stands."""
+    parent = parents[node]
+    return isinstance(parent, _USES) or (isinstance(parent, _USES_TEST) and parent.test is node)

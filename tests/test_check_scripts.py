@@ -1,0 +1,80 @@
+"""What `fame check` says of scripts: requests that nobody awaits, misspelt methods, names of earlier scripts."""
+
+from __future__ import annotations
+
+import pytest
+from check_drawing import alone, row, script, throw, told
+
+TEXT = "std_msgs/msg/String"
+WARNINGS = {
+    "a message that nobody awaits": (
+        'm = receive("/found")\nlog(m.data)',
+        "t: receive(...) gives nothing unless it is awaited: m = await receive(...)",
+    ),
+    "a message that nobody in the script looks at": (
+        'm = receive("/found")',
+        "t: receive(...) gives nothing unless it is awaited: m = await receive(...)",
+    ),
+    "a field of a response that nobody awaits": (
+        'ok = robot.call("grip", "std_srvs/srv/Trigger").success',
+        "t: robot.call(...) gives nothing unless it is awaited: (await robot.call(...))",
+    ),
+    "a condition that nobody awaits": (
+        "if until(lambda: True): pass",
+        "t: until(...) gives nothing unless it is awaited: (await until(...))",
+    ),
+    "a misspelt method of the robot": (
+        f'robot.publsh("a", "{TEXT}")',
+        "t: robot has no 'publsh'; did you mean robot.publish?",
+    ),
+    "a method that the robot does not have": (
+        "robot.fly()",
+        "t: robot has no 'fly'; it has act, call, latest, name, namespace, now, publish, subscribe",
+    ),
+    "a level that the log does not have": ('log.warn("x")', "t: log has no 'warn'; did you mean log.warning?"),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), WARNINGS.values(), ids=WARNINGS.keys())
+def test_it_is_a_warning(text: str, expected: str) -> None:
+    assert told(alone(row(script(text)))) == [expected]
+
+
+FINE = {
+    "a message that is awaited": 'm = await receive("/found")\nlog(m.data)',
+    "a request that is awaited later": 'r = receive("/found")\nm = await r',
+    "requests in a list": 'rs = [receive("/found")]\nfor r in rs: await r',
+    "a request that a function awaits": 'async def first(r): return await r\nr = receive("/found")\nawait first(r)',
+    "a function of the same name": 'def receive(topic): return topic\nm = receive("/found")\nlog(m.data)',
+    "all that the robot has": "log(robot.name, robot.namespace, robot.now)\nlog.warning(robot.publish)",
+    "a parameter named like the robot": "def f(robot): return robot.fly()",
+}
+
+
+@pytest.mark.parametrize("text", FINE.values(), ids=FINE.keys())
+def test_it_is_not_blamed(text: str) -> None:
+    assert told(alone(row(script(text)))) == []
+
+
+def test_expressions_may_name_the_robot_that_evaluates_them() -> None:
+    def sending(payload: str) -> str:
+        return alone(row(throw("a", type=TEXT, payload=payload)))
+
+    assert told(sending("{data: '${robot.name}'}"), "warning", "error") == []
+    assert not any("robot" in text for text in told(sending("=robot.namespace"), "warning", "note"))
+    assert told(sending("I am ${robot.nam}")) == ["a: robot has no 'nam'; did you mean robot.name?"]
+
+
+DEFINING = "import json\nfrom os import path as p\ndef double(x): return 2 * x\nclass Part: pass"
+
+
+def test_what_a_script_imports_and_defines_is_there_for_later_ones() -> None:
+    using = script("y = double(1), Part(), json.dumps(p.sep)", "t2")
+    assert told(alone(row(script(DEFINING), using))) == []
+    assert told(alone(row(script("from math import *"), script("y = tau", "t2")))) == []
+    assert told(alone(row(script("def double(x):\n  import json\n  return x"), script("y = json", "t2")))) == [
+        "t2: reads `json`, which nothing sets"
+    ]
+    assert told(alone(row(script(DEFINING), script("y = duoble(1)", "t2")))) == [
+        "t2: reads `duoble`, which nothing sets; did you mean `double`?"
+    ]
