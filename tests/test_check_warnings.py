@@ -60,7 +60,7 @@ WARNINGS = {
         "g: has no way out: the token ends here",
     ),
     "a choice without a default": (
-        row(script("x = 1")) + choice("g") + BRANCHES + flows("s g") + flow("g", "a", "x") + flow("g", "b", "not x"),
+        row(script("x = 1")) + choice("g") + BRANCHES + flows("s g") + flow("g", "a", "x") + flow("g", "b", "x == 0.5"),
         "g: has no way out if none of its conditions is true: mark one of its flows as the default",
     ),
     "a choice with a flow that has no condition": (
