@@ -26,8 +26,9 @@ test: $(VENV)/dev.installed
 	$(BIN)/python -m pytest
 
 test-ros: $(ROS_PYTHON)
-	colcon --log-base out/ros/log build --base-paths tests/ros_workspace --build-base out/ros/build --install-base out/ros/install
-	. out/ros/install/setup.sh && ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
+	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install
+	cmake --build out/ros/build --target install
+	. out/ros/install/share/farm_msgs/local_setup.sh && ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 \
 		$(ROS_PYTHON) -m pytest -m ros -rs -W default $(ROS_TESTS)
 
 lint: $(VENV)/dev.installed
@@ -47,4 +48,4 @@ $(BIN)/python:
 
 $(ROS_PYTHON):
 	python3 -m venv --system-site-packages .venv-ros
-	.venv-ros/bin/pip install --quiet --editable . 'pytest>=8'
+	.venv-ros/bin/pip install --quiet --editable '.[sim]' cryptography 'pytest>=8'

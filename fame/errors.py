@@ -6,6 +6,7 @@
     ├── ModelError        the file is wrong: file, line, element id, what was found, what would be right
     ├── MissionError      the run went wrong: robot, element, cause (uncaught error, livelock, script)
     ├── MessageError      a type, field or value that does not fit a topic
+    │   └── MissingTypeError  a message type that the sourced ROS does not have
     ├── DeploymentError   a robot refused or did not answer
     ├── ConfigError       a scenario, pipeline or learning file is wrong
     └── UnavailableError  a backend or language that is not installed, and the command that installs it
@@ -72,6 +73,10 @@ class MessageError(FameError):
     def __init__(self, text: str, *, type: str = "", field: str = "") -> None:
         self.type, self.field = type, field
         super().__init__(": ".join(part for part in (type, field, text) if part))
+
+
+class MissingTypeError(MessageError):
+    """A message, service or action type that the sourced ROS does not have."""
 
 
 class DeploymentError(FameError):

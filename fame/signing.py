@@ -35,8 +35,16 @@ def new_keys(stem: Path) -> tuple[Path, Path]:
     encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
     secret.touch(mode=0o600)
     secret.write_bytes(private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none))
-    public.write_bytes(private.public_key().public_bytes(encoding, serialization.PublicFormat.SubjectPublicKeyInfo))
+    _write_public(private, public)
     return secret, public
+
+
+def new_run_key(public: Path) -> Ed25519PrivateKey:
+    """Make a secret key that stays in this process; the public key goes to a file, for `read_trusted` of others."""
+    ed25519, _ = _cryptography()
+    private: Ed25519PrivateKey = ed25519.Ed25519PrivateKey.generate()
+    _write_public(private, public)
+    return private
 
 
 def read_private(path: Path) -> Ed25519PrivateKey:
@@ -96,6 +104,12 @@ def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: fl
         raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")
     if said.get("born", 0) != born:
         raise DeploymentError("signed for another run of this robot's engine: it may have been recorded")
+
+
+def _write_public(private: Ed25519PrivateKey, path: Path) -> None:
+    _, serialization = _cryptography()
+    info = serialization.PublicFormat.SubjectPublicKeyInfo
+    path.write_bytes(private.public_key().public_bytes(serialization.Encoding.PEM, info))
 
 
 def _signed_part(said: Mapping[str, Any]) -> bytes:

@@ -2,7 +2,8 @@
 
 Obeys `takeoff`, `land` (topics, and commands of its service `tello_action`) and `cmd_vel`, publishes `odom`,
 `camera/weeds` while it flies, and `battery_state`. With an empty battery it lands. Its planner answers `goal_pose` with
-a `plan`, the straight line: it flies over everything.
+a `plan`, the straight line: it flies over everything. Where the sourced ROS does not have the type of the service, the
+drone is there without it, and the middleware warns.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from fame.errors import MissingTypeError
 from robots.battery import DRAIN_RATE, Battery, BatteryParameters
 from robots.camera import Camera, CameraParameters
 from robots.flight import Flight, FlightParameters
@@ -71,7 +73,10 @@ class Drone:
         )
         node.subscription("takeoff", "std_msgs/msg/Empty", lambda _: flight.take_off())
         node.subscription("land", "std_msgs/msg/Empty", lambda _: flight.land())
-        node.service("tello_action", "tello_msgs/srv/TelloAction", self._act)
+        try:
+            node.service("tello_action", "tello_msgs/srv/TelloAction", self._act)
+        except MissingTypeError as error:  # topics do the same
+            world.middleware.warn(f"{config.name} offers no service tello_action: {error}")
 
     def _act(self, request: Message) -> Mapping[str, int]:
         """A command of a Tello, begun but not yet done when the response comes."""

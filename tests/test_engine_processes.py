@@ -1,9 +1,14 @@
-"""An engine in a process of its own, on each middleware: it gets its process, runs it, says so, leaves."""
+"""An engine in a process of its own, on each middleware: it gets its process, runs it, says so, leaves.
+
+Within rclpy, `fame run` of the example missions too; over DDS that is in `test_processes` and `test_lockstep`.
+"""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -66,3 +71,27 @@ def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
     told("complete", "REX", "wait", *over)
     engine.send_signal(signal.SIGINT)
     assert engine.wait(timeout=20) == 0
+
+
+def run(example: str, *words: str) -> tuple[str, str]:
+    """What `fame run` of an example says on ROS, on stdout and stderr."""
+    command = fame("run", f"examples/{example}.yaml", "--middleware", "ros", "--speed", "8", *words)
+    done = subprocess.run(command, env=ENVIRONMENT, cwd=ROOT, capture_output=True, text=True, timeout=90, check=False)
+    return done.stdout, done.stderr
+
+
+@pytest.mark.ros
+@needs("rclpy")
+def test_the_ground_vehicles_complete_their_mission_on_ros() -> None:
+    out, err = run("ground_vehicles")
+    assert re.search(r"DINGO +1 +idle\nREX +1 +idle\n\ncompleted: ", out), (out, err)
+
+
+@pytest.mark.ros
+@needs("rclpy")
+def test_drone_and_tractors_work_on_ros_where_the_type_of_a_service_is_missing() -> None:
+    out, err = run("agriculture", "--duration", "60")
+    assert "fame: not over after 60 s" in err, (out, err)
+    assert re.search(r"Drone +1 +running\n(Tractor_. .*\n)*Tractor_. +[1-9] +(running|idle)\n", out), (out, err)
+    missing = importlib.util.find_spec("tello_msgs") is None
+    assert ("Drone offers no service tello_action: tello_msgs/srv/TelloAction: this ROS" in err) == missing

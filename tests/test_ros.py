@@ -19,6 +19,12 @@ def test_without_rclpy_the_backend_says_what_to_source() -> None:
         importlib.import_module("fame.middleware.ros")
 
 
+def test_without_rosbags_it_says_so_at_the_start_and_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UnavailableError, match=r"venv --system-site-packages .* pip install rosbags"):
+        importlib.import_module("fame.middleware.ros")
+
+
 def test_what_a_launch_file_appends_for_ros_is_no_argument_of_ours(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "no_such.bpmn", "--ros-args", "-p", "use_sim_time:=true"]) == 2
     assert "no_such.bpmn" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from fame.middleware.interface import Middleware, QoS
 
 STRING = "std_msgs/msg/String"
 PROCESS_QOS = QoS(depth=20)
-"""Of ``bpmn_process``: reliable and volatile, so that any publisher matches."""
+"""Of ``bpmn_process``: reliable and volatile, so that any publisher matches that is reliable."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
 """How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
 SILENCE = 5.0

@@ -173,6 +173,9 @@ class Middleware(Protocol):
     @property
     def use_sim_time(self) -> bool: ...
 
+    def warn(self, text: str, /) -> object:
+        """Add to `warnings`, unless it is there."""
+
     def node(self, name: str, namespace: str = "") -> Node: ...
 
     def graph(self) -> Sequence[TopicInfo]:

@@ -96,9 +96,12 @@ def is_child() -> bool:
 
 
 def command_lines(
-    scenario: Scenario, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path]
+    scenario: Scenario, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path], trust: Path
 ) -> dict[str, list[str]]:
-    """The processes of a scenario, and what each is started with after ``fame``: the world, and an engine per robot."""
+    """The processes of a scenario, and what each is started with after ``fame``: the world, and an engine per robot.
+
+    `trust` is the file of the public key that the engines trust.
+    """
     lines: dict[str, list[str]] = {}
     places = [word for place in types for word in ("--types", str(place.resolve()))]
     tail = ["--middleware", backend]
@@ -112,7 +115,7 @@ def command_lines(
         time = ["--lockstep" if lockstep else "--use-sim-time"]
     for robot in scenario.cast:
         kind = ["--type", kinds[robot]] if robot in kinds else []
-        lines[robot] = ["engine", robot, *kind, *time, *places, *tail]
+        lines[robot] = ["engine", robot, "--trust", str(trust), *kind, *time, *places, *tail]
     return lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable
 from typing import Protocol
 
@@ -35,16 +36,21 @@ def scheduler_for(backend: str) -> WallScheduler:
     return WallScheduler()
 
 
-def connect(backend: str, scheduler: WallScheduler, network: str | None = None) -> Middleware:
+def connect(
+    backend: str,
+    scheduler: WallScheduler,
+    network: str | None = None,
+    on_warning: Callable[[str], object] | None = None,
+) -> Middleware:
     """The middleware of a process. Raises UnavailableError for one that is not installed."""
     if backend == "dds":
         from fame.middleware.dds import DdsMiddleware
 
-        return DdsMiddleware(scheduler, network=network)
+        return DdsMiddleware(scheduler, network=network, on_warning=on_warning)
     if backend == "ros":
         from fame.middleware.ros import RosMiddleware
 
-        return RosMiddleware(scheduler, network=network)
+        return RosMiddleware(scheduler, network=network, on_warning=on_warning)
     raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
 
 
@@ -63,10 +69,14 @@ def _watch_parent(scheduler: WallScheduler) -> None:
         scheduler.after(SECOND, lambda: _watch_parent(scheduler))
 
 
+def _warn(text: str) -> None:
+    print(f"fame: warning: {text}", file=sys.stderr, flush=True)
+
+
 def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:
     """Build a part and let it live until SIGINT or SIGTERM; then close it safely."""
     scheduler = scheduler_for(backend)
-    middleware = connect(backend, scheduler, network)
+    middleware = connect(backend, scheduler, network, on_warning=_warn)
     try:
         part = build(scheduler, middleware)
         try:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fame.check.refusing import refuse_errors
@@ -22,6 +23,7 @@ from fame.remote.children import Children, command_lines
 from fame.remote.process import connect, scheduler_for
 from fame.remote.result import Sight, TeamResult
 from fame.remote.world import EMPTY, RESUME, WORLD_STATE
+from fame.signing import new_run_key
 
 if TYPE_CHECKING:
     from fame.scenario import Scenario
@@ -32,6 +34,8 @@ _APPEARING = 15.0  # s until all engines have to be there
 
 class Team:
     """A scenario in many processes: the world, and one engine per robot. They begin together, and end together.
+
+    The engines run only what a key of this run has signed, whoever else reaches them.
 
     `watch` is told how things stand, `hear` every line that a process says. A world goes `speed` times as fast as
     reality (1, in `lockstep` as fast as it can), and all engines with it. `types` are folders of message types.
@@ -72,11 +76,12 @@ class Team:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._interrupt)
         try:
-            self._start()
-            self._listen()
-            self._look()
-            self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
-            self.scheduler.run()
+            with TemporaryDirectory(prefix="fame-") as folder:
+                self._start(Path(folder) / "run.pub")
+                self._listen()
+                self._look()
+                self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
+                self.scheduler.run()
         finally:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave some of them behind
@@ -96,9 +101,10 @@ class Team:
         self.result.status, self.result.messages = "failed", list(messages)
         self.scheduler.stop()
 
-    def _start(self) -> None:
+    def _start(self, trust: Path) -> None:
+        self._key = new_run_key(trust)
         words = command_lines(
-            self.scenario, self.backend, speed=self._speed, lockstep=self._lockstep, types=self._types
+            self.scenario, self.backend, speed=self._speed, lockstep=self._lockstep, types=self._types, trust=trust
         )
         for name, line in words.items():
             self._children.start(name, line)
@@ -163,6 +169,7 @@ class Team:
             ended=self._deployed,
             robots=list(self.scenario.cast),
             library=self.scenario.library,
+            key=self._key,
         )
         self._deployment.begin()
 

@@ -1,6 +1,7 @@
 """Topics and services inside a ROS 2 system: rclpy, and whatever it runs on.
 
-Importing the package raises UnavailableError where no ROS 2 is sourced. Needed are Jazzy or newer and this Python.
+Importing the package raises UnavailableError where no ROS 2 is sourced, and without rosbags, which no package of ROS
+brings. Needed are Jazzy or newer and this Python.
 
 ::
 
@@ -12,7 +13,16 @@ Importing the package raises UnavailableError where no ROS 2 is sourced. Needed 
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 from fame.errors import UnavailableError
+
+if find_spec("rosbags") is None:  # imported with the first message type, when an engine may have waited for hours
+    text = (
+        "FAME needs rosbags to read message types. Debian's Python takes it in an environment that sees ROS: "
+        "python3 -m venv --system-site-packages ~/fame-venv && . ~/fame-venv/bin/activate && pip install rosbags"
+    )
+    raise UnavailableError(text)
 
 try:
     import rclpy  # noqa: F401

@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProf
 from rclpy.serialization import deserialize_message, serialize_message
 
 from fame.clock import SECOND
-from fame.errors import MessageError
+from fame.errors import MissingTypeError
 from fame.middleware import codec
 from fame.middleware.interface import UNKNOWN, Message, QoS, resolve
 
@@ -25,7 +25,7 @@ _OF_ACTIONS = {"SendGoal": "SendGoalService", "GetResult": "GetResultService", "
 
 @cache
 def ros_class(name: str) -> Any:
-    """rclpy's class of a message or service type. Raises MessageError if the sourced ROS does not have it.
+    """rclpy's class of a message or service type. Raises MissingTypeError if the sourced ROS does not have it.
 
     ``pkg/action/Name_SendGoal`` and the like are parts of an action, as `fame.middleware.actions` names them.
     """
@@ -38,7 +38,7 @@ def ros_class(name: str) -> Any:
         return getattr(module, short)
     except (ImportError, AttributeError):
         text = f"this ROS does not have it: install or build its package ({package}), and source it"
-        raise MessageError(text, type=name) from None
+        raise MissingTypeError(text, type=name) from None
 
 
 def to_ros(message: Message, kind: Any) -> Any:
