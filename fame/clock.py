@@ -24,6 +24,8 @@ from enum import IntEnum
 from heapq import heapify, heappop, heappush
 from itertools import count
 
+from fame.iso8601 import parse_datetime
+
 SECOND = 1_000_000_000
 """Nanoseconds in a second."""
 
@@ -42,6 +44,21 @@ Action = Callable[[], object]
 def date_at(epoch: datetime, time: int) -> datetime:
     """The date (UTC) at `time` (ns) of a clock whose time 0 is `epoch`. Raises OverflowError beyond the year 9999."""
     return epoch.astimezone(UTC) + timedelta(microseconds=time // 1000)
+
+
+def date_text(date: datetime) -> str:
+    """A date as people read it: ``2026-03-01T12:00:00Z``."""
+    return date.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def parse_epoch(text: str) -> datetime:
+    """The date of time 0 that a text says: one of ISO 8601, or ``now``. Raises ValueError."""
+    if text.strip() == "now":
+        return datetime.now(UTC).replace(microsecond=0)
+    date = parse_datetime(text)
+    if not 1000 <= date.year <= 9000:
+        raise ValueError(f"{text!r} is a date before the year 1000 or after 9000")
+    return date
 
 
 class Kind(IntEnum):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
@@ -62,6 +63,16 @@ def natural(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"found {text!r}, a whole number from 0 on would be right")
     return int(text)
+
+
+def epoch(text: str) -> datetime:
+    """The date of second 0."""
+    from fame.clock import parse_epoch
+
+    try:
+        return parse_epoch(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{error}; a date, or now, would be right") from None
 
 
 def positive(text: str) -> float:

@@ -7,10 +7,11 @@ import re
 import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_library, command
+from fame.cli.arguments import Commands, add_library, command, epoch
 from fame.cli.network import OPEN, add_network, lockstep, say_ready
 from fame.errors import ConfigError, FameError
 from fame.text import printable
@@ -47,6 +48,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--lockstep", action="store_true", help="--use-sim-time, and the world waits for this engine after each step"
     )
+    parser.add_argument(
+        "--epoch", type=epoch, metavar="DATE|now",
+        help="the date at second 0 of the mission's time; else 1970-01-01T00:00Z in simulated time, and the real date",
+    )  # fmt: skip
     add_network(parser)
     add_library(parser)
 
@@ -114,12 +119,20 @@ def _serve(arguments: Namespace) -> None:
             safe_state=safe,
             safe_suspended=suspended,
             trusted=trusted,
+            epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
         )
         warm(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
 
     serve(arguments.middleware, arguments.network, build)
+
+
+def _epoch(scheduler: WallScheduler, *, simulated: bool) -> datetime:
+    """The date of second 0: on the wall clock such that dates are the real ones."""
+    from fame.clock import EPOCH
+
+    return EPOCH if simulated else datetime.now(UTC) - timedelta(microseconds=scheduler.now // 1000)
 
 
 def _is_there(name: str, scheduler: WallScheduler, middleware: Middleware) -> bool:

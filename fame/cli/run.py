@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.cli.arguments import Commands, add_json, add_library, command, natural, positive
+from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
 from fame.cli.output import live_table, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
 from fame.text import printable
@@ -42,6 +42,10 @@ def add(commands: Commands) -> None:
     parser.add_argument("scenario", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
     parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which the run ends")
+    parser.add_argument(
+        "--epoch", type=epoch, metavar="DATE|now",
+        help="the date at second 0, for date timers and now(); the file's, else 1970-01-01T00:00Z",
+    )  # fmt: skip
     parser.add_argument(
         "--robots", action="append", default=[], type=_robots, metavar="POOL=N",
         help="so many robots for a multi-instance pool, on free ground; may be given several times",
@@ -120,6 +124,7 @@ def run(arguments: Namespace) -> int:
         arguments.scenario,
         seed=arguments.seed,
         duration=arguments.duration,
+        epoch=arguments.epoch,
         semantics=arguments.semantics,
         library=arguments.library,
         robots=dict(arguments.robots),

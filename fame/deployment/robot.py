@@ -9,10 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from datetime import datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.clock import SECOND, Kind, Scheduler
+from fame.clock import EPOCH, SECOND, Kind, Scheduler
 from fame.deployment.beside import Work
 from fame.deployment.candidate import Candidate, Stage
 from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, engines, read_envelope
@@ -36,8 +37,8 @@ class EngineNode:
 
     `observer`, `safe_state` and others: as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one
     of them signed; `wall_time` gives s since 1970. `time` is the scheduler of the mission if that is not `scheduler`:
-    one of simulated time. `close` brings the robot to its safe state and leaves. Raises FameError, from the scheduler's
-    `run`, when an older engine of the same robot makes itself heard.
+    one of simulated time, and `epoch` the date of its second 0. `close` brings the robot to its safe state and leaves.
+    Raises FameError, from the scheduler's `run`, when an older engine of the same robot makes itself heard.
     """
 
     def __init__(
@@ -55,6 +56,7 @@ class EngineNode:
         trusted: Sequence[Any] = (),
         wall_time: Callable[[], float] = time.time,
         time: Scheduler | None = None,
+        epoch: datetime = EPOCH,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
@@ -66,6 +68,7 @@ class EngineNode:
             "on_report": on_report,
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
+            "epoch": epoch,
             "on_end": lambda instance: self.status.say(),
         }
         self._on_report = on_report or (lambda event: None)

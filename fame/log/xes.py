@@ -2,8 +2,8 @@
 
 One trace per process instance, with what the called processes did in it. Of every activity (task, sub-process, call
 activity) each execution has a ``start`` and a ``complete``, or an ``ate_abort`` if it was cancelled or failed;
-``concept:instance`` tells executions apart. The resource is the robot. Times are dates from `EPOCH` on, in
-microseconds, which is as fine as readers take them.
+``concept:instance`` tells executions apart. The resource is the robot. Times are dates, from the epoch that
+an event tells or else `EPOCH` on, in microseconds, which is as fine as readers take them.
 
 A trace is written when its instance has ended; those still open are written at the end.
 """
@@ -14,13 +14,14 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from datetime import timedelta
+from datetime import datetime
 from typing import BinaryIO
 from xml.sax.saxutils import quoteattr
 
+from fame.clock import EPOCH, date_at
 from fame.engine.state import Mark, Trail
+from fame.iso8601 import parse_datetime
 from fame.log.naming import Named
-from fame.node import EPOCH
 from fame.observation import Event, Observer
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
@@ -86,16 +87,18 @@ class _Traces:
     """All traces that are open."""
 
     def __init__(self, stream: BinaryIO, named: Mapping[str, Named]) -> None:
-        self._stream, self._named = stream, named
+        self._stream, self._named, self._epoch = stream, named, EPOCH
         self._open: dict[tuple[str, int], _Trace] = {}
         self._known: dict[tuple[str, Mark], tuple[str, str] | None] = {}
 
     def __call__(self, event: Event) -> None:
-        self._add(event.robot, event.instance, event.scope, event[4:], _date(event.time))
+        if event.what == "epoch":
+            self._epoch = parse_datetime(event.detail)
+        self._add(event.robot, event.instance, event.scope, event[4:], _date(self._epoch, event.time))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """What happened at one instant."""
-        date = _date(time)
+        date = _date(self._epoch, time)
         for scope, marks in trail:
             for mark in marks:
                 self._add(robot, scope.instance.key, scope.key, mark, date)
@@ -152,9 +155,9 @@ def _event(robot: str, mark: Mark, name: Named) -> tuple[str, str]:
     return f'    <event>\n{named}      <string key="concept:instance" value="', f'"/>\n{attributes}'
 
 
-def _date(time: int) -> str:
+def _date(epoch: datetime, time: int) -> str:
     """The end of an event: its date."""
-    moment = (EPOCH + timedelta(microseconds=time // 1000)).isoformat(timespec="microseconds")
+    moment = date_at(epoch, time).isoformat(timespec="microseconds")
     return f"{_attribute(6, 'time:timestamp', moment, 'date')}    </event>\n"
 
 

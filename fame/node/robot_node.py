@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from fame.bpmn.model import CallActivity, Expression, Process, Task
-from fame.clock import EPOCH, Scheduler, WallScheduler, date_at
+from fame.clock import EPOCH, Scheduler, WallScheduler, date_at, date_text
 from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
@@ -274,7 +274,7 @@ class RobotNode:
         """Say once of an element that its timer will not fire in this run."""
         if element not in self._told_late:
             self._told_late.add(element)
-            first, last, moment = (_written(self.epoch, time) for time in (0, until, due))
+            first, last, moment = (date_text(date_at(self.epoch, time)) for time in (0, until, due))
             self.report(element, f"{timer} is due at {moment}, and the run goes from {first} to {last}: see epoch")
 
     def cancel_timer(self, key: int) -> None:
@@ -335,8 +335,3 @@ class RobotNode:
                 if line:
                     return file, line
         return error.file, error.line
-
-
-def _written(epoch: datetime, time: int) -> str:
-    """A date, as people read it."""
-    return date_at(epoch, time).isoformat(timespec="seconds").replace("+00:00", "Z")

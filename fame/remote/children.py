@@ -17,6 +17,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.clock import date_text
+
 if TYPE_CHECKING:
     from fame.scenario import Scenario
 
@@ -115,7 +117,8 @@ def command_lines(
         time = ["--lockstep" if lockstep else "--use-sim-time"]
     for robot in scenario.cast:
         kind = ["--type", kinds[robot]] if robot in kinds else []
-        lines[robot] = ["engine", robot, "--trust", str(trust), *kind, *time, *places, *tail]
+        trusted = ["--trust", str(trust)]
+        lines[robot] = ["engine", robot, *trusted, *kind, *time, "--epoch", date_text(scenario.epoch), *places, *tail]
     return lines
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.clock import EPOCH, parse_epoch
 from fame.engine.data import is_variable
 from fame.errors import ConfigError
 from fame.purposes import meant_for
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 DURATION = 600.0
 """Simulated seconds after which a run ends if nobody says otherwise."""
 
-_KEYS = ("model", "world", "seed", "duration", "library", "computers", "complete")
+_KEYS = ("model", "world", "seed", "duration", "epoch", "library", "computers", "complete")
 
 _COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
 
@@ -36,6 +38,7 @@ class Said:
     computers: tuple[str, ...] = ()
     seed: int = 0
     duration: float = DURATION
+    epoch: datetime = EPOCH
     library: tuple[Path, ...] = ()
     completions: tuple[tuple[Completion, int], ...] = ()
 
@@ -63,9 +66,18 @@ def read_scenario(path: Path) -> Said:
         computers=_computers(keys["computers"], world) if "computers" in keys else (),
         seed=keys["seed"].whole(minimum=0) if "seed" in keys else 0,
         duration=keys["duration"].number(above=0) if "duration" in keys else DURATION,
+        epoch=_epoch(keys["epoch"]) if "epoch" in keys else EPOCH,
         library=tuple(path.parent / folder.text() for folder in folders),
         completions=tuple(map(_completion, keys["complete"].items())) if "complete" in keys else (),
     )
+
+
+def _epoch(entry: Entry) -> datetime:
+    """YAML makes a date of most of what looks like one."""
+    try:
+        return parse_epoch(entry.value.isoformat() if isinstance(entry.value, date) else entry.text())
+    except ValueError as error:
+        raise entry.error(f"{error}; a date, or now, would be right") from None
 
 
 def _computers(entry: Entry, world: WorldConfig | None) -> tuple[str, ...]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import TYPE_CHECKING, Any, Literal
 
-from fame.clock import SECOND
+from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
 from fame.node import Ahead, Event, Wait
 from fame.node.waits import SOMEBODY
@@ -78,7 +79,7 @@ class Result:
     """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
 
     `ending` says why it was not over when it ended: its time was up, or nothing could move any more; else it is empty.
-    `never_started` are the pools without which it is not completed.
+    `never_started` are the pools without which it is not completed; `epoch` is the date of second 0.
     """
 
     status: Status
@@ -89,6 +90,7 @@ class Result:
     reports: tuple[Event, ...]
     ending: str
     world: Mapping[str, Any] | None
+    epoch: datetime = EPOCH
     never_started: tuple[str, ...] = ()
     record: Record | None = field(default=None, repr=False)
     labels: tuple[tuple[float, str, str], ...] = field(default=(), repr=False)
@@ -122,6 +124,7 @@ class Result:
         return {
             "status": self.status,
             "seed": self.seed,
+            "epoch": date_text(self.epoch),
             "simulated": round(self.simulated, 9),
             "wall": round(self.wall, 3),
             "robots": {

@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.check.refusing import refuse_literals
-from fame.clock import SECOND, Scheduler, WallScheduler
+from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
 from fame.monitoring import UNITS
@@ -54,6 +54,7 @@ class Run:
         self.reports: list[Event] = []
         self.captions = Captions(scenario.closures()) if record or progress else None
         captions = self.captions.add if self.captions is not None else None
+        self._logs = observer
         self.observer = together([hears for hears in (captions, observer) if hears is not None])
         self.dead: set[str] = set()
         self.world, self.recorder = self._build_world(record)
@@ -81,6 +82,7 @@ class Run:
                 safe_state=bodies[robot].SAFE_STATE if robot in bodies else (),
                 safe_suspended=bodies[robot].SAFE_SUSPENDED if robot in bodies else (),
                 strict=strict,
+                epoch=scenario.epoch,
                 until=round(scenario.duration * SECOND),
             )
             for robot, pool in scenario.cast.items()
@@ -148,6 +150,7 @@ class Run:
             reports=tuple(self.reports),
             ending=ending,
             world=world,
+            epoch=self.scenario.epoch,
             never_started=unstarted,
             record=self.recorder.record if self.recorder is not None else None,
             labels=tuple(self.captions.labels) if self.captions is not None else (),
@@ -175,6 +178,8 @@ class Run:
 
     def _work(self, begun: float) -> None:
         """Run until the mission is over or its time is up."""
+        if self._logs is not None and self.scenario.epoch != EPOCH:
+            self._logs(Event(0, "", 0, 0, "", "epoch", date_text(self.scenario.epoch)))
         if self.world is not None:
             self.world.start()
         for node in self.nodes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fame.bpmn.model import Definitions, Process, Task
+from fame.clock import EPOCH
 from fame.errors import ConfigError, expect
 from fame.library import Library
 from fame.node import Event
@@ -31,7 +33,7 @@ _MOST = 100_000
 class Scenario:
     """What is to be run. `cast` is who plays which pool, by robot; `faults` is what will break.
 
-    `completions` is what somebody will do.
+    `completions` is what somebody will do; `epoch` is the date of simulated second 0.
     """
 
     file: str
@@ -43,6 +45,7 @@ class Scenario:
     duration: float
     faults: tuple[Fault, ...] = ()
     completions: tuple[Completion, ...] = ()
+    epoch: datetime = EPOCH
 
     def __new__(cls, *given: object, **parts: object) -> Scenario:
         """Raises ConfigError for what a file is given to: that is `load`."""
@@ -56,6 +59,7 @@ class Scenario:
         *,
         seed: int | None = None,
         duration: float | None = None,
+        epoch: datetime | None = None,
         semantics: str | None = None,
         library: str | Path | Sequence[str | Path] = (),
         robots: Mapping[str, int] = MappingProxyType({}),
@@ -64,8 +68,9 @@ class Scenario:
     ) -> Scenario:
         """A scenario file (.yaml), or a model (.bpmn), whose robots then are engines without a world.
 
-        `seed`, `duration` (simulated s) and `semantics` override what the files say; `library` adds folders; `robots`
-        is how many shall play a multi-instance pool, by its name (a model alone: else the minimum of its multiplicity):
+        `seed`, `duration` (simulated s), `epoch` (with a time zone) and `semantics` override what the files say;
+        `library` adds folders; `robots` is how many shall play a multi-instance pool, by its name (a model alone: else
+        the minimum of its multiplicity):
         more than the file has are copies of its last one, placed by the seed; `faults` break what they name;
         `completions` are done besides those of the file.
         Raises ConfigError and ModelError: file, line, what was found, what would be right.
@@ -73,6 +78,8 @@ class Scenario:
         from fame.bpmn.reader import read
 
         _expect_arguments(path, seed, duration, robots, faults)
+        dated = epoch is None or (isinstance(epoch, datetime) and epoch.tzinfo is not None)
+        expect(dated, "epoch", epoch, "a datetime with a time zone")
         for done in completions:
             expect(isinstance(done, Completion), "completions", done, 'a Completion("REX", 12.0, "Task_Sign")')
         path = Path(path)
@@ -106,6 +113,7 @@ class Scenario:
             duration=said.duration if duration is None else duration,
             faults=tuple(faults),
             completions=tuple(done for done, _ in wanted),
+            epoch=said.epoch if epoch is None else epoch,
         )
 
     def processes(self) -> list[Process]:
