@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import pytest
-from check_drawing import alone, row, script, throw, told
+from check_drawing import alone, choice, ends, flow, flows, row, script, throw, told
 
 TEXT = "std_msgs/msg/String"
 WARNINGS = {
@@ -78,4 +80,37 @@ def test_what_a_script_imports_and_defines_is_there_for_later_ones() -> None:
     ]
     assert told(alone(row(script(DEFINING), script("y = duoble(1)", "t2")))) == [
         "t2: reads `duoble`, which nothing sets; did you mean `double`?"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("var x = 1;", "`var x = 1;`"),
+        ("this.environment.variables.x = 1;\nif (x) {\n  next();\n}", "`if (x) {`"),
+        ("const f = () => 3;", "`const f = () => 3;`"),
+    ],
+)
+def test_javascript_without_its_language_is_told_as_that(text: str, found: str) -> None:
+    (said,) = told(alone(row(script(escape(text), format=""))), "error")
+    assert said == f't: not Python: invalid syntax: {found}; if it is JavaScript, say scriptFormat="javascript"'
+    assert told(alone(row(script("x = 1; x = x..y"))), "error") == ["t: not Python: invalid syntax: `x = 1; x = x..y`"]
+
+
+def test_javascript_that_python_would_take_is_told_by_its_names() -> None:
+    assert told(alone(row(script("this.environment.variables.x = 1; next()", format="")))) == [
+        "t: reads `this`, which nothing sets; a script in JavaScript has format javascript"
+    ]
+
+
+def test_a_condition_in_javascript_is_told_as_that() -> None:
+    text = (
+        row(script("x = 1"))
+        + choice("g", 'default="g-b"')
+        + ends("a", "b")
+        + flows("s g b")
+        + flow("g", "a", "x === 1")
+    )
+    assert told(alone(text), "error") == [
+        'g: not Python: invalid syntax: `x === 1`; if it is JavaScript, say language="javascript"'
     ]

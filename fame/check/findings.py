@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fame.errors import ModelError
+from fame.errors import ConfigError, ModelError
 
 Level = Literal["error", "warning", "note"]
 """error: it cannot run; warning: it can, but hardly as it is meant; note: something to know."""
@@ -32,8 +32,8 @@ class Finding:
         return ": ".join(part for part in (place, self.level, self.element, self.text) if part)
 
 
-def of_error(error: ModelError) -> Finding:
-    """The finding that an error is."""
+def of_error(error: ModelError | ConfigError) -> Finding:
+    """The finding that an error in a file is."""
     return Finding("error", error.text, error.file, error.line, error.element)
 
 

@@ -42,6 +42,9 @@ from fame.scripting.javascript.words import words_of
 _SMALL = {"true": "True", "false": "False", "null": "None"}
 """Constants as most languages write them, and as Python does."""
 
+_OF_JAVASCRIPT = ("console", "setTimeout", "this", "undefined", "JSON", "Math")
+"""Names that scripts in JavaScript use, and no variable is likely to have."""
+
 
 @dataclass(slots=True)
 class Uses:
@@ -279,7 +282,7 @@ def _other_language(name: str, expression: Expression) -> str:
     if expression.language == "python":
         if name in _SMALL:
             return f"; in Python it is {_SMALL[name]}"
-        return "; a script in JavaScript has format javascript" if name in ("console", "setTimeout") else ""
+        return "; a script in JavaScript has format javascript" if name in _OF_JAVASCRIPT else ""
     if expression.language == "javascript":
         return ""
     here = {large: small for small, large in _SMALL.items()}

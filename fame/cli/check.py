@@ -1,10 +1,11 @@
-"""``fame check``: what is wrong or doubtful in models, before anything moves."""
+"""``fame check``: what is wrong or doubtful in models and scenarios, before anything moves."""
 
 from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from dataclasses import asdict
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,21 +16,23 @@ from fame.errors import ConfigError, ModelError
 if TYPE_CHECKING:
     from fame.bpmn.model import Definitions
     from fame.check import Finding
+    from fame.library import Library
 
 _LEVELS = ("error", "warning", "note")
 _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
-             "fame check --explain foreign.bpmn")  # fmt: skip
+             "fame check examples/delivery.yaml", "fame check --explain foreign.bpmn")  # fmt: skip
 
 
 def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "check", run, examples=_EXAMPLES,
-        help="say what is wrong or doubtful in models; exit code 1 if there is an error",
+        help="say what is wrong or doubtful in models and scenarios; exit code 1 if there is an error",
     )  # fmt: skip
     parser.add_argument(
-        "models", type=Path, nargs="+", metavar="MODEL.bpmn",
-        help="a file, or - for stdin; what fame split wrote of one mission is checked as one",
+        "models", type=Path, nargs="+", metavar="FILE",
+        help="a model (.bpmn), - for one from stdin, or a scenario (.yaml) with its model, which is not run; "
+             "what fame split wrote of one mission is checked as one",
     )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
     parser.add_argument("--explain", action="store_true", help="say first what each file was read as")
@@ -39,22 +42,24 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Check every file and print what was found, in the manner of compilers."""
-    from fame.check import Finding, check, parts_of_one_mission, summary
+    from fame.check import check, parts_of_one_mission, summary
     from fame.check.explain import explain
-    from fame.library import Library
 
-    library = Library(arguments.library)
-    files = [_read(path) for path in dict.fromkeys(arguments.models)]
-    models = [file for file in files if not isinstance(file, Finding)]
-    teams = {id(file): team for team in parts_of_one_mission(models) for file in team}
-    found: list[Finding] = []
+    files = [_read(path, arguments.library) for path in dict.fromkeys(arguments.models)]
+    models = [file.model for file in files if file.model is not None]
+    teams = {id(model): team for team in parts_of_one_mission(models) for model in team}
     for file in files:
-        if isinstance(file, Finding):
-            found.append(file)
-        else:
-            found += check(file, library=library, strict=arguments.strict, team=teams[id(file)])
-    readings = [one for file in models for one in explain(file, library=library)] if arguments.explain else []
-    failed = any(finding.level == "error" for finding in found)
+        if file.model is not None:
+            team = teams[id(file.model)]
+            file.found += check(file.model, library=file.library, strict=arguments.strict, team=team)
+        if file.scenario is not None and not _failed(file.found):
+            from fame.scenario.checking import scenario_findings
+
+            file.found += scenario_findings(file.scenario, library=arguments.library, strict=arguments.strict)
+    found = [finding for file in files for finding in file.found]
+    explained = [(file.model, file.library) for file in files if file.model is not None and arguments.explain]
+    readings = [one for model, library in explained for one in explain(model, library=library)]
+    failed = _failed(found)
     if arguments.json:
         print_json(
             {
@@ -69,18 +74,48 @@ def run(arguments: Namespace) -> int:
     return 1 if failed else 0
 
 
-def _read(path: Path) -> Definitions | Finding:
-    """A model; that it is none is a finding. Raises ConfigError where there is no file at all."""
+def _failed(found: Iterable[Finding]) -> bool:
+    return any(finding.level == "error" for finding in found)
+
+
+@dataclass(slots=True)
+class _File:
+    """A file that is checked: its model if it can be read, and the scenario that names it if there is one."""
+
+    library: Library
+    model: Definitions | None = None
+    scenario: Path | None = None
+    found: list[Finding] = field(default_factory=list)
+
+
+def _read(path: Path, folders: Sequence[Path]) -> _File:
+    """A model, or a scenario with its model; that it is neither is a finding. Raises ConfigError where no file is."""
     from fame.bpmn.reader import read
     from fame.check.findings import of_error
+    from fame.library import Library
 
+    if str(path) != "-":
+        _expect_file(path)
+    file = _File(Library(folders))
     try:
         if str(path) == "-":
-            return read(sys.stdin.buffer.read(), file="<stdin>")
-        if not path.exists():
-            raise ConfigError("there is no such file", file=str(path))
-        if path.is_dir():
-            raise ConfigError(f"is a folder; its files would be right: {path / '*.bpmn'}", file=str(path))
-        return read(path)
-    except ModelError as error:
-        return of_error(error)
+            file.model = read(sys.stdin.buffer.read(), file="<stdin>")
+        elif path.suffix.lower() in (".yaml", ".yml"):
+            from fame.scenario.file import read_scenario
+
+            said = read_scenario(path)
+            file.scenario, file.library = path, Library([*folders, *said.library])
+            file.model = read(said.model)
+        else:
+            file.model = read(path)
+    except (ModelError, ConfigError) as error:
+        file.found.append(of_error(error))
+    return file
+
+
+def _expect_file(path: Path) -> None:
+    """Raise ConfigError where no file is."""
+    if not path.exists():
+        raise ConfigError("there is no such file", file=str(path))
+    if path.is_dir():
+        raise ConfigError(f"is a folder; its files would be right: {path / '*.bpmn'}", file=str(path))

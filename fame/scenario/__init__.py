@@ -7,6 +7,7 @@ more. A robot whose process fails is brought to its safe state; the others go on
     file      what a scenario file says
     scenario  the scenario: who plays which pool, in which world
     run       one run of it, while it lasts
+    checking  what keeps it from being run
     result    how it went
     captions  what each robot's process is at, in words
 """

@@ -253,14 +253,19 @@ class Run:
         node.node.close()  # first of all, so that no script says a last word
         node.close()
 
+    def close(self) -> None:
+        """Take everything apart without having moved."""
+        for node in self.nodes:
+            node.close()
+        if self.world is not None:
+            self.world.close()
+
     def _stop(self) -> None:
         """Bring every robot that lives to its safe state and leave."""
         for node in self.nodes:
             if node.name not in self.dead:
                 node.stop()
-                node.close()
-        if self.world is not None:
-            self.world.close()
+        self.close()
 
 
 def _robot_result(node: RobotNode, waits: tuple[Wait, ...]) -> RobotResult:

@@ -27,6 +27,10 @@ Code = Callable[[dict[str, Any]], Any]
 _AWAITED = {"sleep", "receive", "until"}
 _LOOKED_INTO = re.compile(r"\b(for|while|def|lambda)\b|sleep|receive|until|call")
 """What has none of these words has nothing that goes round, and no request to drop: its tree is not looked at."""
+_LIKE_JAVASCRIPT = re.compile(
+    r"\b(?:var|let|const)\s+\w|\bfunction\b\s*\w*\s*\(|=>|[=!]==|\bnew\s+\w|\bthis\.|\btypeof\b|\)\s*\{|\}\s*else\b"
+)
+"""What Python refuses, and JavaScript is full of."""
 _PAST_METHODS = frozenset((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]))
 
 
@@ -153,15 +157,21 @@ class _located:
             line = first + max(error.lineno or 1, 1) - 1
             lines = self.expression.text.split("\n")
             found = lines[min(line - first, len(lines) - 1)].strip()
-            text = f"{error.msg}: `{found}`{_hint(found) if self.condition else ''}" if found else error.msg
+            hint = _hint(self.expression.text, found, self.condition)
+            text = f"{error.msg}: `{found}`{hint}" if found else error.msg
             raise ModelError(f"not Python: {text}", file=self.file, line=line, element=self.element) from None
         if isinstance(error, (ValueError, RecursionError, MemoryError, OverflowError)):
             raise ModelError(f"not Python: {error_text(error)}", file=self.file, line=self.expression.line,
                              element=self.element) from None  # fmt: skip
 
 
-def _hint(line: str) -> str:
-    """What the author of a condition in another language may have meant."""
+def _hint(text: str, line: str, condition: bool) -> str:
+    """What the author of a text in another language may have meant. `line` is the one that Python refuses."""
+    if _LIKE_JAVASCRIPT.search(text):
+        attribute = "language" if condition else "scriptFormat"
+        return f'; if it is JavaScript, say {attribute}="javascript"'
+    if not condition:
+        return ""
     if "&&" in line or "||" in line:
         return "; Python says `and`, `or`, `not`"
     return "; `==` compares" if re.search(r"[^=!<>:]=[^=]", line) else ""

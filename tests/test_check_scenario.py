@@ -1,0 +1,75 @@
+"""`fame check SCENARIO.yaml`: the scenario and its model, without running it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from check_drawing import BOOL, ROOT, catch, row, script, team
+
+from fame.cli import main
+
+WORLD = "world: {size: [4, 4], robots: {REX: {type: car, at: [1, 1]}}}\n"
+GOOD = "model: m.bpmn\nlibrary: [lib]\nseed: 3\n" + WORLD
+
+
+def found(tmp_path: Path, capsys: pytest.CaptureFixture[str], scenario: str, content: str) -> tuple[int, list[str]]:
+    """The exit code, and the lines that are printed, of a scenario beside a model."""
+    (tmp_path / "lib").mkdir(exist_ok=True)
+    (tmp_path / "m.bpmn").write_text(team(content))
+    (tmp_path / "s.yaml").write_text(scenario)
+    code = main(["check", str(tmp_path / "s.yaml")])
+    out, err = capsys.readouterr()
+    assert err == ""
+    return code, [line.removeprefix(f"{tmp_path}/") for line in out.splitlines()]
+
+
+def test_a_scenario_is_checked_with_its_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert found(tmp_path, capsys, GOOD, row(script("x = 1")))[0] == 0
+    code, lines = found(tmp_path, capsys, GOOD, row(script("log(sped)")))
+    assert (code, lines) == (0, ["m.bpmn:5: warning: t: reads `sped`, which nothing sets", "1 warning"])
+
+
+def test_nothing_of_it_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    touches = f"open({str(tmp_path / 'ran')!r}, 'w')"
+    assert found(tmp_path, capsys, GOOD, row(script(touches))) == (0, ["nothing found"])
+    assert not (tmp_path / "ran").exists()
+
+
+WRONG = {
+    "a key": (f"{GOOD}sed: 3", "s.yaml:5: error: sed: unknown key"),
+    "no robot for a pool": (GOOD.replace("REX", "TIM"), "s.yaml: error: "),
+    "no such model": (GOOD.replace("m.bpmn", "n.bpmn"), "n.bpmn: error: "),
+    "a robot that stands outside": (GOOD.replace("[1, 1]", "[9, 1]"), "s.yaml:4: error: world.robots.REX.at: "),
+    "not YAML": ("model: [", "s.yaml:1: error: is not YAML: "),
+    "another file": ("Files: {}", "s.yaml: error: is a learning file, which is for fame adm learn"),
+}
+
+
+@pytest.mark.parametrize(("scenario", "expected"), WRONG.values(), ids=WRONG.keys())
+def test_what_is_wrong_with_it_is_an_error(
+    scenario: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, lines = found(tmp_path, capsys, scenario, row(script("x = 1")))
+    assert (code, len(lines), lines[-1]) == (1, 2, "1 error")
+    assert lines[0].startswith(expected)
+
+
+def test_behaviours_are_looked_for_in_its_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    called = (ROOT / "models" / "library" / "Turn.bpmn").read_text().replace('id="Turn"', 'id="Spin"')
+    calling = row('<callActivity id="c" calledElement="Spin"/>')
+    assert found(tmp_path, capsys, GOOD, calling)[0] == 1
+    (tmp_path / "lib" / "Spin.bpmn").write_text(called)
+    assert found(tmp_path, capsys, GOOD, calling)[0] == 0
+
+
+def test_what_only_its_robots_refuse_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, lines = found(tmp_path, capsys, GOOD, row(catch("a", "odom", scope="robot", type=BOOL)))
+    assert (code, len(lines)) == (1, 2)
+    assert lines[0].startswith(f"m.bpmn:5: error: a: {BOOL}: topic /REX/odom is in use with nav_msgs/msg/Odometry")
+
+
+@pytest.mark.parametrize("scenario", ["delivery.yaml", "shuttle.yaml"])
+def test_an_example_has_no_errors_and_no_warnings(scenario: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(ROOT / "examples" / scenario)]) == 0
+    assert "warning" not in capsys.readouterr().out
