@@ -121,3 +121,12 @@ def test_draw_shows_the_path_of_a_run(ending: str, tmp_path: Path) -> None:
 def test_a_model_is_drawn_again_when_it_was_moved(tmp_path: Path) -> None:
     shutil.copy(MISSION, tmp_path / "alone.bpmn")
     assert main(["draw", str(tmp_path / "alone.bpmn"), "-o", str(tmp_path / "alone.svg")]) == 0
+
+
+def test_draw_refuses_the_log_of_another_model(tmp_path: Path, capsys) -> None:
+    log = tmp_path / "run.jsonl"
+    main(["run", MISSION, "--quiet", "--log", str(log)])
+    capsys.readouterr()
+    assert main(["draw", str(ROOT / "models" / "shuttle.bpmn"), "-o", str(tmp_path / "x.svg"), "--log", str(log)]) == 2
+    assert "is the log of another model" in capsys.readouterr().err
+    assert not (tmp_path / "x.svg").exists()

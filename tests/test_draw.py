@@ -12,7 +12,8 @@ from lxml import etree
 
 from fame.bpmn import read_text
 from fame.bpmn.draw import draw
-from fame.bpmn.drawing.picture import VISITED
+from fame.bpmn.drawing.labels import overlap
+from fame.bpmn.drawing.outcome import STYLES
 from fame.bpmn.drawing.svg import arrow, fitted, middle, polyline, text_width, wrap
 from fame.bpmn.model import Bounds
 from fame.errors import ModelError
@@ -171,11 +172,41 @@ def test_a_sub_process_is_open_if_its_content_is_drawn_in_it_whatever_its_shape_
 def test_what_was_visited_is_green_and_has_its_number() -> None:
     root = drawn("task", "F1", "userTask", "F1", "userTask", "userTask")
     for id in ("task", "userTask", "F1"):
-        assert VISITED in etree.tostring(group(root, id)).decode()
-    assert VISITED not in etree.tostring(group(root, "manualTask")).decode()
+        assert STYLES["completed"].stroke in etree.tostring(group(root, id)).decode()
+    assert STYLES["completed"].stroke not in etree.tostring(group(root, "manualTask")).decode()
     badges = [words(one) for one in root.iter(f"{SVG}text") if one.get("fill") == "#ffffff"]
     assert sorted(badges) == ["1", "2", "3"]
     assert draw(GALLERY, Counter({"task": 2})) == draw(GALLERY, ["task", "task"])
+
+
+OUTCOMES = {
+    "task": {"failed": 1},
+    "userTask": {"waiting": 1},
+    "manualTask": {"cancelled": 1},
+    "scriptTask": {"completed": 1},
+}
+
+
+def test_failed_waiting_cancelled_and_completed_differ_in_colour_and_without() -> None:
+    root = etree.fromstring(draw(GALLERY, OUTCOMES).encode())
+    colours = {group(root, id).find(f"{SVG}rect").get("stroke") for id in OUTCOMES}  # type: ignore[union-attr]
+    assert len(colours) == len(OUTCOMES)
+    badges = [one.getparent() for one in root.iter(f"{SVG}title")]
+    assert sorted(one.findtext(f"{SVG}title") for one in badges) == ["cancelled", "completed", "failed", "waiting"]
+    assert len({one.find(f".//{SVG}path").get("d") for one in badges}) == len(OUTCOMES)
+
+
+def test_the_symbols_of_the_outcomes_are_explained_below_the_diagram() -> None:
+    root = etree.fromstring(
+        draw(GALLERY, {"task": {"failed": 1, "completed": 2}, "elsewhere": {"waiting": 1}}).encode()
+    )
+    assert [words(one) for one in root.findall(f"{SVG}text")][-2:] == ["failed", "completed"]
+
+
+def test_of_several_outcomes_a_failure_gives_the_colour_and_each_has_its_number() -> None:
+    root = etree.fromstring(draw(GALLERY, {"task": {"completed": 4, "failed": 1}}).encode())
+    assert group(root, "task").find(f"{SVG}rect").get("stroke") == STYLES["failed"].stroke  # type: ignore[union-attr]
+    assert [words(one.getparent()) for one in root.iter(f"{SVG}title")] == ["completed 4", "failed 1"]
 
 
 def test_colours_of_the_modeler_are_kept() -> None:
@@ -205,7 +236,8 @@ def test_lines_break_between_words_then_at_seams_then_anywhere() -> None:
     assert wrap("target_position", text_width("target_po", 12), 12) == ["target_", "position"]
     assert wrap("GoToTarget", text_width("GoToTar", 12), 12) == ["GoTo", "Target"]
     assert wrap("a\nb", 100, 12) == ["a", "b"]
-    assert all(text_width(line, 12) <= 30 for line in wrap("x" * 40, 30, 12))
+    assert wrap("Application received", 50, 11) == ["Application", "received"]
+    assert all(text_width(line, 12) <= 30 for line in wrap("x" * 40, 30, 12, anywhere=True))
 
 
 def test_a_label_takes_the_lines_that_its_box_has_room_for() -> None:
@@ -225,3 +257,56 @@ def test_the_middle_of_a_line_is_measured_along_it() -> None:
 
 def test_bends_are_round() -> None:
     assert polyline([(0, 0), (20, 0), (20, 20)]) == "M0 0L15 0Q20 0 20 5L20 20"
+
+
+# ---- names -----------------------------------------------------------------------------------------------------------
+
+
+def alone(content: str, shapes: str) -> etree._Element:
+    """A drawing of a process with this content and these shapes: ``id x y width height`` each."""
+    written = "".join(
+        f'<bpmndi:BPMNShape bpmnElement="{id}"><dc:Bounds x="{x}" y="{y}" width="{w}" height="{h}"/></bpmndi:BPMNShape>'
+        for id, x, y, w, h in (shape.split() for shape in shapes.split(", "))
+    )
+    plane = f'<bpmndi:BPMNDiagram><bpmndi:BPMNPlane bpmnElement="P">{written}</bpmndi:BPMNPlane></bpmndi:BPMNDiagram>'
+    return etree.fromstring(draw(read_text(document(f'<process id="P">{content}</process>{plane}'))).encode())
+
+
+def lines(root: etree._Element, id: str) -> list[tuple[str, Bounds]]:
+    """The lettering of an element, and the box of each line."""
+    found = []
+    for text in group(root, id).iter(f"{SVG}text"):
+        size = float(str(text.get("font-size")))
+        for line in text.iter(f"{SVG}tspan"):
+            width, base = text_width(str(line.text), size), float(str(line.get("y")))
+            found.append((str(line.text), Bounds(float(str(line.get("x"))) - width / 2, base - size, width, size)))
+    return found
+
+
+def test_a_word_that_is_too_long_for_its_box_is_smaller_and_whole() -> None:
+    root = alone('<task id="t" name="Acknowledgement processing"/>', "t 0 0 100 80")
+    assert [line for line, _ in lines(root, "t")] == ["Acknowledgement", "processing"]
+    assert all(box.x > 0 and box.x + box.width < 100 for _, box in lines(root, "t"))
+
+
+def test_a_word_beside_its_shape_is_never_broken() -> None:
+    root = alone('<startEvent id="s" name="Applicationhasbeenreceived"/>', "s 100 0 36 36")
+    assert [line for line, _ in lines(root, "s")] == ["Applicationhasbeenreceived"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Review the application", "Enter all of the data of the customer", "Approve or reject the long application"],
+)
+def test_the_pictogram_of_a_task_is_clear_of_its_name(name: str) -> None:
+    root = alone(f'<userTask id="t" name="{name}"/>', "t 0 0 100 80")
+    assert " ".join(line for line, _ in lines(root, "t")) == name
+    assert not any(overlap(box, Bounds(6, 6, 18, 18)) for _, box in lines(root, "t"))
+    assert all(box.y + box.height <= 80 for _, box in lines(root, "t"))
+
+
+@pytest.mark.parametrize(("x", "y"), [(82, 62), (32, 62), (32, -18), (-18, 22)])
+def test_the_name_of_a_boundary_event_does_not_cover_its_task(x: int, y: int) -> None:
+    content = '<task id="t" name="Do it"/><boundaryEvent id="b" name="too late" attachedToRef="t"/>'
+    root = alone(content, f"t 0 0 100 80, b {x} {y} 36 36")
+    assert not any(overlap(box, Bounds(0, 0, 100, 80)) for _, box in lines(root, "b"))

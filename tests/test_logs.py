@@ -19,7 +19,7 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
-from fame.log import COLUMNS, logging_to, visits
+from fame.log import COLUMNS, logging_to, outcomes, visits
 from fame.log.naming import kind, names
 from fame.node import Event
 from fame.scenario import Scenario
@@ -42,6 +42,8 @@ SMALL = process(
     attributes='name="Patrol"',
 )
 """Looks for 1.5 s, then searches in vain for 2 s, since nobody answers."""
+
+ARROW = '<sequenceFlow id="f" sourceRef="s" targetRef="e"/>'
 
 
 def logged(path: Path, text: str = SMALL, robot: str = "REX", until: float | None = None) -> str:
@@ -234,6 +236,52 @@ def test_visits_tell_where_the_run_went(ending: str, tmp_path: Path) -> None:
     logged(tmp_path / f"run.{ending}")
     went = {"s": 1, "f1": 1, "look": 1, "f2": 1, "search": 1, "s2": 1, "f4": 1, "ask": 1, "late": 1, "f3": 1, "e": 1}
     assert visits(tmp_path / f"run.{ending}") == went
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv"])
+def test_outcomes_tell_what_was_completed_and_cancelled(ending: str, tmp_path: Path) -> None:
+    logged(tmp_path / f"run.{ending}")
+    came = outcomes(tmp_path / f"run.{ending}", read_text(SMALL, file="patrol.bpmn"))
+    assert {id for id, tally in came.items() if tally == {"cancelled": 1}} == {"search", "ask"}
+    assert {id for id, tally in came.items() if tally == {"completed": 1}} == {
+        "s", "f1", "look", "f2", "s2", "f4", "late", "f3", "e",
+    }  # fmt: skip
+
+
+def test_what_has_not_ended_with_the_log_is_waiting(tmp_path: Path) -> None:
+    logged(tmp_path / "run.jsonl", until=1.0)
+    came = outcomes(tmp_path / "run.jsonl", read_text(SMALL, file="patrol.bpmn"))
+    assert came["look"] == {"waiting": 1}
+
+
+def test_a_task_that_raises_an_error_has_failed(tmp_path: Path) -> None:
+    text = SMALL.replace("await sleep(1.5)", "1 / 0")
+    definitions = read_text(text, file="patrol.bpmn")
+    with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
+        fame.Simulation(definitions, observer=write).run()
+    assert outcomes(tmp_path / "run.jsonl", definitions)["look"] == {"failed": 1}
+
+
+def test_an_end_event_that_raises_an_error_has_failed_once(tmp_path: Path) -> None:
+    text = process('<startEvent id="s"/><endEvent id="e"><errorEventDefinition/></endEvent>' + ARROW)
+    definitions = read_text(text, file="raise.bpmn")
+    with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
+        fame.Simulation(definitions, observer=write).run()
+    assert outcomes(tmp_path / "run.jsonl", definitions)["e"] == {"failed": 1}
+
+
+@pytest.mark.parametrize(
+    ("other", "found"),
+    [
+        (SMALL.replace('"look"', '"watch"'), "another model: other.bpmn has no look in P"),
+        (process('<task id="t"/>').replace('"P"', '"Q"'), "another model: it has no element of other.bpmn"),
+    ],
+    ids=["the same process, changed", "another process"],
+)
+def test_the_log_of_another_model_is_refused(other: str, found: str, tmp_path: Path) -> None:
+    logged(tmp_path / "run.jsonl")
+    with pytest.raises(ConfigError, match=found):
+        outcomes(tmp_path / "run.jsonl", read_text(other, file="other.bpmn"))
 
 
 @pytest.mark.parametrize(

@@ -11,29 +11,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from fame.bpmn.drawing.edges import draw_edge, draw_edge_label
-from fame.bpmn.drawing.picture import INK, PAPER, Picture, badge
-from fame.bpmn.drawing.shapes import draw_shape
+from fame.bpmn.drawing.labels import Label, place_labels
+from fame.bpmn.drawing.outcome import OUTCOMES, Tally, badges, legend
+from fame.bpmn.drawing.picture import INK, PAPER, SMALL, Picture
+from fame.bpmn.drawing.shapes import draw_shape, name_beside
 from fame.bpmn.drawing.svg import FONT, lettering, moved, number, tag
 from fame.bpmn.model import Bounds, Definitions, Edge, Element, Shape, SubProcess
 from fame.errors import ModelError
 
 MARGIN = 12.0
-LARGEST_SMALL = 60.0
-"""Width of the widest shape whose name stands beside it."""
+BADGE = 10.0
+"""How far badges reach beyond the corner of their shape."""
 
 
-def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] = ()) -> str:
+def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
     """The diagrams of a file as one SVG document.
 
-    `visited` are ids of elements and flows, as often as they were visited, or how often each was: they are drawn in
-    green with their number. Raises ModelError if the file has no diagram.
+    `visited` are ids of elements and flows, as often as they were completed; or how often each was; or, by id, how
+    often each outcome came about (`fame.log.outcomes`). Each outcome has its colour, its symbol, and its number.
+    Raises ModelError if the file has no diagram.
     """
     if not definitions.shapes:
         raise ModelError(
             "the file has no diagram (BPMNDI), so there is nothing to draw: draw it in a modeler", file=definitions.file
         )
-    visits = visited if isinstance(visited, Mapping) else Counter(visited)
-    picture = Picture({one.id: one for one in _elements(definitions)}, visits)
+    picture = Picture({one.id: one for one in _elements(definitions)}, _tallies(visited))
     parts: list[str] = []
     width, top = 0.0, MARGIN
     for plane, shown in enumerate(definitions.planes):
@@ -41,14 +43,34 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] = 
         edges = [edge for edge in definitions.edges if edge.plane == plane]
         if not shapes:
             continue
+        picture.labels = _labels(picture, shapes, edges)
         if parts:
             title = picture.elements[shown].label if shown in picture.elements else ""
             parts.append(lettering([title], MARGIN, top, size=14, fill=INK, anchor="start"))
             top += 28
-        frame = _frame(shapes, edges)
+        frame = _frame(picture, shapes, edges)
         parts.append(moved(MARGIN - frame.x, top - frame.y, *_plane(picture, shapes, edges)))
         width, top = max(width, frame.width), top + frame.height + 2 * MARGIN
+    tallies = [picture.visits.get(shape.element, {}) for shape in definitions.shapes]
+    present = [outcome for outcome in OUTCOMES if any(tally.get(outcome) for tally in tallies)]
+    if present:
+        parts.append(legend(present, MARGIN, top))
+        top += 2 * MARGIN
     return _document(width + 2 * MARGIN, top - MARGIN, parts)
+
+
+def _tallies(visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:
+    """Outcomes by id: what is only counted was completed."""
+    counts = visited if isinstance(visited, Mapping) else Counter(visited)
+    return {id: {"completed": count} if isinstance(count, int) else count for id, count in counts.items()}
+
+
+def _labels(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> dict[str, Label]:
+    """The names that stand beside shapes and flows."""
+    known = picture.elements
+    names = {shape.element: name_beside(shape, known[shape.element]) for shape in shapes if shape.element in known}
+    names |= {edge.element: known[edge.element].name for edge in edges if edge.element in known}
+    return place_labels(shapes, edges, names, (shape.element for shape in shapes if _is_frame(shape)), SMALL)
 
 
 def _document(width: float, height: float, parts: Iterable[str]) -> str:
@@ -80,23 +102,14 @@ def _opened(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
     return found
 
 
-def _frame(shapes: Sequence[Shape], edges: Sequence[Edge]) -> Bounds:
+def _frame(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> Bounds:
     """What everything fits in."""
-    labels = [shape.label for shape in shapes] + [edge.label for edge in edges]
-    boxes = [_room(shape) for shape in shapes] + [label for label in labels if label is not None]
+    boxes = [shape.bounds for shape in shapes] + [label.box for label in picture.labels.values()]
     points = [point for edge in edges for point in edge.waypoints]
     lefts, tops = [box.x for box in boxes] + [x for x, _ in points], [box.y for box in boxes] + [y for _, y in points]
     rights = [box.x + box.width for box in boxes] + [x for x, _ in points]
     bottoms = [box.y + box.height for box in boxes] + [y for _, y in points]
     return Bounds(min(lefts), min(tops), max(rights) - min(lefts), max(bottoms) - min(tops))
-
-
-def _room(shape: Shape) -> Bounds:
-    """What a shape takes: a small one without a place for its name has it below."""
-    box = shape.bounds
-    if shape.label is not None or box.width > LARGEST_SMALL:
-        return box
-    return Bounds(box.x - 27, box.y, box.width + 54, box.height + 32)
 
 
 def _plane(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> list[str]:
@@ -108,19 +121,19 @@ def _plane(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> 
     parts += [draw_edge(picture, edge) for edge in edges]
     parts += [draw_shape(picture, shape) for shape in others]
     parts += [draw_edge_label(picture, edge) for edge in edges]
-    parts += [_count(picture, shape) for shape in shapes]
+    parts += [_counts(picture, shape) for shape in shapes]
     return [part for part in parts if part]
 
 
 def _is_frame(shape: Shape) -> bool:
     """Whether others stand on it."""
     bodies = ("subProcess", "transaction", "adHocSubProcess")
-    return shape.kind in ("participant", "lane") or (shape.expanded and shape.kind in bodies)
+    return shape.kind in ("participant", "lane", "group") or (shape.expanded and shape.kind in bodies)
 
 
-def _count(picture: Picture, shape: Shape) -> str:
-    """How often it was visited, at its upper right corner."""
-    visits = picture.visits.get(shape.element, 0)
-    if not visits or shape.kind in ("participant", "lane"):
+def _counts(picture: Picture, shape: Shape) -> str:
+    """How often it was visited with which outcome, at its upper right corner."""
+    tally = picture.visits.get(shape.element, {})
+    if shape.kind in ("participant", "lane"):
         return ""
-    return badge(str(visits), shape.bounds.x + shape.bounds.width, shape.bounds.y)
+    return badges(tally, shape.bounds.x + shape.bounds.width + BADGE, shape.bounds.y)

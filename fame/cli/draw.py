@@ -23,7 +23,12 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.svg", required=True, help="file to write")
-    parser.add_argument("--log", type=Path, metavar="FILE", help="the .jsonl or .csv log of a run")
+    parser.add_argument(
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="the .jsonl or .csv log of a run: what was completed, failed, cancelled, or still waits",
+    )
     add_json(parser)
 
 
@@ -37,9 +42,9 @@ def run(arguments: Namespace) -> int:
         raise ConfigError(f"found the ending {output.suffix!r}; .svg would be right", file=str(output))
     definitions = read(arguments.model)
     if arguments.log is not None:
-        from fame.log import visits
+        from fame.log import outcomes
 
-        drawing = draw(definitions, visits(arguments.log))
+        drawing = draw(definitions, outcomes(arguments.log, definitions))
     else:
         drawing = draw(definitions)
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -15,13 +15,13 @@ equal bytes. Events are written as they come, and the file is whole when the blo
     lines     JSON Lines and CSV
     xes       IEEE 1849
     naming    what elements are called
-    reading   where a run went
+    reading   where a run went, and what became of it
 """
 
 from __future__ import annotations
 
 from fame.log.lines import COLUMNS
-from fame.log.reading import visits
+from fame.log.reading import outcomes, visits
 from fame.log.writing import logging_to
 
-__all__ = ["COLUMNS", "logging_to", "visits"]
+__all__ = ["COLUMNS", "logging_to", "outcomes", "visits"]

@@ -1,15 +1,23 @@
-"""Where a run went, read back from its log."""
+"""Where a run went and what became of it, read back from its log."""
 
 from __future__ import annotations
 
 import csv
 import json
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
+from fame.bpmn.drawing.outcome import Outcome
+from fame.bpmn.model import Definitions
 from fame.errors import ConfigError
+
+_Row = Mapping[str, Any]
+_MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
+"""What an engine tells of its tokens; all else in a log is said by scripts and robots."""
 
 
 def visits(path: str | Path) -> Counter[str]:
@@ -17,20 +25,98 @@ def visits(path: str | Path) -> Counter[str]:
 
     Raises ConfigError if the file is no such log.
     """
+    with _rows_of(path) as rows:
+        return Counter(row["element"] for row in rows if row["what"] in ("enter", "take"))
+
+
+def outcomes(path: str | Path, definitions: Definitions) -> dict[str, Counter[Outcome]]:
+    """How often each outcome came about at each element of a model, from a .jsonl or .csv log; flows are completed.
+
+    What had not ended with the log is waiting; what was under way when its process ended is cancelled. Raises
+    ConfigError if the file is no such log, or that of another model.
+    """
+    instances: dict[tuple[str, str], _Instance] = {}
+    with _rows_of(path) as rows:
+        for row in rows:
+            if row["what"] not in _MOVES:
+                continue
+            key = str(row.get("robot", "")), str(row["instance"])
+            instances.setdefault(key, _Instance()).add(str(row["scope"]), row["element"], row["what"])
+    _check_same_model(instances.values(), definitions, str(path))
+    found: defaultdict[str, Counter[Outcome]] = defaultdict(Counter)
+    for instance in instances.values():
+        for element, counts in instance.counts.items():
+            found[element] += instance.tally(counts)
+    return {element: tally for element, tally in found.items() if tally}
+
+
+@dataclass(slots=True)
+class _Instance:
+    """What happened in one instance of a process: how often what, by element; `own`: in the process itself."""
+
+    process: str = ""
+    root: str = ""
+    ended: bool = False
+    counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    own: set[str] = field(default_factory=set)
+
+    def add(self, scope: str, element: str, what: str) -> None:
+        if what == "start":
+            self.process, self.root = element, scope
+        elif what == "end":
+            self.ended = True
+        else:
+            self.counts[element][what] += 1
+            if scope == self.root:
+                self.own.add(element)
+
+    def tally(self, counts: Counter[str]) -> Counter[Outcome]:
+        """The outcomes of one element. An end event that raises an error leaves, then fails: that is one failure."""
+        under_way = counts["enter"] - counts["leave"] - counts["cancel"] - counts["fail"]
+        completed = counts["take"] + counts["leave"] + min(under_way, 0)
+        tally: Counter[Outcome] = Counter(
+            {"failed": counts["fail"], "cancelled": counts["cancel"], "completed": completed}
+        )
+        tally["cancelled" if self.ended else "waiting"] += max(under_way, 0)
+        return +tally
+
+
+def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, file: str) -> None:
+    """Raise ConfigError if a process has an element in the log that it has not in the model, or nothing is of it."""
+    known = {
+        process.id: {part.id for part in (*process.body.nodes, *process.body.flows)}
+        for process in definitions.processes
+    }
+    everything = {part.id for process in definitions.processes for part in process.body.walk()}.union(*known.values())
+    seen: set[str] = set()
+    for instance in instances:
+        seen |= instance.counts.keys()
+        strange = sorted(instance.own - known.get(instance.process, instance.own))
+        if strange:
+            raise ConfigError(
+                f"is the log of another model: {definitions.file} has no {strange[0]} in {instance.process}", file=file
+            )
+    if seen and not seen & everything:
+        raise ConfigError(f"is the log of another model: it has no element of {definitions.file}", file=file)
+
+
+@contextmanager
+def _rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
+    """The rows of a log as it is read, in a block that takes what is wrong with them for a file that is no log."""
     path = Path(path)
     rows = _ROWS.get(path.suffix.lower())
     if rows is None:
         raise ConfigError(f"found the ending {path.suffix!r}; {' or '.join(_ROWS)} would be right", file=str(path))
     try:
         with path.open(encoding="utf-8", newline="") as stream:
-            return Counter(row["element"] for row in rows(stream) if row["what"] in ("enter", "take"))
+            yield rows(stream)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, csv.Error):
         raise ConfigError("is no log of a run, as fame run --log writes it", file=str(path)) from None
 
 
-_ROWS: Mapping[str, Callable[[TextIO], Iterable[Mapping[str, Any]]]] = {
+_ROWS: Mapping[str, Callable[[TextIO], Iterable[_Row]]] = {
     ".jsonl": lambda stream: map(json.loads, stream),
     ".csv": csv.DictReader,
 }

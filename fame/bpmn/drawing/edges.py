@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fame.bpmn.drawing.icons import Ink
-from fame.bpmn.drawing.picture import INK, PAPER, SMALL, VISITED, Picture, badge
-from fame.bpmn.drawing.svg import arrow, corners, fitted, lettering, middle, polyline, tag, towards, wrap
+from fame.bpmn.drawing.outcome import badge
+from fame.bpmn.drawing.picture import PAPER, Picture, visited
+from fame.bpmn.drawing.svg import arrow, corners, middle, polyline, tag, towards
 from fame.bpmn.model import Activity, Edge, Gateway, SequenceFlow
 
 
@@ -27,7 +28,7 @@ def draw_edge(picture: Picture, edge: Edge) -> str:
 
 def _sequence_flow(picture: Picture, edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
     points = list(edge.waypoints)
-    width = 2.5 if ink[0] == VISITED else 1.5
+    width = 2.5 if visited(ink) else 1.5
     head = tag("polygon", points=corners(arrow(points)), fill=ink[0], stroke=ink[0], stroke_linejoin="round")
     line = polyline([*points[:-1], towards(points[-1], points[-2], 4)])
     drawn = tag("path", d=line, stroke_width=width, **style) + head
@@ -54,14 +55,6 @@ def _message_flow(edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
 
 
 def draw_edge_label(picture: Picture, edge: Edge) -> str:
-    """Its name, where the diagram says or else at its middle; and how often it was gone, if more than once."""
-    element = picture.elements.get(edge.element)
-    name = element.name if element is not None else ""
-    visits = picture.visits.get(edge.element, 0)
-    x, y = middle(edge.waypoints)
-    drawn = badge(str(visits), x, y) if visits > 1 else ""
-    if name and edge.label is not None and edge.label.width > 0:
-        label = edge.label
-        lines = fitted(name, label, SMALL)
-        return drawn + lettering(lines, label.x + label.width / 2, label.y, size=SMALL, fill=INK, halo=True)
-    return drawn + (lettering(wrap(name, 90, SMALL), x, y - 16, size=SMALL, fill=INK, halo=True) if name else "")
+    """Its name, and how often it was gone, if more than once."""
+    visits = picture.visits.get(edge.element, {}).get("completed", 0)
+    return (badge(str(visits), *middle(edge.waypoints)) if visits > 1 else "") + picture.label(edge.element)

@@ -6,32 +6,46 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fame.bpmn.drawing.icons import Ink
-from fame.bpmn.drawing.svg import lettering, tag, text_width
+from fame.bpmn.drawing.labels import Label
+from fame.bpmn.drawing.outcome import STYLES, Tally, style_of
+from fame.bpmn.drawing.svg import lettering
 from fame.bpmn.model import Edge, Element, Shape
 
 INK, PAPER = "#22242a", "#ffffff"
-VISITED, VISITED_PAPER = "#1a7f37", "#e3f4e6"
 SIZE, SMALL = 12.0, 11.0
 """Of lettering, in pixels: in boxes, beside things."""
+_VISITED = frozenset(style.stroke for style in STYLES.values())
 
 
 @dataclass(slots=True)
 class Picture:
-    """What the drawing functions look things up in: elements, and how often each was visited, by id."""
+    """What the drawing functions look things up in, by id: elements, what became of each, where its name stands."""
 
     elements: Mapping[str, Element] = field(default_factory=dict)
-    visits: Mapping[str, int] = field(default_factory=dict)
+    visits: Mapping[str, Tally] = field(default_factory=dict)
+    labels: Mapping[str, Label] = field(default_factory=dict)
 
     def ink(self, shape: Shape | Edge) -> Ink:
         """The colours of a shape or edge: its own, but for one that was visited."""
-        fill = shape.fill if isinstance(shape, Shape) else ""
-        if self.visits.get(shape.element):
-            return VISITED, VISITED_PAPER
-        return shape.stroke or INK, fill or PAPER
+        style = style_of(self.visits.get(shape.element, {}))
+        if style is not None:
+            return style.stroke, style.paper
+        return shape.stroke or INK, (shape.fill if isinstance(shape, Shape) else "") or PAPER
+
+    def label(self, id: str, colour: str = INK) -> str:
+        """The name that stands beside a shape or flow, if there is one."""
+        label = self.labels.get(id)
+        if label is None:
+            return ""
+        middle = label.box.x + label.box.width / 2
+        return lettering(label.lines, middle, label.box.y, size=SMALL, fill=colour, halo=True)
 
 
-def badge(content: str, x: float, y: float) -> str:
-    """A number on a pill, around a point."""
-    width = max(16.0, text_width(content, 10) + 9)
-    pill = tag("rect", x=x - width / 2, y=y - 8, width=width, height=16.0, rx=8, fill=VISITED, stroke=PAPER)
-    return pill + lettering([content], x, y - 6, size=10, fill=PAPER)
+def visited(ink: Ink) -> bool:
+    """Whether these are the colours of something that was visited."""
+    return ink[0] in _VISITED
+
+
+def letters(ink: Ink) -> str:
+    """The colour of lettering on these colours."""
+    return INK if visited(ink) else ink[0]

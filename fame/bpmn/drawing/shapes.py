@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 
 from fame.bpmn.drawing import icons
 from fame.bpmn.drawing.icons import Ink
-from fame.bpmn.drawing.picture import INK, PAPER, SIZE, SMALL, VISITED, Picture
-from fame.bpmn.drawing.svg import LINE_HEIGHT, corners, fitted, lettering, moved, number, tag, wrap
+from fame.bpmn.drawing.inside import set_inside
+from fame.bpmn.drawing.picture import PAPER, SIZE, SMALL, Picture, letters
+from fame.bpmn.drawing.svg import corners, lettering, moved, number, tag, wrap
 from fame.bpmn.model import (
     Activity,
     Bounds,
@@ -81,15 +82,10 @@ def _banner(name: str, shape: Shape, band: float, ink: Ink) -> str:
     return tag("g", _centred(name, turned, ink), transform=f"translate({x} {y}) rotate(-90)")
 
 
-def _centred(name: str, bounds: Bounds, ink: Ink, room: float = 12) -> str:
-    """A name in the middle of a box."""
-    lines = wrap(name, max(bounds.width - room, 10), SIZE)
-    top = bounds.y + (bounds.height - len(lines) * SIZE * LINE_HEIGHT) / 2
-    return lettering(lines, bounds.x + bounds.width / 2, max(top, bounds.y), size=SIZE, fill=letters(ink))
-
-
-def letters(ink: Ink) -> str:
-    return INK if ink[0] == VISITED else ink[0]
+def _centred(name: str, bounds: Bounds, ink: Ink, corner: float = 0) -> str:
+    """A name in the middle of a box, clear of a pictogram in its upper left corner that is so large."""
+    setting = set_inside(name, bounds, SIZE, corner)
+    return lettering(setting.lines, bounds.x + bounds.width / 2, setting.top, size=setting.size, fill=letters(ink))
 
 
 def _activity(picture: Picture, shape: Shape, element: Element) -> str:
@@ -100,13 +96,13 @@ def _activity(picture: Picture, shape: Shape, element: Element) -> str:
     if isinstance(element, SubProcess) and element.kind == "transaction":
         box += _box(_shrunk(bounds, 3), ink, 1.5, 8)
     markers = _markers(shape, element, ink)
+    icon = icons.task(element.kind, ink) if isinstance(element, Task) else ""
     if open_body:
         lines = wrap(element.name, bounds.width - 20, SIZE)
         name = lettering(lines, bounds.x + bounds.width / 2, bounds.y + 6, size=SIZE, fill=letters(ink))
     else:
-        room = Bounds(bounds.x, bounds.y, bounds.width, bounds.height - (10 if markers else 0))
-        name = _centred(element.name, room, ink)
-    icon = icons.task(element.kind, ink) if isinstance(element, Task) else ""
+        room = Bounds(bounds.x, bounds.y, bounds.width, bounds.height - (16 if markers else 0))
+        name = _centred(element.name, room, ink, 25 if icon else 0)
     return box + (moved(bounds.x + 6, bounds.y + 6, icon) if icon else "") + name + markers
 
 
@@ -145,7 +141,7 @@ def _event(picture: Picture, shape: Shape, element: Element) -> str:
     icon = icons.trigger(_trigger(element), ink, throws)
     scale = bounds.width / 36
     inside = moved(x - 18 * scale, y - 18 * scale, icon, scale=scale) if icon else ""
-    return "".join(circles) + inside + _label_beside(shape, element, ink)
+    return "".join(circles) + inside + picture.label(shape.element, letters(ink))
 
 
 def _trigger(event: Event) -> str:
@@ -163,14 +159,14 @@ def _gateway(picture: Picture, shape: Shape, element: Element) -> str:
     diamond = tag("polygon", points=points, fill=ink[1], stroke=ink[0], stroke_width=2, stroke_linejoin="round")
     sign = icons.gateway(element.kind, ink, shape.marker_visible)
     inside = moved(x, y, sign, scale=bounds.width / 50) if sign else ""
-    return diamond + inside + _label_beside(shape, element, ink)
+    return diamond + inside + picture.label(shape.element, letters(ink))
 
 
 def _data(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
     x, y, w, h = bounds.x, bounds.y, bounds.width, bounds.height
     if shape.kind == "dataStoreReference":
-        return _store(bounds, ink) + _label_beside(shape, element, ink)
+        return _store(bounds, ink) + picture.label(shape.element, letters(ink))
     fold = min(10, w / 3)
     page = [(x, y), (x + w - fold, y), (x + w, y + fold), (x + w, y + h), (x, y + h)]
     corner = [(x + w - fold, y), (x + w - fold, y + fold), (x + w, y + fold)]
@@ -182,7 +178,7 @@ def _data(picture: Picture, shape: Shape, element: Element) -> str:
     if shape.kind in ("dataInput", "dataOutput"):
         filled = shape.kind == "dataOutput"
         drawn += moved(x + 1, y + 1, icons.trigger("link", ink, filled), scale=0.5)
-    return drawn + _label_beside(shape, element, ink, _with_state(element))
+    return drawn + picture.label(shape.element, letters(ink))
 
 
 def _with_state(element: Element) -> str:
@@ -219,20 +215,15 @@ def _group(picture: Picture, shape: Shape, element: Element) -> str:
         bounds = shape.bounds
         lines = wrap(element.name, bounds.width, SMALL)
         return box + lettering(lines, bounds.x + bounds.width / 2, bounds.y + 4, size=SMALL, fill=stroke)
-    return box + _label_beside(shape, element, (stroke, PAPER))
+    return box + picture.label(shape.element, stroke)
 
 
-def _label_beside(shape: Shape, element: Element, ink: Ink, name: str = "") -> str:
-    """A name outside of its shape: where the diagram says, else below."""
-    name = name or element.name
-    bounds = shape.bounds
-    if shape.label is not None and shape.label.width > 0:
-        label = shape.label
-        lines = fitted(name, label, SMALL)
-        return lettering(lines, label.x + label.width / 2, label.y, size=SMALL, fill=letters(ink), halo=True)
-    lines = wrap(name, 90, SMALL)
-    x, y = bounds.x + bounds.width / 2, bounds.y + bounds.height + 4
-    return lettering(lines, x, y, size=SMALL, fill=letters(ink), halo=True)
+def name_beside(shape: Shape, element: Element) -> str:
+    """The name of an element that does not stand in its shape, but beside it; else empty."""
+    draws = _SHAPES.get(shape.kind, _activity)
+    if draws is _data:
+        return _with_state(element)
+    return element.name if draws in (_event, _gateway) or (draws is _group and shape.label is not None) else ""
 
 
 _SHAPES: Mapping[str, Callable[[Picture, Shape, Element], str]] = {

@@ -108,8 +108,8 @@ def text_width(content: str, size: float) -> float:
     )
 
 
-def wrap(content: str, width: float, size: float) -> list[str]:
-    """Its lines, none wider than `width` if that can be; words are broken after ``_-/.``, or anywhere if they must."""
+def wrap(content: str, width: float, size: float, *, anywhere: bool = False) -> list[str]:
+    """Its lines, none wider than `width` if that can be; words break after ``_-/.``, or `anywhere` if they must."""
     lines: list[str] = []
     for paragraph in content.splitlines():
         line = ""
@@ -120,17 +120,17 @@ def wrap(content: str, width: float, size: float) -> list[str]:
                 continue
             if line:
                 lines.append(line)
-            *full, line = _broken(word, width, size)
+            *full, line = _broken(word, width, size, anywhere)
             lines += full
         lines.append(line)
     return lines
 
 
-def _broken(word: str, width: float, size: float) -> list[str]:
+def _broken(word: str, width: float, size: float, anywhere: bool) -> list[str]:
     parts, line = [], ""
     pieces = [piece for piece in _SEAMS.split(word) if piece]
     for piece in pieces:
-        for letters in [piece] if text_width(piece, size) <= width else piece:
+        for letters in piece if anywhere and text_width(piece, size) > width else [piece]:
             if line and text_width(line + letters, size) > width:
                 parts.append(line)
                 line = ""
