@@ -66,6 +66,10 @@ class MissionError(FameError):
         where = f"{element} ({place})" if element and place else element or place
         super().__init__(": ".join(part for part in (robot, where, self.text) if part))
 
+    def to_json(self) -> dict[str, str | int]:
+        """All but the robot, fit for JSON."""
+        return {key: getattr(self, key) for key in ("code", "element", "file", "line", "text")}
+
 
 class MessageError(FameError):
     """A type, field or value that does not fit a topic. ``type`` is the message type, ``field`` the path in it."""

@@ -149,10 +149,15 @@ def run(arguments: Namespace) -> int:
             on_interrupt=_say_stopping,
         )
         _draw(arguments, result, line)
+    return _said(arguments, result)
+
+
+def _said(arguments: Namespace, result: Result, *, reports: bool = True) -> int:
+    """Print what a run came to, and give the exit code. `reports`: also what was reported meanwhile."""
     if arguments.json:
         print_json(result.to_json())
     else:
-        _tell(result, quiet=arguments.quiet)
+        _tell(result, quiet=arguments.quiet, reports=reports)
     return result.exit_code
 
 
@@ -183,17 +188,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
             lockstep=arguments.lockstep,
             types=arguments.types,
         ).run()
-    if arguments.json:
-        print_json(result.to_json())
-        return result.exit_code
-    if not quiet:
-        rows = [(name, said.started, said.state) for name, said in sorted(result.reports.items())]
-        print(table(("robot", "instances", "state"), rows), end="\n\n")
-        simulated = f"{result.world['time']:.1f} s simulated in " if result.world is not None else ""
-        print(f"{result.status}: {simulated}{result.seconds:.1f} s", flush=True)
-    for message in result.messages:
-        print(f"fame: {printable(message)}", file=sys.stderr)
-    return result.exit_code
+    return _said(arguments, result, reports=False)
 
 
 def _seen(sight: Sight) -> str:
@@ -258,13 +253,13 @@ def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> No
 # ---- text ------------------------------------------------------------------------------------------------------------
 
 
-def _tell(result: Result, *, quiet: bool) -> None:
+def _tell(result: Result, *, quiet: bool, reports: bool) -> None:
     """The summary on stdout; what scripts and robots reported, and what went wrong, on stderr."""
     if not quiet:
-        for event in result.reports:
+        for event in result.reports if reports else ():
             place = f"{event.robot}: {event.element}" if event.element else event.robot
             print(f"{event.time / 1e9:7.1f} s   {place}: {printable(event.detail)}", file=sys.stderr)
-        rows = [(robot.name, robot.instances, robot.elements, _standing(robot)) for robot in result.robots]
+        rows = [(robot.name, robot.instances, robot.elements, printable(_standing(robot))) for robot in result.robots]
         print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
         print(f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}", flush=True)
     for message in result.messages:

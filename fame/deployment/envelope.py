@@ -75,8 +75,11 @@ class Report:
     sequence   of the newest that it has looked at: older ones are ``stale``, so the next one has to be above
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``activated``, ``refused``, to that request
+    elements   how many elements have been completed
+    ahead      what of the timers of start events is still to come: nothing, ``endless`` (cycles without end), ``due``
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
     offers     the elements of open ad-hoc sub-processes that could be activated
+    errors     of instances that have failed, the last ones: `code`, `element`, `file`, `line`, `text`
     absent     robots of its team that have no engine any more, and for how long (s)
     now        the time of the mission (s), which `since` is on
     born       when the engine began (ns since 1970): of two with one name the older stays
@@ -95,10 +98,13 @@ class Report:
     started: int = 0
     completed: int = 0
     failed: int = 0
+    elements: int = 0
+    ahead: str = ""
     waits: Sequence[Mapping[str, Any]] = ()
     offers: Sequence[str] = ()
     absent: Mapping[str, float] = field(default_factory=dict)
     error: str = ""
+    errors: Sequence[Mapping[str, Any]] = ()
     now: float = 0.0
     born: int = 0
     time: float = 0.0
@@ -137,6 +143,10 @@ _WAIT: dict[str, fields.Check] = {
     "since": fields.number,
     "topics": fields.mapping(_TEXT, fields.integer()),
 }
+_ERROR: dict[str, fields.Check] = {
+    **dict.fromkeys(("code", "element", "file", "text"), _TEXT),
+    "line": fields.integer(),
+}
 _REPORT: dict[str, fields.Check] = {
     "robot": fields.robot,
     "state": fields.among("waiting", "loading", "ready", "running", "idle", "failed"),
@@ -148,6 +158,9 @@ _REPORT: dict[str, fields.Check] = {
     "reason": _TEXT,
     "instances": fields.integer(),
     "started": fields.integer(),
+    "elements": fields.integer(),
+    "ahead": fields.among("", "endless", "due"),
+    "errors": fields.sequence(fields.record(_ERROR)),
     "completed": fields.integer(),
     "failed": fields.integer(),
     "waits": fields.sequence(fields.record(_WAIT)),

@@ -141,10 +141,13 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
         "started": process.started,
         "completed": process.completed,
         "failed": process.failed,
+        "elements": process.elements,
+        "ahead": process.ahead,
         "waits": [
             {"element": wait.element, "for": wait.text, "since": wait.since / SECOND, "topics": dict(wait.topics)}
             for wait in process.waits()
         ],
         "offers": process.offers(),
         "error": str(last) if last is not None else "",
+        "errors": [instance.error.to_json() for instance in process.instances if instance.error is not None],
     }

@@ -88,7 +88,7 @@ class RobotNode:
         self._observer, self._on_report = observer, on_report or (lambda event: None)
         self._hear = by_trails(observer) if observer is not None else None
         self.instances: list[Instance] = []
-        self.started = self.completed = self.failed = 0
+        self.started = self.completed = self.failed = self._elements = 0
         self._keep, self._on_end, self._units = keep, on_end, units
         self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
         self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
@@ -179,6 +179,11 @@ class RobotNode:
         if not starts:
             return ""
         return "endless" if all(map(self._timers.is_endless, starts)) else "due"
+
+    @property
+    def elements(self) -> int:
+        """How many elements have been completed."""
+        return self._elements + sum(sum(instance.counts[1:]) for instance in self.engine.instances.values())
 
     def starts_due(self) -> dict[int, int]:
         """The timers of start events that are still to fire, by key, and when they are due next (ns)."""
@@ -321,6 +326,7 @@ class RobotNode:
             )
             located.__cause__ = error.__cause__
             instance.error = located
+        self._elements += sum(instance.counts[1:])
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
         self._on_end(instance)

@@ -16,14 +16,14 @@ from fame.lazy import from_homes
 from fame.remote.process import BACKENDS, connect, scheduler_for, serve
 
 if TYPE_CHECKING:
-    from fame.remote.result import Sight, TeamResult
+    from fame.remote.result import Sight
     from fame.remote.sending import Sending
     from fame.remote.team import Team
     from fame.remote.world import WorldPart
 
-__all__ = ["BACKENDS", "Sending", "Sight", "Team", "TeamResult", "WorldPart", "connect", "scheduler_for", "serve"]
+__all__ = ["BACKENDS", "Sending", "Sight", "Team", "WorldPart", "connect", "scheduler_for", "serve"]
 
-_HOMES = {"Sending": "sending", "Sight": "result", "Team": "team", "TeamResult": "result", "WorldPart": "world"}
+_HOMES = {"Sending": "sending", "Sight": "result", "Team": "team", "WorldPart": "world"}
 
 __getattr__ = from_homes(__name__, _HOMES)
 """What only some processes do is imported when it is first asked for."""

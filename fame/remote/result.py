@@ -1,38 +1,20 @@
-"""What a run in many processes says of itself: how it stands while it lasts, and how it went."""
+"""What a run in many processes says of itself: how it stands while it lasts, and what it comes to."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from fame.clock import SECOND
 from fame.deployment import Report
+from fame.errors import MissionError
+from fame.node import Event, Wait
+from fame.scenario.result import RobotResult
 
-
-@dataclass(slots=True)
-class TeamResult:
-    """How a run in many processes went. `reports` are the last words of the robots, `world` those of the world."""
-
-    status: str
-    reports: dict[str, Report] = field(default_factory=dict)
-    world: Mapping[str, Any] | None = None
-    seconds: float = 0.0
-    messages: list[str] = field(default_factory=list)
-
-    @property
-    def exit_code(self) -> int:
-        """That of the command."""
-        return {"completed": 0, "interrupted": 130}.get(self.status, 1)
-
-    def to_json(self) -> dict[str, Any]:
-        """Fit for JSON."""
-        return {
-            "status": self.status,
-            "seconds": round(self.seconds, 3),
-            "robots": {name: asdict(report) for name, report in self.reports.items()},
-            "world": self.world,
-            "messages": self.messages,
-        }
+_SAID = re.compile(r"\s*(\d+\.\d) s   \w+: (.*)")
+"""A line in which an engine tells something that it reports (`fame.cli.engine`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,3 +24,42 @@ class Sight:
     time: float
     reports: Mapping[str, Report]
     pids: Mapping[str, int]
+
+
+def robot_result(robot: str, report: Report | None, in_own_files: Callable[[str], str]) -> RobotResult:
+    """How it went for one robot, from the last that it said. `in_own_files` gives places of the model as deployed."""
+    if report is None:
+        return RobotResult(robot, 0, 0, 0, 0, (), ())
+    return RobotResult(
+        name=robot,
+        instances=report.started,
+        completed=report.completed,
+        failed=report.failed,
+        elements=report.elements,
+        errors=tuple(_error(robot, error, in_own_files) for error in report.errors),
+        waits=tuple(_wait(robot, wait) for wait in report.waits),
+        ahead=report.ahead,  # type: ignore[arg-type]
+    )
+
+
+def _error(robot: str, said: Mapping[str, Any], in_own_files: Callable[[str], str]) -> MissionError:
+    file, _, line = in_own_files(f"{said.get('file', '')}:{said.get('line', 0)}").rpartition(":")
+    return MissionError(
+        in_own_files(said.get("text", "")),
+        robot=robot,
+        element=said.get("element", ""),
+        file=file,
+        line=int(line),
+        code=said.get("code", ""),
+    )
+
+
+def _wait(robot: str, said: Mapping[str, Any]) -> Wait:
+    since = round(said.get("since", 0.0) * SECOND)
+    return Wait(robot, said.get("element", ""), said.get("for", ""), since, said.get("topics", {}))
+
+
+def event_of(robot: str, line: str) -> Event | None:
+    """What a line of a process reports, if it does."""
+    found = _SAID.match(line)
+    return Event(round(float(found[1]) * SECOND), robot, 0, 0, "", "report", found[2]) if found is not None else None

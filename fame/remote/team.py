@@ -21,11 +21,14 @@ from fame.deployment import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.interface import LATCHED
 from fame.remote.children import Children, command_lines
 from fame.remote.process import connect, scheduler_for
-from fame.remote.result import Sight, TeamResult
+from fame.remote.result import Sight, event_of, robot_result
 from fame.remote.world import EMPTY, RESUME, WORLD_STATE
+from fame.scenario.ending import is_over, never_started, status_of
+from fame.scenario.result import Result, RobotResult, Status
 from fame.signing import new_run_key
 
 if TYPE_CHECKING:
+    from fame.node import Event
     from fame.scenario import Scenario
 
 _LOOK = SECOND // 5  # ns between two looks at the processes
@@ -61,16 +64,20 @@ class Team:
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
-        self.result = TeamResult("timeout")
         self._children = Children(
-            lambda name, line: self.scheduler.soon(lambda: hear(name, self._in_own_files(name, line)))
+            lambda name, line: self.scheduler.soon(lambda: self._said(name, self._in_own_files(name, line)))
         )
+        self._hear = hear
+        self._status: Status | None = None  # what it comes to, whatever robots say
+        self._problems: list[str] = []
+        self._events: list[Event] = []
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
         self._last_look = False
+        self._over = False
         self._until = math.inf  # s, when the duration is over
 
-    def run(self) -> TeamResult:
+    def run(self) -> Result:
         """Start all, deploy, wait until nothing runs any more or the duration is over, end all."""
         begun = time.monotonic()
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -85,20 +92,56 @@ class Team:
         finally:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave some of them behind
-            self.result.messages += self._children.end()
+            self._problems += self._children.end()
             self.middleware.close()
             signal.signal(signal.SIGINT, signal.default_int_handler)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        self.result.reports, self.result.world = self.reports, self.world
-        self.result.seconds = time.monotonic() - begun
-        return self.result
+        return self._result(time.monotonic() - begun)
+
+    def _result(self, wall: float) -> Result:
+        robots = self._robots()
+        unstarted = () if self._problems else never_started(self.scenario.cast, robots)
+        status = self._status or status_of(robots, unstarted)
+        return Result(
+            status=status,
+            seed=self.scenario.seed,
+            robots=robots,
+            simulated=self._time if self.world is not None else max(0.0, self._time - self._began),
+            wall=wall,
+            reports=tuple(self._events),
+            ending="not over" if status == "timeout" else "",
+            world=self.world,
+            epoch=self.scenario.epoch,
+            never_started=unstarted,
+            problems=tuple(self._problems),
+        )
+
+    @property
+    def _began(self) -> float:
+        """When the robots were told to start (s of the mission)."""
+        return self._until - self.scenario.duration
+
+    def _robots(self) -> tuple[RobotResult, ...]:
+        """How it goes for each robot, from what they said last."""
+        return tuple(
+            robot_result(robot, self.reports.get(robot), partial(self._in_own_files, robot))
+            for robot in self.scenario.cast
+        )
+
+    def _said(self, name: str, line: str) -> None:
+        """A process has said a line."""
+        event = event_of(name, line)
+        if event is not None:
+            self._events.append(event)
+        self._hear(name, line)
 
     def _interrupt(self, *_: object) -> None:
-        self.result.status = "interrupted"
+        self._status = "interrupted"
         self.scheduler.stop()
 
-    def _fail(self, *messages: str) -> None:
-        self.result.status, self.result.messages = "failed", list(messages)
+    def _fail(self, *problems: str) -> None:
+        self._status = "failed"
+        self._problems += problems
         self.scheduler.stop()
 
     def _start(self, trust: Path) -> None:
@@ -117,8 +160,8 @@ class Team:
             self._fail(*ended)
             return
         self._watch(Sight(self._time, self.reports, self._pids))
-        if self._time >= self._until and self.result.status == "timeout":
-            self._time_is_up()
+        if self._time >= self._until and not self._over:
+            self.scheduler.stop()
         else:
             self.scheduler.after(_LOOK, self._look, Kind.TIMER)
 
@@ -150,7 +193,7 @@ class Team:
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
-            self._over()
+            self._look_whether_over()
 
     def _in_own_files(self, name: str, text: str) -> str:
         """What a process says, with the places of the model that was deployed."""
@@ -181,19 +224,17 @@ class Team:
         if self._lockstep and self.scenario.world is not None:
             self._world_time.call(None, lambda response: None)
 
-    def _over(self) -> None:
-        """Something has run, and nothing runs any more."""
-        reports = self.reports.values()
-        if any(report.started for report in reports) and not any(report.instances for report in reports):
-            self.result.status = "failed" if any(report.failed for report in reports) else "completed"
-            self.result.messages = [report.error for report in reports if report.error]
-            # What one robot said last may be on its way to another: look again when it must have arrived.
-            self.scheduler.after(SECOND // 2, self._really_over, Kind.TIMER)
+    def _look_whether_over(self) -> None:
+        """What one robot said last may be on its way to another: look again when it must have arrived."""
+        if not self._over and is_over(self._robots()):
+            self._over = True
+            self.scheduler.after(SECOND // 2, self._look_again, Kind.TIMER)
 
-    def _really_over(self) -> None:
-        if any(report.instances for report in self.reports.values()):
-            self.result.status = "timeout"
-        elif self.scenario.world is None:
+    def _look_again(self) -> None:
+        self._over = is_over(self._robots())
+        if not self._over:
+            return
+        if self.scenario.world is None:
             self.scheduler.stop()
         else:  # with the next word of the world, which is about what has come to rest
             self._last_look = True
@@ -204,12 +245,3 @@ class Team:
         if missing or not self._world_is_there():
             names = ", ".join([*missing, *([] if self._world_is_there() else ["the world"])])
             self._fail(f"{names} did not appear within {_APPEARING:g} s")
-
-    def _time_is_up(self) -> None:
-        waits = [
-            f"{name} waits at {wait['element']} for {wait['for']}"
-            for name, report in sorted(self.reports.items())
-            for wait in (report.waits if report.instances else ())
-        ]
-        self.result.messages = [f"not over after {self.scenario.duration:g} s", *waits]
-        self.scheduler.stop()

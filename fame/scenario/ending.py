@@ -22,6 +22,11 @@ def never_started(cast: Mapping[str, Pool], robots: Sequence[RobotResult]) -> tu
     return tuple(name for name in required if name not in started)
 
 
+def is_over(robots: Sequence[RobotResult]) -> bool:
+    """Whether something has run, nothing runs any more, and nothing will start by itself."""
+    return at_rest(robots) and not any(robot.ahead for robot in robots)
+
+
 def at_rest(robots: Sequence[RobotResult]) -> bool:
     """Whether something has run, nothing runs any more, and only cycles without end are to come."""
     return any(robot.instances for robot in robots) and not any(

@@ -79,7 +79,8 @@ class Result:
     """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
 
     `ending` says why it was not over when it ended: its time was up, or nothing could move any more; else it is empty.
-    `never_started` are the pools without which it is not completed; `epoch` is the date of second 0.
+    `never_started` are the pools without which it is not completed, `problems` what went wrong with the processes of
+    robots, or before the mission began. `epoch` is the date of second 0.
     """
 
     status: Status
@@ -92,6 +93,7 @@ class Result:
     world: Mapping[str, Any] | None
     epoch: datetime = EPOCH
     never_started: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
     record: Record | None = field(default=None, repr=False)
     labels: tuple[tuple[float, str, str], ...] = field(default=(), repr=False)
 
@@ -103,7 +105,7 @@ class Result:
     @property
     def messages(self) -> list[str]:
         """What went wrong, a line each, for people; also the weeds that are left, if the mission is completed."""
-        lines = [str(error) for robot in self.robots for error in robot.errors]
+        lines = [*self.problems, *(str(error) for robot in self.robots for error in robot.errors)]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
             alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
             lines.append(f"{self.ending} after {self.simulated:g} simulated seconds{alone}")
@@ -133,7 +135,7 @@ class Result:
                     "completed": robot.completed,
                     "failed": robot.failed,
                     "elements": robot.elements,
-                    "errors": [_error(error) for error in robot.errors],
+                    "errors": [error.to_json() for error in robot.errors],
                     "waits": [{"element": wait.element, "for": wait.text} for wait in robot.waits],
                 }
                 for robot in self.robots
@@ -146,8 +148,3 @@ class Result:
             ],
             "messages": self.messages,
         }
-
-
-def _error(error: MissionError) -> dict[str, Any]:
-    keys = ("code", "element", "file", "line", "text")
-    return {key: getattr(error, key) for key in keys}
