@@ -77,11 +77,8 @@ def sign(said: Mapping[str, Any], key: Ed25519PrivateKey) -> str:
     return base64.b64encode(key.sign(_signed_part(said))).decode()
 
 
-def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
-    """Raises DeploymentError unless a trusted key signed it, not long ago, for the engine that was `born` then (ns).
-
-    `now` in s since 1970.
-    """
+def verify_signature(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> None:
+    """Raises DeploymentError unless a trusted key signed it, whenever that was."""
     from cryptography.exceptions import InvalidSignature
 
     signature = said.get("signature", "")
@@ -94,11 +91,18 @@ def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: fl
     for key in trusted:
         try:
             key.verify(blob, _signed_part(said))
-            break
+            return
         except InvalidSignature:
             continue
-    else:
-        raise DeploymentError("not signed by a key that this robot trusts")
+    raise DeploymentError("not signed by a key that this robot trusts")
+
+
+def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
+    """Raises DeploymentError unless a trusted key signed it, not long ago, for the engine that was `born` then (ns).
+
+    `now` in s since 1970.
+    """
+    verify_signature(said, trusted)
     age = now - float(said.get("issued", 0.0))
     if not abs(age) <= FRESH:
         raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")

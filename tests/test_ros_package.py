@@ -24,6 +24,7 @@ ARGUMENTS = {
     "deploy": ["m.bpmn"],
     "complete": ["REX", "Task"],
     "activate": ["REX", "Task"],
+    "abort": ["REX"],
     "world": ["w.yaml"],
     "process": ["low_pass.yaml"],
     "record": ["low_pass.yaml", "-o", "a.csv"],

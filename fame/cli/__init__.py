@@ -25,7 +25,8 @@ from fame.text import printable
 
 COMMANDS = (
     "run", "split", "check", "convert", "draw", "library", "templates", "engine", "deploy", "splitter", "status",
-    "complete", "activate", "world", "pause", "resume", "keys", "process", "record", "train", "param", "topic", "adm",
+    "complete", "activate", "abort", "world", "pause", "resume", "keys", "process", "record", "train", "param", "topic",
+    "adm",
 )  # fmt: skip
 """Each is a module here, imported when it is asked for: to start an engine does not take all that the others need."""
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended

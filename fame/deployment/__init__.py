@@ -16,13 +16,15 @@ old process runs on. *Start*, when all are ready: the old process is cancelled s
     reporting  what a robot says of itself
     loading    from a model that was sent to a process that is ready
     warming    what an engine loads while it waits for its first process
-    abandoned  a robot that is ready, and whose sender fell silent
+    termination  what a robot that is ready does when its sender falls silent
+    inquiry    asking the other robots for that
     sender     the sender's end
     origins    where in the sender's files is what robots tell of theirs
     casting    who gets which part, and who promises whom which topics
     keeping    robots that come late, or come back
     splitting  the splitter as a node
     role       which of several splitters has the role
+    aborting   a person aborts what a robot holds
     tasks      what people do on a running robot: complete tasks, activate elements of ad-hoc sub-processes
 """
 

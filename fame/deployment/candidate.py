@@ -6,9 +6,9 @@
        │                                        │
        └──abort, a newer one, nobody came       └──abort, or nobody was told to start ──> dropped
 
-Who has said ``ready`` has given its word: it neither drops the process nor takes a newer one before the sender has
-decided, since others may have been told to start already. If the sender falls silent, they are asked (`abandoned`).
-A bare model comes from nobody who could say more: it is never ready, and starts when it is loaded.
+A robot that is ``ready`` neither drops the process nor takes a newer one before it is decided, since others may have
+been told to start already. If the sender falls silent they decide together: `termination` says how, and its actions are
+carried out here. A bare model comes from nobody who could say more: it is never ready, and starts when it is loaded.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deployment.abandoned import Inquiry
 from fame.deployment.envelope import SILENCE, Envelope
+from fame.deployment.inquiry import Inquiry
 from fame.deployment.loading import missing
+from fame.deployment.termination import Abort, Action, Ask, Event, Ready, Report, Silence, Start, Wait, step
 from fame.middleware.interface import Middleware, Node
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 MATCHING = 5.0
 """How long a robot waits for the other ends of its topics (s)."""
+ASKING = 1.0
+"""How often the others are asked (s)."""
 _POLL = 0.02
 _LEAVING = 2.5  # s that scripts may take to leave, should their own clock stand
 
@@ -50,6 +53,10 @@ class Robot(Protocol):
 
     def drop(self, answer: str, reason: str) -> None: ...
 
+    def hold(self, candidate: Candidate, again: bool) -> None: ...
+
+    def report(self, candidate: Candidate) -> None: ...
+
 
 class Candidate:
     """See the module. `process` is loaded; `node` is who asks the other robots."""
@@ -68,11 +75,23 @@ class Candidate:
         self._robot, self._node, self._scheduler, self._middleware = robot, node, scheduler, middleware
         self._next: Entry | None = None
         self._inquiry: Inquiry | None = None
+        self.commit: Ready | None = None  # once it is ready
 
     @property
     def deployment(self) -> str:
         """What it came with."""
         return self.envelope.deployment
+
+    @property
+    def holds(self) -> bool:
+        """Whether its sender fell silent, and the others are asked."""
+        return self.commit is not None and self.commit.asking
+
+    @property
+    def why(self) -> str:
+        """Why it holds."""
+        unheard = sorted(self.commit.unheard) if self.commit is not None else ()
+        return f"the sender fell silent, and what became of it at {', '.join(unheard)} is not known"
 
     def begin(self) -> None:
         """Wait for the ends that others promised; without a promise it is ready at once."""
@@ -87,27 +106,43 @@ class Candidate:
         elif self.envelope.phase == "run":
             self._robot.start(self)
         else:
-            self.stage = Stage.READY
-            self.hold()
+            others = frozenset(self.envelope.team) - {self.process.namespace}
+            self.stage, self.commit = Stage.READY, Ready(others)
+            self._do(Wait())
             self._robot.ready(self)
 
-    def hold(self) -> None:
-        """Its sender spoke a moment ago: if it is ready, it waits on."""
-        if self.stage is Stage.READY:
-            self._rest()
-            self._after(SILENCE, self._inquire)
+    def happen(self, event: Event) -> None:
+        """Something was said, or nothing for too long, while it is ready."""
+        if self.stage is Stage.READY and self.commit is not None:
+            self.commit, action = step(self.commit, event)
+            self._do(action)
 
-    def _inquire(self) -> None:
-        """The sender fell silent: do what the others did."""
-        others = [robot for robot in self.envelope.team if robot != self.process.namespace]
-        self._inquiry = Inquiry(self.deployment, others, self._node, self._scheduler, self._decided)
+    def _do(self, action: Action | None) -> None:
+        match action:
+            case Wait():
+                self._wait(SILENCE)
+            case Ask():
+                self._ask()
+            case Report():
+                self._robot.report(self)
+            case Start():
+                self._robot.start(self)
+            case Abort(reason):
+                self._robot.drop("aborted", reason)
 
-    def _decided(self, started: bool) -> None:
-        if started:
-            self._robot.start(self)
-        else:
-            text = f"the sender said nothing for {SILENCE:g} s, and nobody was told to start"
-            self._robot.drop("aborted", text)
+    def _ask(self) -> None:
+        again = self._inquiry is not None
+        if self._inquiry is None and self.commit is not None:
+            self._inquiry = Inquiry(self.envelope, sorted(self.commit.others), self._node, self.happen)
+        if self._inquiry is not None:
+            self._inquiry.ask()
+        self._wait(ASKING)
+        self._robot.hold(self, again)
+
+    def _wait(self, seconds: float) -> None:
+        if self._next is not None:
+            self._next.cancel()
+        self._after(seconds, lambda: self.happen(Silence()))
 
     def replace(self, old: RobotNode | None, begin: Callable[[], object]) -> None:
         """Cancel the old process; `begin` is called when its scripts are out."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
 from fame.deployment import fields
@@ -19,7 +19,7 @@ STATUS_QOS = QoS(durability="transient_local", depth=100)
 """How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
 SILENCE = 5.0
 """After how long without a word from its sender a robot that is ready asks the others (s)."""
-PHASES = ("load", "hold", "start", "abort")
+PHASES = ("load", "hold", "start", "abort", "ask")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
 PLAIN = "plain-"
 """How the deployment of a bare model begins: nobody waits for an answer."""
@@ -34,7 +34,10 @@ that one from far ahead must not take the numbers of all that follow. Clocks may
 class Envelope:
     """What a robot is told.
 
-    phase     ``load`` (with the model), ``hold`` (go on waiting), ``start``, ``abort``; ``run`` of a bare model
+    phase     ``load`` (with the model), ``hold`` (go on waiting), ``start``, ``abort``; ``run`` of a bare model;
+              ``ask``: another robot wants to know what became of the deployment
+    begun     with ``start``: one of the team has started
+    proof     with ``ask``, where keys are used: the signed envelope that the other robot got, without the model
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     team      the robots that start together with it
     again     whether the robot had this process before, and lost it
@@ -51,6 +54,8 @@ class Envelope:
     promises: Mapping[str, str] = field(default_factory=dict)
     team: Sequence[str] = ()
     again: bool = False
+    begun: bool = False
+    proof: Mapping[str, Any] = field(default_factory=dict)
     born: int = 0
     issued: float = 0.0
     signature: str = ""
@@ -69,11 +74,14 @@ class Envelope:
 class Report:
     """How a robot stands, and what it answers to which deployment.
 
-    state   ``waiting`` (for its first process), ``loading``, ``ready``, ``running``, ``idle`` (no instance), ``failed``
+    state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
+            silent), ``running``, ``idle`` (no instance), ``failed``
     instances, started, completed, failed      how many run now, have started, completed and failed with this process
     deployed   the deployment that its process came with, `hash` the model
+    candidate  the deployment that is to take its place, while it is loading, ready or holding
     sequence   of the newest that it has looked at: older ones are ``stale``, so the next one has to be above
-    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, to `deployment`; or empty.
+    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
+               ``asking`` (the others what became of it), to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deployment.tasks`): ``completed``, ``activated``, ``refused``, to that request
     elements   how many elements have been completed
     ahead      what of the timers of start events is still to come: nothing, ``endless`` (cycles without end), ``due``
@@ -90,6 +98,7 @@ class Report:
     state: str
     hash: str = ""
     deployed: str = ""
+    candidate: str = ""
     sequence: int = -1
     deployment: str = ""
     answer: str = ""
@@ -133,10 +142,12 @@ _ENVELOPE: dict[str, fields.Check] = {
     "promises": fields.mapping(fields.topic, fields.among("publisher", "subscriber")),
     "team": fields.sequence(fields.robot),
     "again": fields.flag,
+    "begun": fields.flag,
     "born": fields.integer(0, 2**63),
     "issued": fields.number,
     "signature": _NAME,
 }
+_ENVELOPE["proof"] = fields.record({**_ENVELOPE, "proof": fields.record({})})
 _WAIT: dict[str, fields.Check] = {
     "element": _TEXT,
     "for": _TEXT,
@@ -149,9 +160,10 @@ _ERROR: dict[str, fields.Check] = {
 }
 _REPORT: dict[str, fields.Check] = {
     "robot": fields.robot,
-    "state": fields.among("waiting", "loading", "ready", "running", "idle", "failed"),
+    "state": fields.among("waiting", "loading", "ready", "holding", "running", "idle", "failed"),
     "hash": fields.text(64),
     "deployed": _NAME,
+    "candidate": _NAME,
     "sequence": fields.integer(-1),
     "deployment": _NAME,
     "answer": _NAME,
@@ -204,6 +216,16 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
     if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
         raise DeploymentError("the model does not have the hash that the envelope says")
     return envelope
+
+
+def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
+    """It as a key signs it `now` (s since 1970) for the engine that was `born` then; as it is without a key."""
+    from fame.signing import sign
+
+    if key is None:
+        return envelope
+    envelope = replace(envelope, issued=now, born=born)
+    return replace(envelope, signature=sign(asdict(envelope), key))
 
 
 def is_ahead(sequence: int, now: float) -> bool:

@@ -76,9 +76,9 @@ class Status:
             del self._answers[next(iter(self._answers))]
         self.say(answer, deployment, reason)
 
-    def answered(self, deployment: str) -> bool:
-        """Whether there is a word on it."""
-        return deployment in self._answers
+    def answered(self, deployment: str) -> str:
+        """The last word on it, or nothing."""
+        return self._answers.get(deployment, ("", ""))[0]
 
     def again(self, deployment: str, otherwise: tuple[str, str] = ("", "")) -> None:
         """Say what was answered, or else something."""

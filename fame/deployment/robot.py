@@ -20,15 +20,17 @@ from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, engin
 from fame.deployment.loading import load
 from fame.deployment.reporting import Absences, Status, progress, state_of
 from fame.deployment.tasks import Tasks
+from fame.deployment.termination import Told, reply
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware
-from fame.signing import verify
+from fame.signing import verify, verify_signature
 
 if TYPE_CHECKING:
     from fame.library import Library
     from fame.node import Event, RobotNode, Service
 
 _NONE = ("refused", "no such deployment is loaded here")
+_SILENT = "the sender fell silent"
 _NEWER = "a newer one waits; its sender decides, since others may have been told to start"
 
 
@@ -97,10 +99,13 @@ class EngineNode:
         """See `Report`."""
         if self.candidate is None:
             return "loading" if self._loading else state_of(self.running)
-        return "ready" if self.candidate.stage is Stage.READY else "loading"
+        if self.candidate.stage is not Stage.READY:
+            return "loading"
+        return "holding" if self.candidate.holds else "ready"
 
     def _standing(self) -> dict[str, Any]:
         said = {"state": self.state, "hash": self.hash, "deployed": self.deployed, "sequence": self._newest[0]}
+        said["candidate"] = self.candidate.deployment if self.candidate is not None else ""
         absent = self._absences.seen(self._team, self.scheduler.now, lambda: engines(self.middleware))
         return {**said, "absent": absent, "now": self._time.now / SECOND, **progress(self.running)}
 
@@ -122,12 +127,14 @@ class EngineNode:
             envelope = read_envelope(message.data, self.robot, self._wall_time())
             said = envelope.deployment
             if self._trusted:
-                verify(asdict(envelope), self._trusted, self._wall_time(), self.born)
+                self._verify(envelope)
         except DeploymentError as error:
             self.status.say("refused", said, str(error))
             return
         if envelope.phase in ("load", "run"):
             self._take(envelope)
+        elif envelope.phase == "ask":
+            self._asked(envelope)
         elif self._next is not None and self._next.deployment == said:
             if envelope.phase == "abort":
                 self._next = None
@@ -135,7 +142,42 @@ class EngineNode:
         elif self.candidate is None or self.candidate.deployment != said:
             self.status.again(said, otherwise=_NONE)
         else:
-            self._decide(self.candidate, envelope.phase)
+            self._decide(self.candidate, Told(envelope.phase, envelope.begun))
+
+    def _verify(self, envelope: Envelope) -> None:
+        """Raises DeploymentError unless a trusted key says it; another robot asks with what its own sender signed."""
+        if envelope.phase != "ask":
+            verify(asdict(envelope), self._trusted, self._wall_time(), self.born)
+            return
+        verify_signature(envelope.proof, self._trusted)
+        if (envelope.proof.get("deployment"), envelope.proof.get("sequence")) != (
+            envelope.deployment,
+            envelope.sequence,
+        ):
+            raise DeploymentError("asks about another deployment than was signed")
+
+    def _asked(self, envelope: Envelope) -> None:
+        """Another robot wants to know what became of a deployment, since its sender fell silent."""
+        said, candidate = envelope.deployment, self.candidate
+        started = said == self.deployed or self.status.answered(said) == "started"
+        ours = candidate if candidate is not None and candidate.deployment == said else None
+        if ours is not None and ours.stage is Stage.LEAVING:
+            return  # it is about to start, and says so then
+        answer = reply(ours.commit if ours is not None else None, started=started)
+        reason = ""
+        if answer == "aborted":
+            reason = f"{_SILENT}; it was not ready here"
+            self._never(envelope, reason)
+        self.status.say(answer, said, reason)
+
+    def _never(self, envelope: Envelope, reason: str) -> None:
+        """Neither take a deployment that is not ready here, nor let it become so."""
+        self._newest = max(self._newest, envelope.order)
+        if self._next is not None and self._next.deployment == envelope.deployment:
+            self._next = None
+            self.status.answer("aborted", envelope.deployment, reason)
+        elif self.candidate is not None and self.candidate.deployment == envelope.deployment:
+            self.drop("aborted", reason)
 
     def _take(self, envelope: Envelope) -> None:
         """A model: it waits its turn, as the newest."""
@@ -153,18 +195,14 @@ class EngineNode:
                 self.scheduler.soon(self._load_next, Kind.RESUMPTION)
             self._next = envelope
 
-    def _decide(self, candidate: Candidate, phase: str) -> None:
+    def _decide(self, candidate: Candidate, told: Told) -> None:
         """The word of its sender on what is loaded."""
-        if candidate.stage is Stage.LEAVING:
-            return
-        if phase == "hold":
-            candidate.hold()
+        if candidate.stage is Stage.READY:
+            candidate.happen(told)
             self._ask_for_room()
-        elif phase == "abort":
+        elif candidate.stage is Stage.LOADING and told.phase == "abort":
             self.drop("aborted")
-        elif candidate.stage is Stage.READY:
-            self.start(candidate)
-        else:
+        elif candidate.stage is Stage.LOADING and told.phase == "start":
             reason = "it is not ready: the ends of others are not there yet"
             self.status.say("refused", candidate.deployment, reason)
 
@@ -209,6 +247,22 @@ class EngineNode:
         """It gives its word."""
         self.status.answer("ready", candidate.deployment)
 
+    def hold(self, candidate: Candidate, again: bool) -> None:
+        """The sender fell silent, and the others are asked: hold in the safe state, and let no newer one wait."""
+        self.report(candidate)
+        if not again:
+            if self.running is not None:
+                self.running.hold()
+            self._note(f"holds deployment {candidate.deployment}: {candidate.why}")
+        elif self._next is not None:
+            waiting, self._next = self._next, None
+            reason = f"holds deployment {candidate.deployment}: {candidate.why}; fame abort {self.robot} ends that"
+            self.status.answer("refused", waiting.deployment, reason)
+
+    def report(self, candidate: Candidate) -> None:
+        """Say that it holds, and why."""
+        self.status.say("asking", candidate.deployment, candidate.why)
+
     def start(self, candidate: Candidate) -> None:
         """The candidate takes the place of what runs, whose scripts may leave before."""
         candidate.replace(self.running, self._run_candidate)
@@ -231,6 +285,8 @@ class EngineNode:
         candidate, self.candidate = self.candidate, None
         if candidate is not None:
             candidate.close()
+            if self.running is not None:
+                self.running.release()
             self.status.answer(answer, candidate.deployment, reason)
             self._load_next_soon()
 
@@ -256,7 +312,8 @@ class EngineNode:
             waiting, self._next = self._next, None
             if waiting is not None:
                 self.status.answer("aborted", waiting.deployment, "the engine ends")
-            self.drop("aborted", "the engine ends")
+            ready = self.candidate is not None and self.candidate.stage is Stage.READY
+            self.drop("left" if ready else "aborted", "the engine ends")  # who is ready has promised not to abort
             if self.running is not None:
                 self.running.stop()
         return self.running is not None and self.running.leaving

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -21,11 +21,11 @@ from fame.deployment.envelope import (
     engines,
     is_ahead,
     model_hash,
+    signed,
 )
 from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import Middleware
-from fame.signing import sign
 from fame.splitter import Pool, split
 
 PATIENCE = 10.0
@@ -37,7 +37,7 @@ HEARING = 0.5
 """How long it waits at most to have heard every robot before that (s): what they have seen, and which engine it is."""
 AGAIN = 1.0
 """After how long a deployment asks again a robot that did not answer (s); asking twice has no effect but the answer."""
-REFUSALS = ("refused", "stale", "superseded", "aborted")
+REFUSALS = ("refused", "stale", "superseded", "aborted", "left")
 """Answers that end a deployment for all."""
 
 
@@ -148,10 +148,11 @@ class Deployment:
         if self._phase == "load" and self._stood_still():
             return
         self._spoke = self.scheduler.now
+        begun = any(standing.state == "started" for standing in self.standings.values())
         for robot, standing in self.standings.items():
             if self._phase == "start":
                 if standing.state == "ready":
-                    self._send(robot, self._envelope(robot, "start"))
+                    self._send(robot, replace(self._envelope(robot, "start"), begun=begun))
             elif standing.state == "silent":
                 self._send(robot, standing.envelope)
             else:
@@ -174,8 +175,7 @@ class Deployment:
         if self._key is not None:
             if robot not in self._known:
                 return  # it would refuse what was not signed for this engine of it
-            envelope = replace(envelope, issued=self._wall_time(), born=self._known[robot].born)
-            envelope = replace(envelope, signature=sign(asdict(envelope), self._key))
+            envelope = signed(envelope, self._key, born=self._known[robot].born, now=self._wall_time())
         self._out[robot].publish(messages.create(STRING, envelope.to_json()))
 
     def _heard(self, robot: str, message: Any) -> None:
@@ -185,7 +185,7 @@ class Deployment:
         self._known[robot] = report
         if report.deployment == self.id and not self.done:
             standing = self.standings[robot]
-            if self._phase == "load" and report.answer in ("ready", *REFUSALS):
+            if self._phase == "load" and report.answer in ("ready", "asking", *REFUSALS):
                 self._answered(standing, report)
                 self._vote()
             elif self._phase == "start" and report.answer in ("started", *(set(REFUSALS) - {"superseded"})):
@@ -211,7 +211,7 @@ class Deployment:
     def _vote(self) -> None:
         """One refusal ends it for all; when all are ready, all are told to start, and that is not taken back."""
         states = {each.state for each in self.standings.values()}
-        if states & set(REFUSALS):
+        if states & {"asking", *REFUSALS}:
             self._finish(failed=True)
         elif states == {"ready"} and not self._stood_still():
             self._phase = "start"
@@ -241,7 +241,7 @@ class Deployment:
 
     def _explain(self) -> None:
         """Those who have nothing against it are told apart from those on whom it failed."""
-        against = [each for each in self.standings.values() if each.state in REFUSALS or each.reason]
+        against = [each for each in self.standings.values() if each.state in ("asking", *REFUSALS) or each.reason]
         names = ", ".join(each.robot for each in against)
         for each in self.standings.values():
             if each not in against:

@@ -20,7 +20,7 @@ from itertools import repeat
 from operator import attrgetter
 from typing import Any
 
-from fame.engine import activities, adhoc, gateways, scopes, starts, steps, waiting
+from fame.engine import activities, adhoc, gateways, scopes, starts, steps, suspension, waiting
 from fame.engine.host import Host
 from fame.engine.state import Departure, Instance, Listener, Mark, Node, Program, Rest, Scope, Status, Trail
 from fame.errors import MissionError
@@ -59,6 +59,7 @@ class Engine:
         self.waiting_starts: dict[Node, deque[tuple[int, Any]]] = {}  # triggers that a full process keeps
         self.gathered: dict[Node, list[starts.Gathered]] = {}  # triggers of parallel multiple start events
         self.armed_starts: dict[int, Node] = {}  # start events with a timer
+        self.held: tuple[list[Scope], list[Rest]] | None = None  # all that runs, if the host holds it
         self.counter = 0
         self.at_once = False  # whether the host is to observe each mark by itself
         self.trail: Trail = []  # what happened and is not observed yet
@@ -132,7 +133,7 @@ class Engine:
             departure.pending -= 1
             if departure.pending == 0:
                 self.ready.append((departure.node, departure.scope))
-        elif key in self.rests:
+        elif key in self.rests and not self.rests[key].paused:  # of one that is held, what was left is out
             activities.over(self, self.rests[key], error)
         self.run()
 
@@ -167,11 +168,23 @@ class Engine:
                 activities.restart(self, rest)
         self.run()
 
+    def hold(self) -> None:
+        """Suspend all instances and bring the robot to its safe state; nothing begins. `release` undoes it."""
+        if self.held is None:
+            suspension.hold(self)
+            self.run()
+
+    def release(self) -> None:
+        """Go on after `hold`, whose scripts have to be out."""
+        suspension.release(self)
+        self.run()
+
     def stop(self) -> None:
         """Cancel all instances. They end at once; their scripts may still be leaving."""
         for key in self.armed_starts:
             self.host.cancel_timer(key)
         self.armed_starts.clear()
+        self.held = None
         self.waiting_starts.clear()
         self.gathered.clear()
         for instance in tuple(self.instances.values()):

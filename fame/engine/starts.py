@@ -27,6 +27,9 @@ Gathered = tuple[dict[str, Any], dict[Node, Any]]
 
 def trigger(engine: Engine, node: Node, message: Any) -> None:
     """A start event of the process was triggered."""
+    if engine.held is not None:
+        engine.host.report(node.id, "trigger dropped: the robot holds")
+        return
     arrived: Arrived | None = [(node, message)]
     if node.join is not None and node.join.kind == "all":
         arrived, node = gather(engine, node.join, node, message), node.join

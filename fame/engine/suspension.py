@@ -4,6 +4,8 @@
 suspensions that hold them in `state`, rests in `paused`. Tasks are cancelled, to be started again; catches are deaf;
 timers run on and leave a mark in `due`. What begins in the scope while the handler runs (other event sub-processes) is
 younger than the handler, and so not held.
+
+`hold` does the same from outside to all that runs, whatever is suspended in it already, until `release`.
 """
 
 from __future__ import annotations
@@ -32,7 +34,31 @@ def suspend(engine: Engine, scope: Scope, handler: Scope) -> None:
 def resume(engine: Engine, scope: Scope) -> None:
     """The handler has ended normally: all goes on."""
     scope.suspender = None
-    released, awake = [scope, *held_scopes(scope)], held_rests(scope)
+    go_on(engine, [scope, *held_scopes(scope)], held_rests(scope))
+
+
+def hold(engine: Engine) -> None:
+    """Hold all instances, and let none begin, until `release`."""
+    scopes_held = [inner for instance in engine.instances.values() for inner in scopes.subtree(instance.root)]
+    rests = in_order([rest for scope in scopes_held for rest in (*scope.arms, *rests_in(scope))])
+    for scope in scopes_held:
+        scope.state += 1
+    for resting in rests:
+        pause(engine, resting)
+    engine.departing = []  # nothing goes on when they are out
+    engine.held = scopes_held, rests
+    engine.host.make_safe("suspended")
+
+
+def release(engine: Engine) -> None:
+    """What was held goes on. Its scripts have to be out."""
+    if engine.held is not None:
+        (held, rests), engine.held = engine.held, None
+        go_on(engine, [scope for scope in held if scope.alive], [rest for rest in rests if rest.alive])
+
+
+def go_on(engine: Engine, released: list[Scope], awake: list[Rest]) -> None:
+    """Undo one suspension of these scopes and rests."""
     for inner in released:
         inner.state -= 1
         if not inner.state and inner.held:
@@ -57,7 +83,17 @@ def held_rests(scope: Scope) -> list[Rest]:
     found = [inner for inner in scope.children if isinstance(inner, Rest) and (inner.token or inner.node.resume)]
     for inner in held_scopes(scope):
         found += inner.arms
-        found += (resting for resting in inner.children if isinstance(resting, Rest))
+        found += rests_in(inner)
+    return in_order(found)
+
+
+def rests_in(scope: Scope) -> list[Rest]:
+    """The rests of a scope itself."""
+    return [inner for inner in scope.children if isinstance(inner, Rest)]
+
+
+def in_order(found: list[Rest]) -> list[Rest]:
+    """These rests and what is armed because of them, in the order of arming."""
     for resting in found:  # which grows
         found += resting.arms
     return sorted(found, key=attrgetter("key"))

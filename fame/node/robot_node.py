@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from fame.bpmn.model import CallActivity, Expression, Process, Task
-from fame.clock import EPOCH, Scheduler, WallScheduler, date_at, date_text
+from fame.clock import EPOCH, SECOND, Kind, Scheduler, WallScheduler, date_at, date_text
 from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
@@ -40,6 +40,7 @@ from fame.units import Around, Make, living
 Ahead = Literal["", "endless", "due"]
 """What is still to come of the timers of start events: nothing, nothing but cycles without end, or more."""
 
+_POLL = SECOND // 50  # between two looks whether scripts are out
 _EARLY = 1000
 """How many messages are kept for a process that is loaded and has not been started."""
 
@@ -154,6 +155,19 @@ class RobotNode:
         early, self._early = self._early or (), None
         for topic, message in early:
             self._heard(topic, message)
+
+    def hold(self) -> None:
+        """Suspend all that goes on, in the safe state, until `release`. Does nothing the second time."""
+        self.engine.hold()
+        self.runner.poll()
+
+    def release(self) -> None:
+        """Go on after `hold`, as soon as its scripts are out. Does nothing without one."""
+        if self.engine.held is not None and self.leaving:
+            self.scheduler.after(_POLL, self.release, Kind.RESUMPTION)
+        elif self.engine.held is not None:
+            self.engine.release()
+            self.runner.poll()
 
     def stop(self) -> None:
         """Cancel all that goes on and bring the robot to its safe state."""

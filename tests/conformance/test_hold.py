@@ -1,0 +1,71 @@
+"""A host may hold all that runs, and release it: as a suspension of all, whatever is suspended in it already."""
+
+from __future__ import annotations
+
+from engine_models import Run, catch, end, handler, path, script, signal, start, throw, timer, user
+
+
+def test_scripts_are_cancelled_and_start_again_with_the_variables_as_they_are() -> None:
+    run = Run(start() + script("a", "i = i + 1\nawait sleep(10)") + path("s a"), {"i": 0}).run(3)
+    run.node.hold()
+    assert run.run(20).variables["i"] == 1
+    run.node.release()
+    assert run.run(25).variables["i"] == 2
+    assert run.run(30.5).log == "s a =completed"
+
+
+def test_what_it_waits_for_is_lost_if_it_is_a_signal_and_late_if_it_is_a_time() -> None:
+    content = start() + catch("c", signal("A")) + end() + path("s c e")
+    run = Run(content)
+    run.run().node.hold()
+    run.signal("A").node.release()
+    assert run.waiting == ["c"]
+    run = Run(start() + catch("c", timer("PT5S")) + end() + path("s c e")).run(1)
+    run.node.hold()
+    assert run.run(60).waiting == ["c"]
+    run.node.release()
+    assert run.run().status == "completed"
+
+
+def test_what_somebody_completes_meanwhile_goes_on_afterwards() -> None:
+    run = Run(start() + user("u") + end() + path("s u e")).run()
+    run.node.hold()
+    assert run.complete("u").status == "running"
+    run.node.release()
+    assert run.run().status == "completed"
+
+
+def test_no_instance_begins_meanwhile() -> None:
+    run = Run(start("s", signal("A")) + end() + path("s e"))
+    run.run().node.hold()
+    run.signal("A").node.release()
+    assert run.simulation.instances == []
+    assert run.signal("A").run().status == "completed"
+
+
+def test_a_scope_that_is_suspended_already_stays_so_when_all_is_released() -> None:
+    pausing = handler("h", start("t", signal("A")) + user("w") + path("t w"), resume=True)
+    run = Run(start() + user("u") + end() + path("s u e") + pausing).run().signal("A")
+    run.node.hold()
+    run.node.hold()
+    run.node.release()
+    assert run.complete("u").status == "running"
+    assert run.complete("w").status == "completed"
+
+
+def test_what_is_held_can_be_stopped() -> None:
+    run = Run(start() + script("a", "await sleep(10)") + path("s a")).run(3)
+    run.node.hold()
+    run.node.stop()
+    run.node.release()
+    assert run.run().status == "cancelled"
+
+
+def test_a_script_that_leaves_slowly_is_waited_for() -> None:
+    text = "i = i + 1\ntry:\n    await sleep(10)\nfinally:\n    await sleep(1)"
+    run = Run(start() + script("a", text) + throw("x", signal("B")) + end() + path("s a x e"), {"i": 0}).run(3)
+    run.node.hold()
+    run.node.release()
+    assert run.run(3.5).variables["i"] == 1
+    assert run.run(4.5).variables["i"] == 2
+    assert run.run().status == "completed"
