@@ -111,3 +111,10 @@ def test_of_a_burst_the_newest_is_what_runs(field):
     answer = field.answer("started")
     while answer.hash != deployment.model_hash(patrol(9).encode()):
         answer = field.answer("started")
+
+
+def test_a_task_that_is_too_long_is_refused_before_it_is_read(field):
+    tasks = field.person.publisher("/A/bpmn_task", deployment.STRING)
+    field.world.connect("/A/bpmn_task")
+    tasks.publish(messages.create(deployment.STRING, "x" * 1_000_001))
+    assert "at most 1000000 are taken" in field.answer("refused").reason

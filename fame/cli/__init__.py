@@ -19,9 +19,8 @@ from types import FrameType
 
 from fame.cli.arguments import Parser, Version, register_types
 from fame.cli.network import without_ros_arguments
-from fame.cli.output import error_object, print_json
+from fame.cli.output import error_object, note, print_json
 from fame.errors import FameError
-from fame.text import printable
 
 COMMANDS = (
     "run", "split", "check", "convert", "draw", "library", "templates", "engine", "deploy", "splitter", "status",
@@ -105,5 +104,5 @@ def _say(error: FameError, cause: BaseException, given: Sequence[str], code: int
     if "--json" in given:
         print_json(error_object(error, cause, "interrupted" if interrupted else "error"))
     else:
-        print(printable(f"fame: {error}" if interrupted else f"fame: error: {error}"), file=sys.stderr)
+        note(f"fame: {error}" if interrupted else f"fame: error: {error}")
     return code

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command, positive
 from fame.cli.network import add_network, connected
-from fame.cli.output import print_json, table
-from fame.text import printable
+from fame.cli.output import note, print_json, table
 
 if TYPE_CHECKING:
     from fame.deployment import Deployment
@@ -51,16 +49,12 @@ def run(arguments: Namespace) -> int:
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
     with connected(arguments) as (scheduler, middleware):
         sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)
-        deployment = sending.deploy(arguments.to, arguments.wait, _say)
+        deployment = sending.deploy(arguments.to, arguments.wait, note)
         _tell(deployment, json=arguments.json)
         if arguments.stay and not deployment.failed:
             deployment.close()
-            sending.stay(deployment.standings, _say)
+            sending.stay(deployment.standings, note)
     return 1 if deployment.failed else 0
-
-
-def _say(text: str) -> None:
-    print(printable(text), file=sys.stderr, flush=True)
 
 
 def _tell(deployment: Deployment, *, json: bool) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import re
-import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -13,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_library, command, epoch
 from fame.cli.network import OPEN, add_network, lockstep, say_ready
+from fame.cli.output import note
 from fame.errors import ConfigError, FameError
-from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -169,4 +168,4 @@ def _say(event: Event) -> None:
     if event.what == "answer" and is_child():  # whoever started us asked, and says it
         return
     place = f"{event.robot}: {event.element}" if event.element else event.robot
-    print(f"{event.time / 1e9:9.1f} s   {place}: {printable(event.detail)}", file=sys.stderr, flush=True)
+    note(f"{event.time / 1e9:9.1f} s   {place}: {event.detail}")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ipaddress
 import socket
-import sys
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Parser
+from fame.cli.output import note
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -83,7 +83,7 @@ def say_ready(text: str) -> None:
     from fame.remote.children import is_child
 
     if not is_child():
-        print(f"{text}; Ctrl-C ends it", file=sys.stderr, flush=True)
+        note(f"{text}; Ctrl-C ends it")
 
 
 def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Steps:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -55,6 +56,42 @@ def table_within(width: int, heads: Sequence[str], rows: Sequence[Sequence[str |
         if max(map(len, text.splitlines())) < width:
             break
     return text
+
+
+class Notes:
+    """Lines for people on stderr, from a process that goes on whatever becomes of them.
+
+    A full disk or a closed pipe never raises: lines that could not be written are counted in `lost`, and the next one
+    that can be written says so.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+
+    def __call__(self, text: str) -> None:
+        """Write a line: printable, and at once."""
+        gap = f"\n({self.lost} lines before this one could not be written)\n" if self.lost else ""
+        try:
+            _write_at_once(f"{gap}{printable(text)}\n")
+        except (OSError, ValueError):  # ValueError: it is closed
+            self.lost += 1
+        else:
+            self.lost = 0
+
+
+def _write_at_once(text: str) -> None:
+    """Past the buffer of stderr, which would keep what it could not write and fail again at exit. Raises OSError."""
+    raw = getattr(getattr(sys.stderr, "buffer", None), "raw", None)
+    if raw is None:
+        print(text, end="", file=sys.stderr, flush=True)
+        return
+    data = text.encode(sys.stderr.encoding, errors="backslashreplace")
+    if raw.write(data) != len(data):
+        raise OSError("not written as a whole")
+
+
+note = Notes()
+"""What the commands that go on until somebody ends them say."""
 
 
 class ProgressLine:

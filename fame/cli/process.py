@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_types, command, positive
 from fame.cli.network import add_network
+from fame.cli.output import note
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -58,11 +58,6 @@ def assignment(text: str) -> tuple[str, Any]:
         raise ArgumentTypeError(f"found {value!r}, which {error.text}") from None
 
 
-def say(text: str) -> None:
-    """A line about what happens."""
-    print(text, file=sys.stderr, flush=True)
-
-
 class Nodes:
     """Several nodes in one process."""
 
@@ -101,13 +96,13 @@ def run(arguments: Namespace) -> int:
         nodes = []
         for chain, configuration in zip(chains, configurations, strict=True):
             node = ProcessingNode(
-                middleware, scheduler, configuration, processors=chain, namespace=arguments.namespace, report=say
+                middleware, scheduler, configuration, processors=chain, namespace=arguments.namespace, report=note
             )
             nodes.append(node)
             for name, value in arguments.values:
                 node.set(name, value)
-            say(f"{configuration.name}: {' -> '.join(type(each).__name__ for each in chain)} "
-                f"at {configuration.frequency:g} Hz")  # fmt: skip
+            note(f"{configuration.name}: {' -> '.join(type(each).__name__ for each in chain)} "
+                 f"at {configuration.frequency:g} Hz")  # fmt: skip
         return Nodes(nodes)
 
     serve(arguments.middleware, arguments.network, build)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_types, command, positive
 from fame.cli.network import add_network
-from fame.cli.output import print_json
+from fame.cli.output import note, print_json
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -48,7 +48,6 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Record until interrupted, or until the bag ends."""
-    from fame.cli.process import say
     from fame.clock import SECOND
     from fame.errors import MissionError
     from fame.pipeline.configuration import load
@@ -57,7 +56,7 @@ def run(arguments: Namespace) -> int:
 
     configuration = load(arguments.configuration)
     options = {
-        "namespace": arguments.namespace, "append": arguments.append, "run_topic": arguments.run_topic, "report": say,
+        "namespace": arguments.namespace, "append": arguments.append, "run_topic": arguments.run_topic, "report": note,
     }  # fmt: skip
     nodes: list[RecordingNode] = []
 
@@ -65,7 +64,7 @@ def run(arguments: Namespace) -> int:
         scheduler.run(scheduler.now + SECOND // 2)  # until others are found
         node = RecordingNode(middleware, scheduler, configuration, arguments.output, **options)
         nodes.append(node)
-        say(f"{configuration.name}: recording to {', '.join(arguments.output)}")
+        note(f"{configuration.name}: recording to {', '.join(arguments.output)}")
         if arguments.duration:
             scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
         return node

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_library, command, positive
 from fame.cli.network import OPEN, add_network
+from fame.cli.output import note
 from fame.errors import FameError
-from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -55,7 +54,7 @@ def run(arguments: Namespace) -> int:
             library=Library(arguments.library),
             patience=arguments.wait,
             key=key,
-            say=lambda text: print(f"{scheduler.now / 1e9:9.1f} s   {printable(text)}", file=sys.stderr, flush=True),
+            say=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
         )
 
     serve(arguments.middleware, arguments.network, build)

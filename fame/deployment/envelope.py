@@ -23,7 +23,8 @@ PHASES = ("load", "hold", "start", "abort", "ask")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
 PLAIN = "plain-"
 """How the deployment of a bare model begins: nobody waits for an answer."""
-_SIZE = 20_000_000
+SIZE, _LONGEST = 20_000_000, 1_000_000
+"""The longest envelope or bare model that is taken, and the longest report (characters)."""
 _Said = TypeVar("_Said", "Envelope", "Report")
 AHEAD = 366 * 86_400.0
 """How far a sequence may be ahead of the clock of the robot (s): a sender takes a number above all that were seen, so
@@ -125,13 +126,15 @@ class Report:
     @classmethod
     def from_json(cls, text: str) -> Report | None:
         """A report, or None if the text is none."""
+        if len(text) > _LONGEST:
+            return None
         try:
             return _made(cls, json.loads(text), _REPORT)
         except (ValueError, TypeError, RecursionError):
             return None
 
 
-_TEXT, _NAME = fields.text(_SIZE), fields.text(1000)
+_TEXT, _NAME = fields.text(SIZE), fields.text(1000)
 _ENVELOPE: dict[str, fields.Check] = {
     "deployment": _NAME,
     "sequence": fields.integer(),
@@ -192,8 +195,8 @@ def model_hash(model: bytes) -> str:
 
 def read_envelope(text: str, robot: str, now: float) -> Envelope:
     """What came in `now` (s since 1970): a bare model becomes an envelope of its own. Raises DeploymentError."""
-    if len(text) > _SIZE:
-        raise DeploymentError(f"{len(text)} characters; at most {_SIZE} are taken")
+    if len(text) > SIZE:
+        raise DeploymentError(f"{len(text)} characters; at most {SIZE} are taken")
     text = text.removeprefix("\ufeff")  # the mark that editors put before a file's text
     if text.lstrip().startswith("<"):
         key = _text_hash(text)

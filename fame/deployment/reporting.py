@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.envelope import STATUS_QOS, STRING, Report
+from fame.deployment.refusals import Digest
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware, Node
@@ -24,6 +25,7 @@ class Status:
     """The voice of a robot: `standing` gives what a `Report` says beside the answer. It minds who speaks on `topic`
     with another type, and listens to itself: the younger of two with one name leaves. `refused` is told why something
     was refused, and as an answer to which deployment, if it was one.
+    Of refusals that nobody waits for, those of one cause are one a second.
     """
 
     def __init__(
@@ -40,6 +42,7 @@ class Status:
     ) -> None:
         self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
         self._scheduler, self._middleware, self._refused = scheduler, middleware, refused
+        self._garbage = Digest(scheduler, self._refuse)
         self._warned = len(middleware.warnings)
         self._answers: dict[str, tuple[str, str]] = {}
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
@@ -53,9 +56,16 @@ class Status:
 
     def say(self, answer: str = "", deployment: str = "", reason: str = "") -> None:
         """How it stands, perhaps as an answer."""
+        if answer == "refused" and not deployment:
+            self._garbage(reason)
+            return
         self._publish(answer, deployment, reason)
         if answer == "refused":
             self._refused(reason, deployment)
+
+    def _refuse(self, reason: str) -> None:
+        self._publish("refused", "", reason)
+        self._refused(reason, "")
 
     def _publish(self, answer: str, deployment: str, reason: str) -> None:
         report = Report(
@@ -91,6 +101,7 @@ class Status:
     def close(self) -> None:
         """Say it no more by itself."""
         self._pulse.cancel()
+        self._garbage.close()
 
     def _refuse_unread(self) -> None:
         """What the middleware does not even bring: messages of another type."""

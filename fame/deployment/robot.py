@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import EPOCH, SECOND, Kind, Scheduler
 from fame.deployment.beside import Work
 from fame.deployment.candidate import Candidate, Stage
-from fame.deployment.envelope import PLAIN, PROCESS_QOS, STRING, Envelope, engines, read_envelope
+from fame.deployment.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope, engines, read_envelope
 from fame.deployment.loading import load
+from fame.deployment.refusals import Digest
 from fame.deployment.reporting import Absences, Status, progress, state_of
 from fame.deployment.tasks import Tasks
 from fame.deployment.termination import Told, reply
@@ -80,12 +81,16 @@ class EngineNode:
         self._team: Sequence[str] = ()  # of what runs
         self._absences = Absences()
         self.candidate: Candidate | None = None
+        self._refusals = {
+            what: Digest(scheduler, partial(self._note, what=what)) for what in ("answer", "report")
+        }  # of those who wait for an answer, and of bare models
         self._next: Envelope | None = None
         self._loading = False  # whether `_next`, or one before it, is being loaded
         self._newest = (-1, "")  # `Envelope.order` of the newest that was looked at
         self._stopped = False
         self.node = middleware.node("fame_deployment", robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._heard, PROCESS_QOS)
+        self._process.limit = SIZE
         about = (robot, self._process.topic, self.born, self._standing)
         self.status: Status = Status(
             *about, refused=self._refused, node=self.node, scheduler=scheduler, middleware=middleware
@@ -110,8 +115,10 @@ class EngineNode:
         return {**said, "absent": absent, "now": self._time.now / SECOND, **progress(self.running)}
 
     def _refused(self, reason: str, deployment: str) -> None:
-        asked = deployment and not deployment.startswith(PLAIN)
-        self._note(f"refused: {reason}", "answer" if asked else "report")
+        if not deployment:
+            self._note(f"refused: {reason}")
+        else:
+            self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}")
 
     def _note(self, text: str, what: str = "report") -> None:
         """Tell whoever looks at this engine. Of an answer whoever asked is told as well."""
@@ -309,6 +316,8 @@ class EngineNode:
             self.status.close()
             self._process.close()
             self._tasks.close()
+            for refusals in self._refusals.values():
+                refusals.close()
             waiting, self._next = self._next, None
             if waiting is not None:
                 self.status.answer("aborted", waiting.deployment, "the engine ends")

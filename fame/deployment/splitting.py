@@ -21,6 +21,7 @@ from fame.bpmn.xml import LIMIT
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deployment.keeping import Keeper
+from fame.deployment.refusals import Digest
 from fame.deployment.role import GONE, HEARTBEAT, Others, Role
 from fame.deployment.sender import PATIENCE, REFUSALS, Deployment
 from fame.errors import ConfigError, DeploymentError, FameError
@@ -67,8 +68,9 @@ class SplitterNode:
         self.node.subscription(STATUS, STRING, lambda message: self._others.heard(message.data), STATUS_QOS)
         self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
         self.node.subscription(DEPLOYED, STRING, self._inherit, LATCHED)
-        self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS)
+        self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS).limit = LIMIT
         self._leads = False
+        self._refused = Digest(scheduler, self._report)
         self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # elders speak first
         self._report("begins")
 
@@ -124,7 +126,7 @@ class SplitterNode:
         try:
             diagram = self._read(message.data)
         except FameError as error:
-            self._report(f"refused: {error}")
+            self._refused(f"refused: {error}")
             return
         self._diagram = diagram
         self._step_down_if_away()
@@ -245,5 +247,6 @@ class SplitterNode:
     def close(self) -> None:
         """Leave."""
         self._pulse.cancel()
+        self._refused.close()
         self._let_be()
         self.node.close()

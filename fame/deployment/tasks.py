@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 SETTLE, AGAIN = 0.02, 0.3
 """Before the first word, and between two (s): see `fame.deployment.sender`."""
+SIZE, _NAME = 1_000_000, 1000
+"""The longest request, and its longest id, of itself and of an element (characters): both are kept for a while."""
 _ANSWERS = 100
 """How many answers a robot remembers."""
 
@@ -49,6 +51,8 @@ def read_done(text: str) -> Done:
     """What came in. Raises DeploymentError."""
     from fame.engine.data import is_variable
 
+    if len(text) > SIZE:
+        raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are taken")
     try:
         done = Done(**json.loads(text))
     except (ValueError, TypeError, RecursionError):
@@ -56,6 +60,8 @@ def read_done(text: str) -> Done:
     if (
         done is None
         or not (isinstance(done.id, str) and isinstance(done.element, str) and isinstance(done.values, dict))
+        or len(done.id) > _NAME
+        or len(done.element) > _NAME
         or not all(map(is_variable, done.values))
         or not (done.act == "complete" or (done.act == "activate" and not done.values))
     ):
@@ -72,6 +78,8 @@ class Tasks:
         self._running, self._report = running, report
         self._answers: dict[str, tuple[str, str]] = {}
         self._end = node.subscription("bpmn_task", STRING, self._heard, PROCESS_QOS)
+        self._end.limit = SIZE
+        self._end.dropped = lambda text: report("refused", "", text)
 
     def close(self) -> None:
         """Hear no more."""

@@ -49,6 +49,10 @@ class TopicInfo:
     subscribers: tuple[str, ...]
 
 
+LARGEST = 100_000_000
+"""Bytes of the largest message that is read, whatever its topic."""
+
+
 class Publisher(Protocol):
     """One end of a topic. `topic` is the full name."""
 
@@ -62,10 +66,14 @@ class Publisher(Protocol):
 
 
 class Subscription(Protocol):
-    """The other end. `dropped` is told of each message that cannot be read; if nothing else is set, it is a warning."""
+    """The other end. `dropped` is told of each message that cannot be read; if nothing else is set, it is a warning.
+
+    On the wire a message of more than `limit` bytes is not read.
+    """
 
     topic: str
     type: str
+    limit: int
     dropped: Callable[[str], object]
 
     def close(self) -> None: ...

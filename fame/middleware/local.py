@@ -19,7 +19,7 @@ from typing import Any
 
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
-from fame.middleware.interface import SIGNAL, Message, QoS, TopicInfo, resolve
+from fame.middleware.interface import LARGEST, SIGNAL, Message, QoS, TopicInfo, resolve
 from fame.middleware.local_services import LocalClient, LocalService
 from fame.middleware.qos import compatible
 from fame.middleware.refusals import NAMES, is_ros_name, second_type, unpublishable
@@ -200,6 +200,7 @@ class LocalSubscription:
     def __init__(self, node: LocalNode, shared: Topic, callback: Callable[[Message], object], qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self._shared, self._callback = shared, callback
+        self.limit = LARGEST
         self.dropped: Callable[[str], object] = node.middleware.warn  # never: nothing is written and read here
         self._waiting: deque[Message] = deque()
         self._depth = -1 if qos.history == "keep_all" else qos.depth

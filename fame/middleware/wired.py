@@ -17,11 +17,13 @@ from typing import Any, ClassVar, NamedTuple
 from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware import codec, messages
-from fame.middleware.interface import SIGNAL, Message, QoS, resolve
+from fame.middleware.interface import LARGEST, SIGNAL, Message, QoS, resolve
 from fame.middleware.refusals import check_name, second_service, second_type, unanswered, unavailable, unpublishable
 
 NAMING = SECOND // 5
 """How long after an end the name of its node may come (ns)."""
+_WARNINGS = 1000
+"""How many warnings are kept: those of a flood differ in their numbers."""
 _LOOK = 0.002
 """How often `wait_matched` looks (s)."""
 
@@ -107,7 +109,7 @@ class TopicEnd(WireEnd):
 
     def __init__(self, node: Any, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node)
-        self.topic, self.qos = topic, qos
+        self.topic, self.qos, self.limit = topic, qos, LARGEST
         self.dropped: Callable[[str], object] = node.middleware.warn
         self.message_class = messages.message_type(type)
         self.type: str = self.message_class.__msgtype__
@@ -123,6 +125,9 @@ class TopicEnd(WireEnd):
     def unpack(self, data: bytes, callback: Callable[[Message], object]) -> None:
         """Call back with what a subscription has got, unless it is closed, or the data are no message."""
         if self.closed:
+            return
+        if len(data) > self.limit:
+            self.dropped(f"{self.topic}: dropped a message: {len(data)} bytes; at most {self.limit} are taken")
             return
         try:
             message = codec.deserialize(data, self.type)
@@ -179,7 +184,7 @@ class Warnings:
 
     def __call__(self, text: str) -> None:
         with self._lock:
-            if text in self.said:
+            if text in self.said or len(self.said) >= _WARNINGS:
                 return
             self.said.append(text)
         if self._tell is not None:

@@ -15,13 +15,15 @@ from cyclonedds.domain import Domain
 
 from fame.errors import ConfigError
 from fame.middleware.dds.confinement import confine
+from fame.middleware.interface import LARGEST
 
 _LAST_DOMAIN = 232
 """The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
 
-_SHARED = """
+_SHARED = f"""
 <Discovery><LeaseDuration>3s</LeaseDuration></Discovery>
 <Internal>
+  <MaxSampleSize>{LARGEST} B</MaxSampleSize>
   <WriterLingerDuration>200ms</WriterLingerDuration>
   <HeartbeatInterval minsched="5ms">10ms</HeartbeatInterval>
 </Internal>
@@ -29,7 +31,8 @@ _SHARED = """
 """A participant that was killed is taken for dead after the lease (ROS 2 leaves it at 10 s). A publisher that closes
 waits so long for those who have not got all it sent: Cyclone's 1 s would add up if there are many, and one is dead.
 Whoever has got all says so when a heartbeat asks. At Cyclone's 100 ms that took those 200 ms for each end of a process
-that had just brought its robot to a stop, and the next process waited."""
+that had just brought its robot to a stop, and the next process waited.
+What is larger than a message may be is not put together from its fragments."""
 
 _LOOPBACK = """
 <General>

@@ -1,0 +1,59 @@
+"""Lines on stderr, where it is full or closed."""
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fame.cli.output import Notes
+
+ROOT = Path(__file__).parent.parent
+CODE = "import sys; from fame.cli.output import note; note('one'); note('two'); sys.exit(note.lost)"
+
+
+class Disk(io.RawIOBase):
+    """A file on a disk that is full at times."""
+
+    def __init__(self) -> None:
+        self.full, self.text = False, ""
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data) -> int:
+        if self.full:
+            raise OSError(28, "No space left on device")
+        self.text += bytes(data).decode()
+        return len(data)
+
+
+def test_what_could_not_be_written_is_counted_and_said_when_it_can(monkeypatch):
+    disk, note = Disk(), Notes()
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(io.BufferedWriter(disk), encoding="utf-8"))
+    note("a")
+    disk.full = True
+    note("b")
+    note("c")
+    assert note.lost == 2
+    disk.full = False
+    note("d\x1b[2J")
+    assert note.lost == 0
+    assert disk.text.splitlines() == ["a", "", "(2 lines before this one could not be written)", "d\\x1b[2J"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_a_full_disk_ends_no_process():
+    with open("/dev/full", "w") as full:
+        assert subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, stderr=full, check=False).returncode == 2
+
+
+def test_a_closed_pipe_ends_no_process():
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        assert subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, stderr=writing, check=False).returncode == 2
+    finally:
+        os.close(writing)

@@ -1,0 +1,74 @@
+"""Garbage in masses: what is refused is told once a second and cause."""
+
+import json
+
+import pytest
+from deployment_field import Field, patrol
+
+from fame.clock import SECOND, Scheduler
+from fame.deployment import EngineNode, Report
+from fame.deployment.refusals import Digest
+from fame.deployment.tasks import read_done
+from fame.errors import DeploymentError
+from fame.middleware.local import LocalMiddleware
+
+
+def told(*texts: str, times: int = 1) -> list[str]:
+    scheduler, said = Scheduler(), []
+    digest = Digest(scheduler, said.append)
+    for second in range(times):
+        scheduler.run(second * SECOND)
+        for text in texts:
+            digest(text)
+    scheduler.run()
+    return said
+
+
+def test_the_first_is_told_at_once_and_the_others_with_their_number():
+    many = [f"no task: '{number}'" for number in range(1500)]
+    assert told(*many) == [many[0], f"{many[-1]} (1499 like this within a second)"]
+
+
+def test_a_flood_is_told_once_a_second():
+    assert len(told(*["too long: 5"] * 1000, times=5)) == 6
+
+
+def test_causes_are_told_apart_but_not_without_end():
+    assert told("no task: 'x'", "phase 'y'", "phase 'z'") == ["no task: 'x'", "phase 'y'", "phase 'z'"]
+    assert len(told(*(f"{chr(97 + number % 26)}{chr(97 + number // 26)}" for number in range(400)))) == 22
+
+
+def test_an_engine_tells_of_garbage_once_a_second_and_answers_whoever_waits_for_an_answer():
+    field = Field()
+    field.scheduler = Scheduler()
+    field.middleware = LocalMiddleware(field.scheduler)
+    notes = []
+    engine = EngineNode("A", scheduler=field.scheduler, middleware=field.middleware, on_report=notes.append)
+    field.listen("A")
+    field.send("A", patrol(1))
+    field.pass_time(0.5)
+    for number in range(500):
+        field.send("A", f"garbage {number}")
+        field.send(
+            "A", json.dumps({"fame": 1, "deployment": f"d{number}", "sequence": 1, "robot": "A", "phase": "start"})
+        )
+        field.pass_time(0.001)
+    field.pass_time(2)
+    refused = [report for report in field.said if report.answer == "refused"]
+    assert len([report for report in refused if not report.deployment]) == 2
+    assert {report.deployment for report in refused} >= {f"d{number}" for number in range(500)}
+    assert len(notes) == 4
+    assert "499 like this" in notes[-1].detail
+    engine.close()
+
+
+@pytest.mark.parametrize("long", [{"id": "i" * 1001}, {"element": "e" * 1001}, {"values": {"x": "v" * 1_000_000}}])
+def test_tasks_with_long_names_or_values_are_refused_and_not_kept(long):
+    with pytest.raises(DeploymentError, match="task"):
+        read_done(json.dumps({"id": "i", "element": "e"} | long))
+
+
+def test_a_long_report_is_none():
+    report = {"robot": "A", "state": "idle", "reason": "r"}
+    assert Report.from_json(json.dumps(report)) is not None
+    assert Report.from_json(json.dumps(report | {"reason": "r" * 1_000_000})) is None
