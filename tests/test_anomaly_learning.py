@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from zipfile import ZipFile
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -250,6 +250,21 @@ def test_parts_that_do_not_fit_are_damage(folder: Path, changes: dict[str, objec
 def test_a_model_that_names_no_versions_is_refused(folder: Path):
     with pytest.raises(ConfigError, match="made with scikit-learn unknown"):
         load_model(stored(folder, versions=None))
+
+
+@pytest.mark.parametrize("within", [False, True])
+def test_a_file_that_would_unpack_to_much_more_than_it_is_is_refused_before(folder: Path, within: bool):
+    stored(folder)
+    path, inner = folder / "m.skops", folder / "inner.npz"
+    target = inner if within else path
+    with ZipFile(target, "w" if within else "a", ZIP_DEFLATED) as packed, packed.open("1.npy", "w") as member:
+        for _ in range(60):
+            member.write(bytes(1_000_000))
+    if within:
+        with ZipFile(path, "a") as outer:
+            outer.write(inner, "2.npz")
+    with pytest.raises(ConfigError, match="would unpack to 60 MB; at most"):
+        load_model(path)
 
 
 def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):

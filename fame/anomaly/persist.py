@@ -13,8 +13,8 @@ import io
 import re
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
-from zipfile import ZipFile, ZipInfo
+from typing import IO, Any
+from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from fame.anomaly.recording import Recording
 from fame.errors import ConfigError, UnavailableError
 
 FORMAT = "fame-adm-1"
+_INFLATION, _SLACK = 10, 10_000_000
+"""How much more than its own size a file may unpack to: times, and bytes on top. What we store is not compressed."""
 _PACKAGES = ("scikit-learn", "numpy", "skops")
 _HOLD_DATA = (
     "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
@@ -136,6 +138,15 @@ def read_artefact(path: Path, maker: str) -> Any:
     anything that could run."""
     if not path.is_file():
         raise ConfigError("there is no such file", file=str(path))
+    most = _INFLATION * path.stat().st_size + _SLACK
+    try:
+        total = _unpacked(path, most)
+    except (OSError, BadZipFile, NotImplementedError, RuntimeError, ValueError) as error:
+        text = f"is corrupt, or no model of {maker} ({type(error).__name__})"
+        raise ConfigError(text, file=str(path)) from None
+    if total > most:
+        text = f"refused: it would unpack to {total / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are taken of its size"
+        raise ConfigError(text, file=str(path))
     try:
         unknown = _unknown(path)
     except Exception as error:  # skops raises whatever its parts do on a file that is none of its own
@@ -148,6 +159,20 @@ def read_artefact(path: Path, maker: str) -> Any:
         return _skops().load(path, trusted=list(_HOLD_DATA))
     except Exception as error:
         raise ConfigError(f"is corrupt ({type(error).__name__}: {error})", file=str(path)) from None
+
+
+def _unpacked(file: Path | IO[bytes], most: int) -> int:
+    """How large the content of a zip file is (bytes), as its directory says, beyond which no reader goes.
+
+    What is packed again in it (matrices with few entries) counts as well, and is not looked at where it is over `most`.
+    """
+    with ZipFile(file) as packed:
+        total = sum(member.file_size for member in packed.infolist())
+        for name in packed.namelist():
+            if total <= most and name.endswith(".npz"):
+                with packed.open(name) as inner:
+                    total += _unpacked(inner, most - total)
+        return total
 
 
 def _model(content: dict[str, Any]) -> Model:
