@@ -446,6 +446,29 @@ def test_a_mission_in_many_processes_completes(tmp_path, field):
     assert {key: said[key] for key in said.keys() - measured} == {key: here[key] for key in here.keys() - measured}
 
 
+def test_a_message_for_one_robot_reaches_that_alone(tmp_path, field):
+    order = '<messageEventDefinition messageRef="Order"/>'
+    to = (
+        '<extensionElements><camunda:properties><camunda:property name="to" value="Worker_2"/></camunda:properties>'
+        "</extensionElements>"
+    )
+    head = HEAD.replace(" targetN", ' xmlns:camunda="http://camunda.org/schema/1.0/bpmn" targetN')
+    path = tmp_path / "team.bpmn"
+    path.write_text(
+        f'{head}<message id="Order" name="order"/><collaboration id="c">'
+        '<participant id="B" name="Boss" processRef="b"/>'
+        '<participant id="W" name="Worker" processRef="w"><participantMultiplicity minimum="2"/></participant>'
+        f'</collaboration><process id="b"><startEvent id="s"/><endEvent id="m">{to}{order}</endEvent>'
+        f"{flows('b', 's', 'm')}</process>"
+        f'<process id="w"><startEvent id="ws">{order}</startEvent></process></definitions>'
+    )
+    code, said = field.fame("run", str(path), "--middleware", "dds", "--duration", "20")
+    assert code == 0, said
+    assert {name: robot["completed"] for name, robot in said["robots"].items()} == {
+        "Boss": 1, "Worker_1": 0, "Worker_2": 1,
+    }  # fmt: skip
+
+
 def test_a_pool_that_never_started_and_a_timer_that_still_starts_one(tmp_path, field):
     timer = "<timerEventDefinition><timeCycle>R2/PT1S</timeCycle></timerEventDefinition>"
     go = '<signalEventDefinition signalRef="Ping"/>'

@@ -130,11 +130,21 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
         name=name or node.id,
         type=say.type or _item_type(node.context, referred),
         payload=say.payload if source.place in THROWS else None,
+        to=_addressee(source, element, kind, say),
         queue=say.queue,
         private=say.private,
         qos=say.qos,
         takes=source.takes,
     )
+
+
+def _addressee(source: TopicSource, element: Node, kind: str, say: TopicProperties) -> Expression | None:
+    """The robot that a message is for."""
+    if say.to is not None and (kind == "signal" or source.place not in THROWS):
+        text = "its property 'to' has no effect: only messages that are thrown are for one robot"
+        source.node.context.note(element, text, "warning")
+        return None
+    return say.to
 
 
 def _topic_name(node: HalfRead, referred: Node | None, say: TopicProperties) -> str:
@@ -183,6 +193,7 @@ def _own(node: HalfRead, element: Node, common: TopicProperties) -> TopicPropert
     return TopicProperties(
         type=own.type or common.type,
         payload=own.payload or common.payload or _copied(extensions),
+        to=own.to or common.to,
         queue=own.queue or common.queue,
         private=own.private or common.private,
         qos=own.qos or common.qos,

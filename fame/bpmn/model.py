@@ -116,12 +116,14 @@ class Topic:
     payload  of a throw: flow-style YAML/JSON with ``${...}``; None: none given
     queue    of a catch: how many messages it keeps from the time its scope is entered; 0: none
     qos      policy -> value, as written
+    to       of a message that is thrown: the name of the robot that it is for; None: it reaches all
     takes    of a catch: explicit mapping of the caught message (``msg`` in its expressions); may be empty
     """
 
     name: str
     type: str | None = None
     payload: Expression | None = None
+    to: Expression | None = None
     queue: int = 0
     private: bool = False
     qos: Mapping[str, str] = field(default_factory=_empty)

@@ -25,6 +25,13 @@ class TopicEnd:
     node: FlowNode
     topic: Topic
 
+    @property
+    def is_message(self) -> bool:
+        """Whether it throws or catches a message, not a signal."""
+        if not isinstance(self.node, Event):
+            return True
+        return any(one.topic is self.topic for one in self.node.definitions if isinstance(one, MessageDefinition))
+
 
 @dataclass(frozen=True, slots=True)
 class TopicUse:
@@ -44,6 +51,16 @@ class TopicUse:
     def type(self) -> str:
         """The message type that it carries."""
         return self.declared or EMPTY_TYPE
+
+    @property
+    def addresses(self) -> bool:
+        """Whether one of its throws is for one robot."""
+        return any(end.topic.to is not None for end in self.throws)
+
+    @property
+    def takes_messages(self) -> bool:
+        """Whether one of its catches waits for a message."""
+        return any(end.is_message for end in self.catches)
 
 
 @dataclass(slots=True)

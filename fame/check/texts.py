@@ -94,6 +94,7 @@ def _texts(element: Element) -> Iterator[Found]:
     if isinstance(element, FlowNode):
         yield from ((item.source, "mapping") for item in (*element.copies_in, *element.copies_out))
         yield from ((topic.payload, "payload") for topic, _ in topics_of(element))
+        yield from ((topic.to, "value") for topic, _ in topics_of(element))
 
 
 def _of_event(event: Event) -> Iterator[Found]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fame.bpmn.model import Definitions
+from fame.check.addressing import addressing_findings
 from fame.check.catching import catching_findings
 from fame.check.compiling import compiler_findings
 from fame.check.findings import Finding, arranged, of_error
@@ -63,6 +64,7 @@ def check(
         *loop_findings(about),
         *timer_findings(about),
         *topic_findings(about, all_of_them),
+        *addressing_findings(about),
         *name_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
         *script_findings(about),

@@ -98,6 +98,7 @@ class Candidate:
         self._look(self._scheduler.now + round(MATCHING * SECOND))
 
     def _look(self, until: int) -> None:
+        self.process.meet()
         absent = missing(self.envelope.promises, self.process.namespace, self._middleware)
         if (absent or self._middleware.connecting(self.process.node)) and self._scheduler.now < until:
             self._after(_POLL, partial(self._look, until))

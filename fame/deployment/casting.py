@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from fame.bpmn.model import Definitions
 from fame.errors import DeploymentError
 from fame.library import Library
+from fame.node.addressed import address
 from fame.splitter import Pool, bind, expected, plays, pools_of, shared_topics
 
 
@@ -35,6 +36,8 @@ def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, onl
 def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Library) -> dict[str, dict[str, str]]:
     """For each robot, the public topics whose opposite end another robot of the collaboration has."""
     ends: dict[str, tuple[set[str], set[str]]] = {}
+    addressing: dict[str, set[str]] = {}
+    taking: dict[str, set[str]] = {}
     for robot, pool in cast.items():
         for name, use in shared_topics(definitions, [pool], library).items():
             if not name.startswith("~/"):
@@ -43,7 +46,15 @@ def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Librar
                     throws.add(robot)
                 if use.catches:
                     catches.add(robot)
+                if use.addresses:
+                    addressing.setdefault(name, set()).add(robot)
+                if use.takes_messages:
+                    taking.setdefault(name, set()).add(robot)
     found: dict[str, dict[str, str]] = {robot: {} for robot in cast}
+    for name, senders in addressing.items():
+        for robot in senders:
+            others = taking.get(name, set()) - {robot}
+            found[robot].update((address(name, other), "subscriber") for other in sorted(others))
     for name, (throws, catches) in ends.items():
         for robot in throws:
             if catches - {robot}:

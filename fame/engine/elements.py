@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from fame.bpmn import model
 from fame.engine import activities, events, gateways, loops, steps
-from fame.engine.events import OBSERVED, alternatives, listen, refuse
+from fame.engine.events import OBSERVED, address, alternatives, listen, refuse
 from fame.engine.host import Compiled
 from fame.engine.state import Body, Node, Step
 from fame.engine.variables import UNDEFINED
@@ -254,6 +254,7 @@ def task(wiring: Wiring, element: model.Task, node: Node) -> None:
             raise refuse("a send task needs a message", element, wiring)
         node.topic, payload = element.topic.qualified, element.topic.payload or element.payload
         node.run = compiler.expression(payload, element, wiring.file) if payload else None
+        address(wiring, element, element.topic, node)
     elif element.kind in ("service", "send"):  # of Camunda, which lets a send task call what a service task calls
         if not element.operation:
             raise refuse("a service task needs the name of what it calls", element, wiring)

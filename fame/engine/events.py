@@ -175,6 +175,7 @@ def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition
             signal = isinstance(definition, model.SignalDefinition)
             node.step, node.topic = steps.throw if signal else steps.send, topic.qualified
             node.run = wiring.compiler.optional(topic.payload, event, wiring.file)
+            address(wiring, event, topic, node)
             if node.run is not None and event.io is not None and event.io.inputs:
                 pairs = ((item.target, item.source) for item in event.io.inputs)
                 node.run = data.with_inputs(wiring.compiler.assignments(pairs, event, wiring.file), node.run)
@@ -201,6 +202,12 @@ def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition
             link(wiring, event, node, name)
         case _:
             raise refuse("cannot be thrown", event, wiring)
+
+
+def address(wiring: Wiring, element: model.FlowNode, topic: model.Topic, node: Node) -> None:
+    """Let a message be for one robot, if it says for which."""
+    if topic.to is not None:
+        node.to = wiring.compiler.expression(topic.to, element, wiring.file)
 
 
 def link(wiring: Wiring, event: model.Event, node: Node, name: str) -> None:

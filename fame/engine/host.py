@@ -45,6 +45,9 @@ class Host(Protocol):
         Returns the typed message, as own catchers get it. Raises MessageError if the value does not fit the type.
         """
 
+    def send(self, topic: str, value: Any, robot: Any) -> None:
+        """Send a message to one other robot, by name. Raises BpmnError ``unreachable`` if it does not take it."""
+
     def set_timer(self, key: int, kind: str, text: str) -> None:
         """Say `timer_fired(key)` when the ISO 8601 duration, date or cycle is due. Raises ValueError on a bad text."""
 

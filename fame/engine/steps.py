@@ -101,7 +101,11 @@ def send(engine: Engine, scope: Scope, node: Node) -> Node | None:
     """A message for another process: own catchers do not hear it."""
     try:
         value = node.run(scope.variables) if node.run is not None else None
-        engine.host.publish(node.topic, None if value is UNDEFINED else value)
+        value = None if value is UNDEFINED else value
+        if node.to is None:
+            engine.host.publish(node.topic, value)
+        else:
+            engine.host.send(node.topic, value, node.to(scope.variables))
     except BaseException as error:
         return activities.failed(engine, scope, node, error)
     return node.next

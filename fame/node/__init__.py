@@ -2,6 +2,7 @@
 
 robot_node  the node: host of one engine
 mission     what it is to do
+addressed   messages for one robot
 ends        its ends of topics: of events, and of what scripts name
 scripts     the runner of its scripts, and what they have around them
 asking      service tasks that ask ROS services and actions

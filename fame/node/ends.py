@@ -13,9 +13,11 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.bpmn.topics import TopicUse
+from fame.clock import Scheduler
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, Middleware, Node, Publisher, QoS, resolve
+from fame.node.addressed import Addressed, address
 from fame.scripting import Inbox, script_topics
 
 
@@ -25,8 +27,9 @@ class Ends:
     `caught` has the topics that own events catch: full name -> qualified name.
     """
 
-    def __init__(self, node: Node, types: Mapping[str, TopicUse], middleware: Middleware) -> None:
+    def __init__(self, node: Node, types: Mapping[str, TopicUse], middleware: Middleware, scheduler: Scheduler) -> None:
         self._node, self._types, self._middleware = node, types, middleware
+        self.addressed = Addressed(node, middleware, scheduler, self.publisher)
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._throws: dict[str, Publisher] = {}  # of events, by qualified name
         self.caught: dict[str, str] = {}
@@ -73,9 +76,13 @@ class Ends:
         profile = qos.parse(use.qos) if use.qos else SIGNAL
         if use.throws:
             self._throws[name] = self.publisher(full, use.type, profile)
+        if use.addresses:
+            self.addressed.open(name, use.type, profile)
         if use.catches:
             self.caught[full] = name
             self._node.subscription(full, use.type, heard, profile)
+        if use.takes_messages:
+            self._node.subscription(address(name, self._node.namespace), use.type, heard, profile)
 
     def _open_named(self, topic: str, direction: str, type: str | None, inbox: Inbox) -> None:
         if direction in ("call", "act"):

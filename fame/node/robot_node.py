@@ -95,7 +95,7 @@ class RobotNode:
         self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
         self._timers = Timers(scheduler, epoch, self._fire)
         self._until, self._told_late = until, set[str]()
-        self._ends = Ends(self.node, mission.types, middleware)
+        self._ends = Ends(self.node, mission.types, middleware, scheduler)
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
         self.scripts = Scripts(self, self._ends)
         self.runner = self.scripts.runner
@@ -182,6 +182,7 @@ class RobotNode:
         """Leave: scripts are closed, timers forgotten, endpoints gone."""
         self.scripts.close()
         self._timers.close()
+        self._ends.addressed.close()
         self.node.close()
 
     # ---- what people ask -----------------------------------------------------------------------------------------
@@ -282,6 +283,13 @@ class RobotNode:
         full, message = self._ends.throw(topic, value)
         self.runner.inbox.deliver(full, message)
         return message
+
+    def send(self, topic: str, value: Any, robot: Any) -> None:
+        self._ends.addressed.send(topic, value, robot)
+
+    def meet(self) -> None:
+        """Make the ends towards single robots, as far as these are there."""
+        self._ends.addressed.meet()
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
         self._timers.set(key, kind, text)

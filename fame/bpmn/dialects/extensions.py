@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 from fame.bpmn.context import Context, type_name, whole
 from fame.bpmn.dialects.qos import policy
+from fame.bpmn.expressions import mapped
 from fame.bpmn.model import EMPTY, Assignment, Expression, IoMapping
 from fame.bpmn.xml import Node
 
@@ -90,17 +91,18 @@ class TopicProperties:
 
     type: str | None
     payload: Expression | None
+    to: Expression | None
     queue: int
     private: bool
     qos: Mapping[str, str]
 
 
 def topic_properties(context: Context, element: Node, found: Extensions, kind: str = "msg") -> TopicProperties:
-    """Uses up ``type``, ``payload``, ``queue``, ``scope`` and ``qos.<policy>``: the form of the FAME paper, and ours.
+    """Uses up ``type``, ``payload``, ``to``, ``queue``, ``scope``, ``qos.<policy>``: the form of the paper, and ours.
 
     Raises ModelError for a value that none of them can have.
     """
-    given, payload, queue, scope = (found.take(name) for name in ("type", "payload", "queue", "scope"))
+    given, payload, to, queue, scope = (found.take(name) for name in ("type", "payload", "to", "queue", "scope"))
     if scope is not None and scope.value.strip().lower() != "robot":
         raise context.error(element, f"scope={scope.value!r}: expected robot (a topic of the robot's own), or nothing")
     qos = dict(found.qos)
@@ -116,6 +118,7 @@ def topic_properties(context: Context, element: Node, found: Extensions, kind: s
         payload=Expression(payload.value.strip(), "payload", payload.line)
         if payload and payload.value.strip()
         else None,
+        to=mapped(to.value, to.line) if to is not None and to.value.strip() else None,
         queue=whole(context, element, "queue", queue.value, 0) if queue else 0,
         private=scope is not None,
         qos=MappingProxyType(qos) if qos else EMPTY,
