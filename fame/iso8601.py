@@ -32,6 +32,7 @@ _DURATION = re.compile(
     rf"(?:T(?=.)(?:(?P<hours>{_NUMBER})H)?(?:(?P<minutes>{_NUMBER})M)?(?:(?P<seconds>{_NUMBER})S)?)?"
 )
 _DATETIME = re.compile(r"[0-9]{4}[0-9W-]*(?:T[0-9:.,]+(?:Z|[+-][0-9:]+)?)?")
+_NAMED = re.compile(r"([^@\[]*)(?:@([^@\[\]]+)|\[([^@\[\]]+)\])")
 _END_OF_DAY = re.compile(r"T24(?=(?::?00(?::?00(?:[.,]0+)?)?)?(?:Z|[+-]|$))")
 
 
@@ -51,6 +52,8 @@ class Duration:
 
     def __mul__(self, factor: int) -> Duration:
         return Duration(self.months * factor, self.rest * factor)
+
+    __rmul__ = __mul__
 
     def __str__(self) -> str:
         """The canonical text, such as ``P1Y2M3DT4H5M6.5S``."""
@@ -139,7 +142,7 @@ def parse_datetime(text: str, zone: tzinfo = UTC) -> datetime:
     """The date and time that `text` says, such as ``2026-01-31T12:00:00Z`` or ``20260131T130000,5+0100``.
 
     One without time zone is in `zone`, one without time of day at midnight; digits beyond microseconds are dropped.
-    A zone may be named behind it, as in FEEL: ``2026-01-31T12:00:00[Europe/Berlin]``.
+    A zone may be named behind it, as in FEEL: ``2026-01-31T12:00:00@Europe/Berlin``.
     """
     text, zone = _named_zone(text.strip(), zone)
     example = "an ISO 8601 date and time such as 2026-01-31T12:00:00Z"
@@ -197,14 +200,15 @@ def nanoseconds_between(start: datetime, end: datetime) -> int:
 
 
 def _named_zone(text: str, zone: tzinfo) -> tuple[str, tzinfo]:
-    """A date without the zone that FEEL writes behind it (``[Europe/Berlin]``), and the zone for one without offset."""
-    date, bracket, name = text.partition("[")
-    if not bracket or not name.endswith("]"):
+    """A date without the zone that FEEL writes behind it (``@Europe/Berlin``, ``[Europe/Berlin]``), and the zone for
+    one without offset."""
+    found = _NAMED.fullmatch(text)
+    if found is None:
         return text, zone
     from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
     try:
-        return date, ZoneInfo(name[:-1])
+        return found[1], ZoneInfo(found[2] or found[3])
     except (ValueError, OSError, ZoneInfoNotFoundError):
         raise ValueError(f"{text!r} has a time zone that is not known here: an offset such as +01:00 is") from None
 

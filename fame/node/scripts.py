@@ -6,6 +6,7 @@ throws is; the middleware brings it to everybody else.
 
 from __future__ import annotations
 
+from random import Random
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
@@ -36,9 +37,9 @@ class Scripts:
         )
         self.javascript = self._surroundings()
         scheduler = robot.scheduler
-        speaker = Robot(
-            robot.name, robot.namespace, self._publish, self.runner.inbox, lambda: scheduler.now / SECOND, robot.epoch
-        )
+        clock, chance = (lambda: scheduler.now / SECOND), Random(robot.namespace)
+        inbox = self.runner.inbox
+        speaker = Robot(robot.name, robot.namespace, self._publish, inbox, clock, robot.epoch, chance)
         self._in_scope = interface(robot=speaker, signal=self._signal, log=self._log) | {SURROUNDINGS: self.javascript}
 
     def variables(self) -> dict[str, Any]:

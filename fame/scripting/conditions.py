@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fame.scripting.data import is_number
-from fame.scripting.grammar import Evaluate
+from fame.scripting.data import Evaluate, is_number
 
 _SAID = {"true": True, "false": False, "": False}
 _SHOWN = 60

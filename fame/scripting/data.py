@@ -7,10 +7,13 @@ underscore are refused.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Number
 from types import ModuleType
 from typing import Any
+
+Evaluate = Callable[[Mapping[str, Any]], Any]
+"""What an expression is compiled to: a function of the variables."""
 
 PLAIN = frozenset({int, float, str, bool, type(None), list, tuple, dict})
 """Types that are data without a further look."""
@@ -66,6 +69,33 @@ def plain(value: Any) -> Any:
     if value.__class__ is tuple:
         return list(value)
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def to_number(value: Any) -> int | float | None:
+    """A number from a number or text; null from null. Raises TypeError."""
+    if value is None or is_number(value):
+        return value  # type: ignore[no-any-return]
+    try:
+        text = str(value).strip()
+        return int(text) if text.lstrip("+-").isdecimal() else float(text)
+    except ValueError:
+        raise TypeError(f"{value!r} is not a number") from None
+
+
+def to_text(value: Any) -> str:
+    """As it is written in an expression: true, false, the text itself; nothing for null."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return str(value)
+
+
+def fields_of(value: Any) -> dict[str, Any]:
+    """The entries of a mapping, or the fields of an object such as a message; none of what has none."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    return {name: getattr(value, name) for name in _fields(value)}
 
 
 def _fields(value: Any) -> list[str]:

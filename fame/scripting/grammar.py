@@ -7,19 +7,24 @@ result of parsing is a function of the variables. No Python text is made or eval
 from __future__ import annotations
 
 import builtins
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
-from fame.scripting.data import PLAIN, Undefined, checked
+from fame.scripting.data import PLAIN, Evaluate, Undefined, checked
 from fame.scripting.lexer import ExpressionError, Token, tokenize
+from fame.scripting.metering import metered
+from fame.scripting.signatures import Argument, Function, called, chosen
 
-Evaluate = Callable[[Mapping[str, Any]], Any]
 Prefix = Callable[["Parser"], Evaluate]
 Infix = Callable[["Parser", Evaluate], Evaluate]
 
 _DEPTH = 100
 """Levels of nesting that are accepted."""
+
+_WORDS = 4
+"""Words in the name of a function, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,15 +34,18 @@ class Dialect:
     name: str
     prefixes: Mapping[str, Prefix]
     infixes: Mapping[str, tuple[int, Infix]]
-    functions: Mapping[str, Callable[..., Any]]
+    functions: Mapping[str, Sequence[Function]]
     undefined_is_null: bool
 
 
 class Parser:
-    """A walk over the tokens of one expression. `names` collects the variables that it reads."""
+    """A walk over the tokens of one expression.
+
+    `names` collects the variables that it reads; `counts`: it has loops or calls, which count against the budget.
+    """
 
     def __init__(self, text: str, dialect: Dialect) -> None:
-        self.dialect, self.names = dialect, dict[str, None]()
+        self.dialect, self.names, self.counts = dialect, dict[str, None](), False
         self._tokens, self._index, self._depth = tokenize(text), 0, 0
         self._bound: list[str] = []
 
@@ -48,7 +56,7 @@ class Parser:
         evaluate = self.expression()
         if not self._at_end():
             raise self.unexpected("an operator or the end")
-        return evaluate
+        return metered(evaluate) if self.counts else evaluate
 
     def expression(self, power: int = 0) -> Evaluate:
         """An operand and all that follows it and binds tighter than `power`."""
@@ -119,6 +127,27 @@ class Parser:
                 self.expect(",")
         return items
 
+    def arguments(self) -> list[Argument]:
+        """After ``(``: what a function is called with, up to and with the closing sign. Each may have its name."""
+        self.counts = True
+        given: list[Argument] = []
+        while not self.take(")"):
+            given.append((self._label(), self.expression()))
+            if not self.at(")"):
+                self.expect(",")
+        return given
+
+    def _label(self) -> str:
+        """``start position:`` before an argument, if it is there."""
+        index = self._index
+        while self._tokens[index].kind == "name":
+            index += 1
+        words = self._tokens[self._index : index]
+        if not words or not self.at(":", len(words)):
+            return ""
+        self._index = index + 1
+        return " ".join(str(word.value) for word in words)
+
     def inside(self, names: list[str], power: int = 0) -> Evaluate:
         """An expression in which these names are bound by the expression around it."""
         self._bound += names
@@ -142,24 +171,36 @@ class Parser:
 
     def _variable(self) -> Evaluate:
         place, name = self.token.place, self.name()
-        if self.at("("):
-            known = ", ".join(sorted(self.dialect.functions))
+        if self.at("(") and name not in self._bound:
             python = " (plain Python has it)" if hasattr(builtins, name) else ""
-            raise ExpressionError(f"there is no function `{name}` here{python}; there are {known}", place)
+            raise ExpressionError(f"there is no function `{name}` here{python}{self._likely(name)}", place)
         if name not in self._bound:
             self.names[name] = None
         return variable(name, self.dialect.undefined_is_null)
 
+    def _likely(self, name: str) -> str:
+        """What may be meant instead."""
+        close = get_close_matches(name, self.dialect.functions, 3)
+        return f"; is it {' or '.join(close)}?" if close else ""
+
     def _call(self) -> Evaluate | None:
         """A call of a function of the dialect, if one begins here; its name may be several words."""
-        for words in (3, 2, 1):
+        for words in range(_WORDS, 0, -1):
             tokens = self._tokens[self._index : self._index + words]
             name = " ".join(str(token.value) for token in tokens)
             if name in self.dialect.functions and self.at("(", words):
+                place = self.token.place
                 self._index += words + 1
-                build = attempted if self.dialect.undefined_is_null else called
-                return build(self.dialect.functions[name], name, self.listed(")"))
+                return self._called(name, place)
         return None
+
+    def _called(self, name: str, place: int) -> Evaluate:
+        found = chosen(self.dialect.functions[name], self.arguments())
+        if found is not None:
+            return called(found[0], name, found[1], self.dialect.undefined_is_null)
+        if self.dialect.undefined_is_null:
+            return constant(None)
+        raise ExpressionError(f"`{name}` cannot be called with these arguments", place)
 
 
 def constant(value: Any) -> Evaluate:
@@ -188,32 +229,6 @@ def _of_robot(variables: Mapping[str, Any], name: str, undefined_is_null: bool) 
     if undefined_is_null:
         return None
     raise Undefined(f"`{name}` is not set")
-
-
-def called(function: Callable[..., Any], name: str, arguments: list[Evaluate]) -> Evaluate:
-    """A function of the dialect, applied."""
-
-    def evaluate(variables: Mapping[str, Any]) -> Any:
-        values = [argument(variables) for argument in arguments]
-        try:
-            return function(*values)
-        except TypeError as error:
-            raise TypeError(f"{name}({', '.join(map(repr, values))}): {error}") from None
-
-    return evaluate
-
-
-def attempted(function: Callable[..., Any], name: str, arguments: list[Evaluate]) -> Evaluate:
-    """The same where what cannot be computed is null."""
-
-    def evaluate(variables: Mapping[str, Any]) -> Any:
-        values = [argument(variables) for argument in arguments]
-        try:
-            return function(*values)
-        except (TypeError, ValueError, AttributeError, ArithmeticError):
-            return None
-
-    return evaluate
 
 
 def infix(power: int, combine: Callable[[Evaluate, Evaluate], Evaluate]) -> tuple[int, Infix]:

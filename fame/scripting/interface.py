@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from random import Random
 from typing import Any
 
 from fame.clock import EPOCH, SECOND, date_at
@@ -35,7 +36,7 @@ class Robot:
     """The robot that runs the script. `namespace` has no slashes; topic names are relative to it.
 
     `_publish` takes topic, type and a mapping of fields (or a whole message), and may raise MessageError; `_clock`
-    gives the time of the mission in s, `_epoch` the date of its time 0.
+    gives the time of the mission in s, `_epoch` the date of its time 0; `_chance` is the same in each run.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Robot:
     _inbox: Inbox = field(repr=False)
     _clock: Callable[[], float] = field(repr=False)
     _epoch: datetime = field(default=EPOCH, repr=False)
+    _chance: Random = field(default_factory=Random, repr=False)
 
     @property
     def now(self) -> float:
@@ -92,9 +94,20 @@ class Robot:
 
 def mission_date(variables: Mapping[str, Any]) -> datetime | None:
     """The date and time of the mission (UTC) whose variables an expression is evaluated on; None outside of one."""
+    robot = _robot(variables)
+    return None if robot is None else robot.date
+
+
+def chance(variables: Mapping[str, Any]) -> Random | None:
+    """The random numbers of the robot whose variables an expression is evaluated on; None outside of a mission."""
+    robot = _robot(variables)
+    return None if robot is None else robot._chance
+
+
+def _robot(variables: Mapping[str, Any]) -> Robot | None:
     builtins = variables.get("__builtins__")
     robot = builtins.get("robot") if isinstance(builtins, dict) else None
-    return robot.date if isinstance(robot, Robot) else None
+    return robot if isinstance(robot, Robot) else None
 
 
 class Log:

@@ -12,10 +12,23 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fame.scripting.data import NUMBERS, Undefined, field, is_empty, is_list, is_number, plain
-from fame.scripting.functions import FUNCTIONS, to_number, to_text
-from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix, listing, mapping, parenthesized
+from fame.scripting.arithmetic import product
+from fame.scripting.data import (
+    NUMBERS,
+    Evaluate,
+    Undefined,
+    field,
+    is_empty,
+    is_list,
+    is_number,
+    plain,
+    to_number,
+    to_text,
+)
+from fame.scripting.feel.functions import FUNCTIONS
+from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix, listing, mapping, parenthesized
 from fame.scripting.lexer import ExpressionError
+from fame.scripting.signatures import functions
 
 Compare = Callable[[Any, Any], bool]
 
@@ -218,13 +231,22 @@ def _table() -> dict[str, tuple[int, Infix]]:
         (">= ge", ORDER, _comparison(operator.ge)),
         ("+", SUM, _plus),
         ("-", SUM, _arithmetic(operator.sub)),
-        ("*", PRODUCT, _arithmetic(operator.mul)),
+        ("*", PRODUCT, _arithmetic(product)),
         ("/ div", PRODUCT, _arithmetic(operator.truediv)),
         ("% mod", PRODUCT, _arithmetic(_remainder)),
     ]
     table = {sign: infix(power, combine) for signs, power, combine in operators for sign in signs.split()}
     return table | {"?": (1, _ternary), ".": (PATH, _path), "[": (PATH, _index)}
 
+
+_SHARED = frozenset({
+    "abs", "floor", "ceiling", "round", "sqrt", "modulo", "number", "string", "count", "sum", "min", "max", "mean",
+    "append", "concatenate", "reverse", "contains", "substring", "duration", "cycle",
+})  # fmt: skip
+_FUNCTIONS = {name: function for name, function in FUNCTIONS.items() if name in _SHARED} | functions(
+    {"split(string: string, separator: string)": lambda text, separator: text.split(separator)}
+)
+"""Those of FEEL that are of one word and about numbers, texts and lists; a separator is a plain text."""
 
 JUEL = Dialect(
     name="${...}",
@@ -241,7 +263,7 @@ JUEL = Dialect(
         "{": mapping,
     },
     infixes=_table(),
-    functions={name: function for name, function in FUNCTIONS.items() if " " not in name},
+    functions=_FUNCTIONS,
     undefined_is_null=False,
 )
 """The language."""

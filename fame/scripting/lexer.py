@@ -12,7 +12,7 @@ _TOKEN = re.compile(
       | (?P<number>\d+(?:\.\d+)?(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)
       | (?P<text>"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')
       | (?P<name>[^\W\d]\w*|`[^`]+`)
-      | (?P<operator>\*\*|\.\.|&&|\|\||==|!=|<=|>=|[-+*/%<>=!?:.,()\[\]{}])
+      | (?P<operator>\*\*|\.\.|&&|\|\||==|!=|<=|>=|[-+*/%<>=!?:.,()\[\]{}]|@(?=\s*"))
     """,
     re.VERBOSE | re.DOTALL,
 )
@@ -76,8 +76,8 @@ def _token(match: re.Match[str], place: int) -> Token:
 
 def _unescape(match: re.Match[str]) -> str:
     code = match.group(1)
-    if len(code) == 1:
-        return _ESCAPED.get(code, code)
+    if len(code) == 1:  # a letter that is no escape is one of a regular expression, such as \\d
+        return _ESCAPED.get(code, match.group() if code.isalnum() else code)
     if len(code) == 11:  # two halves of UTF-16 are one letter
         return bytes.fromhex(code[1:5] + code[7:]).decode("utf-16-be")
     point = int(code[1:], 16)

@@ -12,11 +12,10 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from fame.engine.variables import UNDEFINED
-from fame.scripting.data import Undefined
+from fame.scripting.data import Evaluate, Undefined, to_text
 from fame.scripting.feel import FEEL
 from fame.scripting.flow import flow, scalar
-from fame.scripting.functions import to_text
-from fame.scripting.grammar import Evaluate, Parser, constant
+from fame.scripting.grammar import Parser, constant
 from fame.scripting.juel import JUEL
 from fame.scripting.lexer import ExpressionError
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fame.scripting.data import Undefined, field, is_list, is_number, plain
-from fame.scripting.feel_times import are_times, compared
+from fame.iso8601 import Duration
+from fame.scripting.data import Undefined, field, fields_of, is_list, is_number, plain
+from fame.scripting.feel.times import Temporal, are_times, compared, parsed, property_of
+from fame.scripting.metering import spend
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,24 @@ def equal(left: Any, right: Any) -> bool | None:
         return compared(operator.eq, left, right)
     if _kind(left) != _kind(right):
         return None
-    return bool(plain(left) == plain(right))
+    return bool(identity(left) == identity(right))
+
+
+def identity(value: Any) -> Any:
+    """What is the same of two values that are equal, and of no others; it can be hashed."""
+    if value.__class__ in (str, int, float, type(None)):
+        return value
+    spend(1)
+    if value.__class__ is Temporal:
+        found = parsed(value)
+        return found if isinstance(found, Duration) else (found.kind, bool(found.zone), found.at)
+    if isinstance(value, bool):
+        return ("boolean", value)
+    if isinstance(value, Mapping):
+        return frozenset((key, identity(item)) for key, item in value.items())
+    if is_list(value):
+        return tuple([identity(item) for item in plain(value)])
+    return value if is_number(value) else (type(value), _attributes(value))
 
 
 def order(compare: Callable[[Any, Any], bool], left: Any, right: Any) -> bool | None:
@@ -56,23 +74,12 @@ def order(compare: Callable[[Any, Any], bool], left: Any, right: Any) -> bool | 
     return None
 
 
-def power(base: Any, exponent: Any) -> Any:
-    """In floating point, so that no exponent takes for ever; a whole result of whole numbers is whole."""
-    result = math.pow(base, exponent)
-    whole = isinstance(base, int) and isinstance(exponent, int) and result.is_integer() and abs(result) < 2**53
-    return int(result) if whole else result
-
-
-def quotient(dividend: Any, divisor: Any) -> Any:
-    """A whole quotient of whole numbers is whole."""
-    whole = isinstance(dividend, int) and isinstance(divisor, int) and dividend % divisor == 0
-    return dividend // divisor if whole else dividend / divisor
-
-
 def field_of(value: Any, name: str) -> Any:
     """``value.name``: of a list the list of its elements' fields; null where there is none."""
     if value.__class__ is not dict and is_list(value):
         return [field_of(item, name) for item in value]
+    if value.__class__ is Temporal:
+        return property_of(value, name)
     try:
         return field(value, name)
     except Undefined:
@@ -86,7 +93,8 @@ def within(value: Any, test: Any) -> bool | None:
     if isinstance(test, Bound):
         return order(test.compare, value, test.value)
     if is_list(test):
-        return any(within(value, one) for one in test)
+        spend(len(test))
+        return (is_list(value) and equal(value, test)) or any(within(value, one) for one in test)
     return equal(value, test)
 
 
@@ -95,4 +103,11 @@ def _kind(value: Any) -> str:
         return "boolean"
     if is_number(value):
         return "number"
+    if isinstance(value, Mapping):
+        return "context"
     return "list" if is_list(value) else type(value).__name__
+
+
+def _attributes(value: Any) -> Any:
+    fields = fields_of(value)
+    return frozenset((key, identity(item)) for key, item in fields.items()) if fields else id(value)

@@ -1,4 +1,4 @@
-"""The part of FEEL that is about lists and ranges: brackets, filters, ``for``, ``some``, ``every``."""
+"""The syntax of FEEL about lists, ranges and contexts: brackets, filters, ``for``, ``some``, ``every``."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from fame.engine.variables import Variables
-from fame.scripting.data import is_list, is_number, plain
-from fame.scripting.feel_values import Range
-from fame.scripting.grammar import Evaluate, Parser, listing
+from fame.scripting.data import Evaluate, fields_of, is_list, is_number, plain
+from fame.scripting.feel.values import Range
+from fame.scripting.grammar import Parser, listing
+from fame.scripting.metering import spend
 
 COMPARE = 3
 """Binding power of comparisons: what stands between ``in`` and ``return`` binds tighter."""
@@ -16,6 +17,7 @@ COMPARE = 3
 
 def index_or_filter(parser: Parser, left: Evaluate) -> Evaluate:
     """After ``[``: a place, counted from 1 or from -1 at the end; or a condition on `item`."""
+    parser.counts = True
     inner = parser.inside(["item"])
     parser.expect("]")
 
@@ -33,13 +35,12 @@ def index_or_filter(parser: Parser, left: Evaluate) -> Evaluate:
 
 def _item_scope(variables: Mapping[str, Any], item: Any) -> Variables:
     """In a filter `item` is the element; its fields are names, too."""
-    fields = item if isinstance(item, Mapping) else {
-        name: getattr(item, name) for name in getattr(type(item), "__dataclass_fields__", ())
-    }  # fmt: skip
-    return _scope(variables, {"item": item, **fields})
+    spend()
+    return scope(variables, {"item": item, **fields_of(item)})
 
 
-def _scope(variables: Mapping[str, Any], names: Mapping[str, Any]) -> Variables:
+def scope(variables: Mapping[str, Any], names: Mapping[str, Any]) -> Variables:
+    """The variables with these before them."""
     return Variables(variables if isinstance(variables, dict) else dict(variables), names)
 
 
@@ -77,6 +78,7 @@ def span(parser: Parser, low: Evaluate, *, with_low: bool) -> Evaluate:
 
 def _iterated(parser: Parser) -> tuple[list[str], Callable[[Mapping[str, Any]], Iterable[Mapping[str, Any]]]]:
     """``x in items, i in 1..5``: the names, and a scope for each combination; the last one runs fastest."""
+    parser.counts = True
     domains = [_domain(parser, [])]
     while parser.take(","):
         domains.append(_domain(parser, [name for name, _ in domains]))
@@ -84,7 +86,8 @@ def _iterated(parser: Parser) -> tuple[list[str], Callable[[Mapping[str, Any]], 
     def scopes(variables: Mapping[str, Any], place: int = 0) -> Iterable[Mapping[str, Any]]:
         name, items = domains[place]
         for item in items(variables):
-            inner = _scope(variables, {name: item})
+            spend()
+            inner = scope(variables, {name: item})
             if place + 1 < len(domains):
                 yield from scopes(inner, place + 1)
             else:
@@ -122,8 +125,8 @@ def iteration(parser: Parser) -> Evaluate:
 
     def evaluate(variables: Mapping[str, Any]) -> list[Any]:
         results: list[Any] = []
-        for scope in scopes(_scope(variables, {"partial": results})):
-            results.append(result(scope))  # noqa: PERF401 - the results so far are seen from inside
+        for inner in scopes(scope(variables, {"partial": results})):
+            results.append(result(inner))  # noqa: PERF401 - the results so far are seen from inside
         return results
 
     return evaluate
@@ -141,7 +144,7 @@ def context(parser: Parser) -> Evaluate:
 
     def evaluate(variables: Mapping[str, Any]) -> dict[str, Any]:
         made: dict[str, Any] = {}
-        inner = _scope(variables, made)
+        inner = scope(variables, made)
         for key, value in entries:
             made[key] = value(inner)
             inner.define(key, made[key])
@@ -155,6 +158,6 @@ def quantified(join: Callable[[Iterable[bool]], bool]) -> Callable[[Parser], Eva
         names, scopes = _iterated(parser)
         parser.expect("satisfies")
         test = parser.inside(names)
-        return lambda variables: join(test(scope) is True for scope in scopes(variables))
+        return lambda variables: join(test(inner) is True for inner in scopes(variables))
 
     return quantified

@@ -10,8 +10,11 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fame.scripting.data import NUMBERS, is_number
-from fame.scripting.feel_lists import (
+from fame.scripting.arithmetic import power, product, quotient
+from fame.scripting.data import NUMBERS, Evaluate, is_number
+from fame.scripting.feel.functions import FUNCTIONS
+from fame.scripting.feel.lambdas import definition, invocation
+from fame.scripting.feel.lists import (
     COMPARE,
     bracket,
     context,
@@ -21,11 +24,12 @@ from fame.scripting.feel_lists import (
     quantified,
     span,
 )
-from fame.scripting.feel_times import Time, are_times, computed
-from fame.scripting.feel_values import Bound, Range, equal, field_of, order, power, quotient, within
-from fame.scripting.functions import FUNCTIONS
-from fame.scripting.grammar import Dialect, Evaluate, Infix, Parser, constant, infix
-from fame.scripting.lexer import ExpressionError
+from fame.scripting.feel.moments import literal
+from fame.scripting.feel.times import Temporal, are_times, computed
+from fame.scripting.feel.types import instance
+from fame.scripting.feel.values import Bound, Range, equal, field_of, order, within
+from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix
+from fame.scripting.metering import spend, weight
 
 OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
 """Binding powers (DMN 1.5, section 10.3.1.2); comparisons have `COMPARE`, 3."""
@@ -70,16 +74,26 @@ def _arithmetic(compute: Callable[[Any, Any], Any]) -> Callable[[Evaluate, Evalu
                     return compute(a, b)
                 except (ArithmeticError, ValueError):
                     return None
-            if are_times(a, b) or (is_number(b) and a.__class__ is Time) or (is_number(a) and b.__class__ is Time):
+            if are_times(a, b) or _scales(a, b) or _scales(b, a):
                 try:
                     return computed(compute, a, b)
                 except (ArithmeticError, ValueError):
                     return None
-            return a + b if compute is operator.add and isinstance(a, str) and isinstance(b, str) else None
+            return _joined(a, b) if compute is operator.add and isinstance(a, str) and isinstance(b, str) else None
 
         return evaluate
 
     return combine
+
+
+def _scales(number: Any, time: Any) -> bool:
+    return time.__class__ is Temporal and is_number(number)
+
+
+def _joined(left: str, right: str) -> str:
+    text = left + right
+    spend(weight(text))
+    return text
 
 
 def _both(left: Evaluate, right: Evaluate) -> Evaluate:
@@ -146,6 +160,8 @@ def _test(parser: Parser) -> Evaluate:
 
 def _path(parser: Parser, left: Evaluate) -> Evaluate:
     name = parser.name()
+    if name == "time" and parser.take("offset"):
+        name = "time offset"
     return lambda variables: field_of(left(variables), name)
 
 
@@ -167,6 +183,8 @@ def _minus(parser: Parser) -> Evaluate:
 
     def evaluate(variables: Mapping[str, Any]) -> Any:
         value = operand(variables)
+        if value.__class__ is Temporal:
+            return computed(product, value, -1)
         return -value if is_number(value) else None
 
     return evaluate
@@ -181,13 +199,9 @@ def _if(parser: Parser) -> Evaluate:
     return lambda variables: then(variables) if condition(variables) is True else otherwise(variables)
 
 
-def _is_defined(parser: Parser) -> Evaluate:
-    """After ``is``, of ``is defined(x)``."""
-    if not (parser.take("defined") and parser.take("(")):
-        raise ExpressionError("`is` was not expected here", parser.token.place)
-    operand = parser.expression()
-    parser.expect(")")
-    return lambda variables: operand(variables) is not None
+def _literal(parser: Parser) -> Evaluate:
+    """After ``@``: a date, a time, both, or a duration."""
+    return constant(literal(str(parser.advance().value)))
 
 
 def _table() -> dict[str, tuple[int, Infix]]:
@@ -202,7 +216,7 @@ def _table() -> dict[str, tuple[int, Infix]]:
         ">=": (COMPARE, _comparison(operator.ge)),
         "+": (SUM, _arithmetic(operator.add)),
         "-": (SUM, _arithmetic(operator.sub)),
-        "*": (PRODUCT, _arithmetic(operator.mul)),
+        "*": (PRODUCT, _arithmetic(product)),
         "/": (PRODUCT, _arithmetic(quotient)),
         "**": (POWER, _arithmetic(power)),
     }
@@ -210,6 +224,8 @@ def _table() -> dict[str, tuple[int, Infix]]:
     return table | {
         "between": (COMPARE, _between),
         "in": (COMPARE, _in),
+        "instance": (UNARY, instance),
+        "(": (PATH, invocation),
         ".": (PATH, _path),
         "[": (PATH, index_or_filter),
     }
@@ -227,7 +243,8 @@ FEEL = Dialect(
         "for": iteration,
         "some": quantified(any),
         "every": quantified(all),
-        "is": _is_defined,
+        "function": definition,
+        "@": _literal,
         "(": parenthesis,
         "[": bracket,
         "{": context,

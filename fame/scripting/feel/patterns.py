@@ -1,0 +1,171 @@
+"""Regular expressions in a time that is known: no pattern can hold a robot up, as nested repetitions do with `re`.
+
+A pattern is compiled to a program of small steps, which is run as a backtracking search that never tries the same step
+at the same place twice (R. Cox, Regular Expression Matching: the Virtual Machine Approach, 2009). So a search takes at
+most the length of the program times that of the text, and each try is counted against the budget. What one letter is,
+Python's `re` decides. There are no look-arounds and no references back, which cannot be had in that time.
+
+==================  =====================================================================
+step                what it does
+==================  =====================================================================
+("letter", r)       goes on by one letter that the expression `r` matches
+("at", r)           goes on if `r` (an anchor) matches here
+("split", a, b)     tries the step at distance a, and if that comes to nothing the one at b
+("jump", a)         goes on at distance a
+("mark", n)         remembers the place: a group begins (n even) or ends
+("end",)            is a match
+==================  =====================================================================
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+from fame.scripting.metering import PASS, spend
+
+Step = tuple[Any, ...]
+Match = dict[int, int]
+"""Places: group n is from 2n to 2n + 1; group 0 is all."""
+
+_STEPS = 10_000
+"""The longest program."""
+
+_FLAGS = {"i": re.IGNORECASE, "s": re.DOTALL, "m": re.MULTILINE}
+_ATOM = re.compile(r"\[\^?\]?(?:\\.|[^\]\\])*\]|\\.|[^\\\[()|*+?{]|\{(?![0-9])", re.DOTALL)
+_ANCHORS = frozenset({"^", "$", "\\b", "\\B", "\\A", "\\Z"})
+_REPEAT = re.compile(r"(?:([*+?])|\{([0-9]{1,4})(,?)([0-9]{0,4})\})(\??)")
+
+
+class _Compiler:
+    """Recursive descent over one pattern."""
+
+    def __init__(self, pattern: str, flags: int) -> None:
+        self._pattern, self._flags, self._place, self._groups = pattern, flags, 0, 0
+
+    def program(self) -> tuple[Step, ...]:
+        steps = self._alternatives()
+        if self._place < len(self._pattern):
+            raise ValueError(f"{self._pattern!r} is no regular expression: `)` too many")
+        return (("mark", 0), *steps, ("mark", 1), ("end",))
+
+    def _ahead(self, sign: str) -> bool:
+        return self._pattern.startswith(sign, self._place)
+
+    def _alternatives(self) -> list[Step]:
+        first = self._sequence()
+        if not self._ahead("|"):
+            return first
+        self._place += 1
+        second = self._alternatives()
+        return [("split", 1, len(first) + 2), *first, ("jump", len(second) + 1), *second]
+
+    def _sequence(self) -> list[Step]:
+        steps: list[Step] = []
+        while self._place < len(self._pattern) and not (self._ahead("|") or self._ahead(")")):
+            steps += self._repeated(self._group() if self._ahead("(") else self._atom())
+            if len(steps) > _STEPS:
+                raise ValueError(f"{self._pattern[:40]!r}... is too long")
+        return steps
+
+    def _group(self) -> list[Step]:
+        plain = self._ahead("(?:")
+        if self._ahead("(?") and not plain:
+            raise ValueError(f"{self._pattern!r}: (?...) cannot be used here, but for (?:...)")
+        self._place += 3 if plain else 1
+        self._groups += not plain
+        number = 2 * self._groups
+        steps = self._alternatives()
+        if not self._ahead(")"):
+            raise ValueError(f"{self._pattern!r} is no regular expression: a `)` is missing")
+        self._place += 1
+        return steps if plain else [("mark", number), *steps, ("mark", number + 1)]
+
+    def _atom(self) -> list[Step]:
+        found = _ATOM.match(self._pattern, self._place)
+        if found is None or re.fullmatch(r"\\[1-9]", found[0]):
+            raise ValueError(f"{self._pattern!r} is no regular expression that can be used here")
+        self._place = found.end()
+        text = "\\{" if found[0] == "{" else found[0]
+        return [("at" if text in _ANCHORS else "letter", re.compile(text, self._flags).match)]
+
+    def _repeated(self, steps: list[Step]) -> list[Step]:
+        found = _REPEAT.match(self._pattern, self._place)
+        if found is None:
+            return steps
+        self._place = found.end()
+        least, most = {"*": (0, None), "+": (1, None), "?": (0, 1)}.get(found[1] or "", (0, 0))
+        if not found[1]:
+            least = int(found[2])
+            most = least if not found[3] else int(found[4]) if found[4] else None
+        if (least + (most or 1)) * len(steps) > _STEPS:
+            raise ValueError(f"{self._pattern!r} repeats too often")
+        return _repeat(steps, least, most, lazy=bool(found[5]))
+
+
+def _repeat(steps: list[Step], least: int, most: int | None, *, lazy: bool) -> list[Step]:
+    def either(ahead: int, beyond: int) -> Step:
+        return ("split", beyond, ahead) if lazy else ("split", ahead, beyond)
+
+    repeated = steps * least
+    if most is None:
+        return [*repeated, either(1, len(steps) + 2), *steps, ("jump", -len(steps) - 1)]
+    for _ in range(most - least):
+        repeated = [*repeated, either(1, len(steps) + 1), *steps]
+    return repeated
+
+
+@lru_cache(256)
+def _compiled(pattern: str, flags: str) -> tuple[Step, ...]:
+    if not set(flags) <= {*_FLAGS, "x"}:
+        raise ValueError(f"{flags!r}: flags are i, s, m and x")
+    if "x" in flags:
+        pattern = "".join(re.findall(r"\\\S|\[(?:\\.|[^\]\\])*\]|\S", pattern, re.DOTALL))
+    value = 0
+    for flag in flags.replace("x", ""):
+        value |= _FLAGS[flag]
+    return _Compiler(pattern, value).program()
+
+
+def matches(text: str, pattern: str, flags: str = "") -> Iterator[Match]:
+    """All matches from left to right, none inside another. Raises ValueError for what is no pattern."""
+    program, start = _compiled(pattern, flags), 0
+    while start <= len(text):
+        found = _search(program, text, start)
+        if found is None:
+            return
+        yield found
+        start = found[1] + (found[0] == found[1])
+
+
+def _search(program: tuple[Step, ...], text: str, start: int) -> Match | None:
+    """The first match from `start` on. What came to nothing once does so again, wherever the search began."""
+    tried: set[int] = set()
+    for place in range(start, len(text) + 1):
+        found = _match(program, text, place, tried)
+        if found is not None:
+            return found
+    return None
+
+
+def _match(program: tuple[Step, ...], text: str, place: int, tried: set[int]) -> Match | None:
+    pending: list[tuple[int, int, Match]] = [(0, place, {})]
+    while pending:
+        step, place, marks = pending.pop()
+        while (key := step * (len(text) + 1) + place) not in tried:
+            tried.add(key)
+            spend(PASS)
+            kind, *values = program[step]
+            if kind == "end":
+                return marks
+            if kind == "mark":
+                marks = {**marks, values[0]: place}
+            elif kind == "split":
+                pending.append((step + values[1], place, marks))
+            elif not (kind == "jump" or values[0](text, place)) or (kind == "letter" and place == len(text)):
+                break
+            place += kind == "letter"
+            step += values[0] if kind in ("split", "jump") else 1
+    return None
