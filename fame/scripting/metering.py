@@ -14,7 +14,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from fame.engine.variables import BUILTINS
-from fame.scripting.budget import BUDGET, DEFAULT, BudgetExceeded
+from fame.heartbeat import BUDGET, BudgetExceeded
+from fame.scripting.budget import DEFAULT
 from fame.scripting.data import Evaluate
 
 PASS = 10
