@@ -172,7 +172,7 @@ def choose_process(definitions: Definitions, name: str | None) -> Process:
     """
     processes = definitions.processes
     if name is not None:
-        pools = [pool.process for pool in definitions.participants if pool.name == name]
+        pools = [pool.process for pool in definitions.participants if name in (pool.name, pool.label)]
         found = definitions.process(name) or (definitions.process(pools[0]) if pools else None)
         if found is None:
             has = ", ".join(process.id for process in processes) or "none"

@@ -46,19 +46,20 @@ class Part:
 
 
 def pools_of(definitions: Definitions) -> list[Pool]:
-    """The pools that have a process, in document order.
+    """The pools that have a process, in document order; one without a name goes by its id.
 
-    Raises ModelError for a pool without a name, two that differ in case alone, and a file with nothing to execute.
+    Raises ModelError for a pool whose process the file does not have, two that differ in case alone, and a file with
+    nothing to execute.
     """
     pools: list[Pool] = []
     for participant in definitions.participants:
-        process = definitions.process(participant.process) if participant.process else None
-        if process is None:
+        if not participant.process:
             continue
+        process, name = definitions.process(participant.process), participant.label
         where = {"file": definitions.file, "line": participant.line, "element": participant.id}
-        name = " ".join(participant.name.split())
-        if not name:
-            raise ModelError("the pool has no name; name it like the robot that plays it", **where)  # type: ignore[arg-type]
+        if process is None:
+            text = f"the pool's process is {participant.process!r}: the file has no such process"
+            raise ModelError(text, **where)  # type: ignore[arg-type]
         if any(pool.name.casefold() == name.casefold() for pool in pools):
             raise ModelError(f"there are two pools {name!r} (case does not count)", **where)  # type: ignore[arg-type]
         numbers = participant.minimum, participant.maximum

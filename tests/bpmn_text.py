@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+import fame
 from fame.bpmn import read_text
 from fame.bpmn.model import Body, Definitions, FlowNode
 from fame.errors import ModelError
@@ -64,10 +65,17 @@ def properties(**named: str) -> str:
     return extensions(f"<camunda:properties>{written}</camunda:properties>")
 
 
+def compiled(text: str) -> None:
+    """Read a file and compile its processes, as for a run."""
+    definitions = read_text(text, file="bad.bpmn")
+    for process in definitions.processes:
+        fame.Simulation(definitions, process.id)
+
+
 def refused(text: str) -> ModelError:
-    """The error of a file that cannot be read: one line, that names the file."""
+    """The error of a file that cannot be read or compiled: one line, that names the file."""
     with pytest.raises(ModelError) as caught:
-        read_text(text, file="bad.bpmn")
+        compiled(text)
     assert "\n" not in str(caught.value)
     assert caught.value.file == "bad.bpmn"
     return caught.value

@@ -224,9 +224,9 @@ def test_a_called_process_that_cannot_be_entered_is_an_error() -> None:
 
 
 def test_pools_that_no_robot_can_be_found_for_are_errors() -> None:
-    others = '<participant id="X" processRef="P1"/><participant id="Y" name="rex" processRef="P1"/>'
+    others = '<participant id="X" processRef="gone"/><participant id="Y" name="rex" processRef="P1"/>'
     assert told(team(row(), pools=others), "error") == [
-        "X: the pool has no name; name it like the robot that plays it",
+        "X: the pool's process is 'gone': the file has no such process",
         "Y: there are two pools 'rex' (case does not count)",
     ]
 

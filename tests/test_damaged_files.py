@@ -68,9 +68,11 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(seed: int) -> None:
 
 
 def handle(source: bytes) -> list[str]:
-    """Does all that can be done with a file. Returns why it was refused, if it was."""
+    """Does all that can be done with a file, but for running it. Returns why it was refused, if it was."""
+    faults: list[str] = []
     try:
         definitions = read_bytes(source, file="damaged.bpmn")
+        faults = [f"damaged.bpmn: {one.text}" for process in definitions.processes for one in process.faults[:1]]
         topic_table(definitions)
         draw(definitions)
         parts = [extract_process(definitions, process.id) for process in definitions.processes]
@@ -78,4 +80,4 @@ def handle(source: bytes) -> list[str]:
         return [str(error)]
     for part in parts:
         read_bytes(part)
-    return []
+    return faults

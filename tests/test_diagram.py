@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from bpmn_text import document, notes_of, refused
+from bpmn_text import document, notes_of
 
 from fame.bpmn import read_text
 
@@ -49,7 +49,8 @@ def test_a_shape_of_nothing_is_a_note() -> None:
         ('<bpmndi:BPMNEdge bpmnElement="t"><di:waypoint x="1" y="1"/></bpmndi:BPMNEdge>', "fewer than two way points"),
     ],
 )
-def test_a_drawing_that_cannot_be_drawn_is_an_error(content: str, said: str) -> None:
-    error = refused(diagram(content))
-    assert said in str(error)
-    assert error.element == "t"
+def test_what_cannot_be_drawn_is_left_out_with_a_warning(content: str, said: str) -> None:
+    definitions = read_text(diagram(content))
+    warnings = [(note.element, note.level) for note in definitions.notes if said in note.text]
+    assert warnings == [("t", "warning")]
+    assert definitions.shapes == definitions.edges == ()

@@ -404,7 +404,7 @@ def test_what_has_no_effect_is_noted() -> None:
     ],
 )
 def test_mappings_that_say_too_little_are_errors(inside: str, said: str) -> None:
-    error = refused(process(f'<callActivity id="c">{extensions(inside)}</callActivity>'))
+    error = refused(process(f'<callActivity id="c" calledElement="P">{extensions(inside)}</callActivity>'))
     assert said in error.text
     assert error.element == "c"
 

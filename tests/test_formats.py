@@ -241,11 +241,10 @@ def test_pools_are_robots_whatever_the_case() -> None:
         bind(pools_of(definitions), ["REX", "Rex"])
 
 
-def test_two_pools_that_fall_together_and_unnamed_ones_are_named() -> None:
+def test_two_pools_that_fall_together_are_named_and_one_without_a_name_goes_by_its_id() -> None:
     with pytest.raises(ModelError, match=r"Pool_2: there are two pools 'REX' \(case does not count\)"):
         pools_of(fame.read(FORMATS / "robots_two_alike.bpmn"))
-    with pytest.raises(ModelError, match="Pool_1: the pool has no name"):
-        pools_of(fame.read(FORMATS / "robots_unnamed.bpmn"))
+    assert [pool.name for pool in pools_of(fame.read(FORMATS / "robots_unnamed.bpmn"))] == ["Pool_1"]
     notes = {one.element: one.text for one in check(fame.read(FORMATS / "robots.bpmn"))}
     assert notes["Pool_2"].startswith("is a black box")
 
@@ -346,7 +345,7 @@ def test_the_language_of_a_text_is_told_by_what_is_said_and_how_it_looks() -> No
 
 def test_another_language_is_an_error_that_names_the_accepted_forms() -> None:
     with pytest.raises(ModelError) as caught:
-        fame.read(FORMATS / "language_unknown.bpmn")
+        fame.Simulation(fame.read(FORMATS / "language_unknown.bpmn"))
     assert caught.value.text == (
         "language 'groovy': accepted are python (meant if nothing is said), javascript, ${...} and =..."
     )

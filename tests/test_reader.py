@@ -11,7 +11,7 @@ from fame.bpmn import read, read_bytes, read_text
 from fame.bpmn.conversion import convert
 from fame.bpmn.model import Assignment, Expression, Task
 from fame.errors import ModelError
-from fame.splitter import split
+from fame.splitter import pools_of, split
 
 SIGNAL = '<signal id="S" name="weed_found"/>'
 
@@ -205,10 +205,11 @@ def test_all_names_of_javascript_are_known(format: str) -> None:
 
 
 def test_another_language_is_an_error_that_names_the_accepted_forms() -> None:
-    with pytest.raises(
-        ModelError, match=r"bad.bpmn:2: f: language 'groovy': accepted are python .* javascript, .* =\.\.\."
-    ):
-        condition_of("x", "groovy")
+    flow = '<sequenceFlow id="f" sourceRef="t" targetRef="t"><conditionExpression language="groovy">x'
+    error = refused(process(f'<task id="t"/>{flow}</conditionExpression></sequenceFlow>'))
+    assert str(error) == (
+        "bad.bpmn:3: f: language 'groovy': accepted are python (meant if nothing is said), javascript, ${...} and =..."
+    )
     error = refused(process('<scriptTask id="t" scriptFormat="ruby"><script>x</script></scriptTask>'))
     assert (error.element, error.line) == ("t", 3)
 
@@ -223,8 +224,9 @@ def test_a_quote_behind_a_backslash_ends_no_text(text: str) -> None:
 
 
 def test_a_condition_that_mixes_text_and_expressions_is_refused() -> None:
-    with pytest.raises(ModelError, match="put the whole of it into one"):
-        condition_of("${x} &gt; 1")
+    flow = '<sequenceFlow id="f" sourceRef="t" targetRef="t"><conditionExpression>${x} &gt; 1'
+    error = refused(process(f'<task id="t"/>{flow}</conditionExpression></sequenceFlow>'))
+    assert "put the whole of it into one" in error.text
 
 
 # ---- what is wrong ---------------------------------------------------------------------------------------------------
@@ -285,7 +287,6 @@ WRONG = {
         "g",
         "default flow 'f' is not one of those that leave it",
     ),
-    "a signal without a name": ('<endEvent id="e"><signalEventDefinition/></endEvent>', "e", "the signal has no name"),
     "a signal that is not there": (
         '<endEvent id="e"><signalEventDefinition signalRef="gone"/></endEvent>',
         "e",
@@ -351,17 +352,21 @@ def test_what_is_wrong_is_told_with_file_line_and_element(case: str) -> None:
     assert str(error).startswith(f"bad.bpmn:{error.line}: {element}: ")
 
 
-def test_a_pool_of_an_unknown_process_is_an_error() -> None:
-    error = refused(document('<collaboration id="C"><participant id="p" processRef="gone"/></collaboration>'))
-    assert (error.element, error.line) == ("p", 2)
-    assert "'gone': the file has no such process" in error.text
+def test_a_pool_of_an_unknown_process_has_no_robot() -> None:
+    definitions = read_text(
+        document('<collaboration id="C"><participant id="p" processRef="gone"/></collaboration>'), file="bad.bpmn"
+    )
+    with pytest.raises(ModelError, match=r"bad\.bpmn:2: p: the pool's process is 'gone': the file has no such process"):
+        pools_of(definitions)
 
 
-def test_a_message_flow_to_nothing_is_an_error() -> None:
+def test_a_message_flow_to_nothing_is_a_warning() -> None:
     flow = '<messageFlow id="m" sourceRef="p" targetRef="gone"/>'
-    error = refused(document(f'<collaboration id="C"><participant id="p"/>{flow}</collaboration>'))
-    assert error.element == "m"
-    assert "goes to 'gone'" in error.text
+    definitions = read_text(document(f'<collaboration id="C"><participant id="p"/>{flow}</collaboration>'))
+    (note,) = definitions.notes
+    assert (note.level, note.element) == ("warning", "m")
+    assert "goes to 'gone'" in note.text
+    assert definitions.message_flows == ()
 
 
 @pytest.mark.parametrize(

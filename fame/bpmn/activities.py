@@ -9,7 +9,7 @@ from fame.bpmn.context import Context, boolean, find, id_in, whole
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import topic_properties
 from fame.bpmn.events import TopicSource, message_keys, read_topic
-from fame.bpmn.expressions import body, condition, mapped, variable
+from fame.bpmn.expressions import body, condition, mapped, variable, variable_named
 from fame.bpmn.model import (
     Assignment,
     CallActivity,
@@ -105,7 +105,7 @@ def _service(node: HalfRead) -> Topic | None:
     """The ROS service or action of a service task: by the web modeler's elements, or by a property of that name."""
     service, action = node.extensions.take("service"), node.extensions.take("action")
     if service is not None and action is not None:
-        raise node.context.error(node.element, "the properties service and action: a service task calls one of them")
+        node.fault("the properties service and action: a service task calls one of them")
     named = service or action
     if named is None and not node.extensions.service:
         return None
@@ -165,22 +165,19 @@ def _multi_instance(node: HalfRead, loop: Node) -> MultiInstance:
     collection = variable(context, loop, said.collection) if said.collection.strip() else None
     if collection is None:
         reference = child(loop, "loopDataInputRef")
-        name = _variable_of(loop, text_of(reference)) if reference is not None else ""
+        name = _variable_of(context, loop, text_of(reference)) if reference is not None else ""
         collection = variable(context, loop, name) if name else None
     output = child(loop, "loopDataOutputRef")
     output_collection = (named.value if named is not None else said.output_collection).strip()
     if output is not None and not output_collection:
-        output_collection = _variable_of(loop, text_of(output))
+        output_collection = _variable_of(context, loop, text_of(output))
     element = (each.value if each is not None else said.output_element).strip() or _item_name(loop, "outputDataItem")
     if loop.get("behavior", "All") != "All":
         text = f"behavior={loop.get('behavior')!r} has no effect: no event is thrown per instance"
         context.note(loop, text, "warning")
-    cardinality = _inner(context, loop, "loopCardinality")
-    if cardinality is None and collection is None:
-        raise context.error(loop, "the multi-instance activity has neither a collection nor a cardinality")
     return MultiInstance(
         sequential=boolean(context, loop, "isSequential"),
-        cardinality=cardinality,
+        cardinality=_inner(context, loop, "loopCardinality"),
         collection=collection,
         element_variable=said.element_variable.strip() or _item_name(loop, "inputDataItem"),
         completion=_inner(context, loop, "completionCondition"),
@@ -192,7 +189,7 @@ def _multi_instance(node: HalfRead, loop: Node) -> MultiInstance:
 
 def _item_name(loop: Node, name: str) -> str:
     item = child(loop, name)
-    return item.get("name", "").strip() if item is not None else ""
+    return variable_named(item) if item is not None else ""
 
 
 def _inner(context: Context, element: Node, name: str) -> Expression | None:
@@ -201,21 +198,20 @@ def _inner(context: Context, element: Node, name: str) -> Expression | None:
     return read(context, holder) if holder is not None else None
 
 
-def _variable_of(loop: Node, reference: str) -> str:
+def _variable_of(context: Context, loop: Node, reference: str) -> str:
     """The variable that a reference to data means: that of a data object with just one, else its name.
 
     A data input or output of the activity is followed to the data object that fills it.
     """
     reference = reference.strip()
-    root = loop.getroottree().getroot()
     activity = loop.getparent()
     for association in activity if activity is not None else ():
         ends = [text_of(one).strip() for one in association if local(one) in ("sourceRef", "targetRef")]
         if reference in ends and len(ends) == 2:
             reference = ends[1 - ends.index(reference)]
             break
-    for one in root.iter():
-        if one.get("id") == reference:
-            names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))]
-            return names[0] if len(names) == 1 else one.get("name", "").strip() or reference
-    return reference
+    one = context.anywhere(loop, reference)
+    if one is None:
+        return reference
+    names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))]
+    return names[0] if len(names) == 1 else variable_named(one)

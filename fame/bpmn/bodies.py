@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -10,10 +11,12 @@ from fame.bpmn.activities import TASKS, read_activity, read_call, read_task
 from fame.bpmn.context import Context, find, id_in, truth
 from fame.bpmn.data import read_data_objects
 from fame.bpmn.dialects import extensions_of
-from fame.bpmn.events import PLACES, read_definitions, read_mapping
+from fame.bpmn.events import read_definitions, read_mapping
 from fame.bpmn.expressions import condition, variable
 from fame.bpmn.model import (
     EMPTY,
+    GATEWAYS,
+    PLACES,
     Activity,
     Body,
     CompensateDefinition,
@@ -27,13 +30,6 @@ from fame.bpmn.model import (
 from fame.bpmn.nodes import Surroundings, Wiring, documentation, half_read
 from fame.bpmn.xml import BPMN, Node, Parts, attributes, child, line_of, local
 
-_GATEWAYS: Mapping[str, Literal["exclusive", "inclusive", "parallel", "event", "complex"]] = {
-    "exclusiveGateway": "exclusive",
-    "inclusiveGateway": "inclusive",
-    "parallelGateway": "parallel",
-    "eventBasedGateway": "event",
-    "complexGateway": "complex",
-}
 _SUB_PROCESSES: Mapping[str, Literal["embedded", "transaction", "adhoc"]] = {
     "subProcess": "embedded",
     "transaction": "transaction",
@@ -53,11 +49,11 @@ _B = f"{{{BPMN}}}"
 def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
     """The content of a process or sub-process.
 
-    Raises ModelError for a flow node that BPMN 2.0 does not have, a sequence flow or boundary event that hangs in the
-    air or crosses the border of the scope, a default flow that does not leave its node.
+    Faults are a flow node that BPMN 2.0 does not have, a sequence flow or boundary event that hangs in the air or
+    crosses the border of the scope, a default flow that does not leave its node.
     """
     context = around.context
-    wiring, flows = _wiring(context, parts)
+    wiring, flows = _wiring(context, element, parts)
     nodes: dict[str, FlowNode] = {}
     for one in element:
         read = _READERS.get(one.tag)
@@ -66,78 +62,87 @@ def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
         else:
             node = read(around, one, wiring)
             nodes[node.id] = node
-    for flow in flows:
-        _check_flow(context, flow, nodes)
-    for node in nodes.values():
-        _check_node(context, node, nodes)
     return Body(
-        nodes=tuple(nodes.values()),
+        nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
         flows=tuple(_flow(context, one) for one in flows),
         data_objects=read_data_objects(context, parts),
         associations=tuple(_associations(element, nodes)),
     )
 
 
-def _wiring(context: Context, parts: Parts) -> tuple[Wiring, list[Node]]:
+def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Wiring, list[Node]]:
+    """The sequence flows that lead from one node of the scope to another."""
     wiring: dict[str, tuple[list[str], list[str]]] = {}
-    flows = parts.get("sequenceFlow", [])
-    for flow in flows:
-        id = context.claim(flow)
+    nodes = {one.get("id", "") for one in element if one.tag in _READERS} - {""}
+    ids = {context.claim(flow): flow for flow in parts.get("sequenceFlow", ())}
+    flows = {id: flow for id, flow in ids.items() if _leads(context, flow, nodes)}
+    for id, flow in flows.items():
         wiring.setdefault(flow.get("sourceRef", "").strip(), ([], []))[1].append(id)
         wiring.setdefault(flow.get("targetRef", "").strip(), ([], []))[0].append(id)
-    return wiring, flows
+    return wiring, list(flows.values())
 
 
 def _pass_over(context: Context, element: Node) -> None:
     if not element.tag.startswith(_B):
         context.note(element, f"<{element.tag}> is not of BPMN: it stays in the file and has no effect")
     elif local(element) not in _OTHER:
-        raise context.error(element, f"<{local(element)}> is not a flow element that FAME knows")
+        context.fault(element, f"<{local(element)}> is not a flow element that FAME knows")
 
 
 # ---- checks ----------------------------------------------------------------------------------------------------------
 
 
-def _check_flow(context: Context, flow: Node, nodes: Mapping[str, FlowNode]) -> None:
+def _leads(context: Context, flow: Node, nodes: set[str]) -> bool:
+    """Whether both ends of a sequence flow are nodes of its scope."""
     for end, preposition in (("sourceRef", "from"), ("targetRef", "to")):
         reference = flow.get(end, "").strip()
         if reference in nodes:
             continue
-        if not reference:
-            raise context.error(flow, f"the sequence flow has no {end}")
-        raise context.error(flow, f"the sequence flow goes {preposition} {reference!r}: {_why_not(flow, reference)}")
+        text = (
+            f"goes {preposition} {reference!r}: {_why_not(context, flow, reference)}" if reference else f"has no {end}"
+        )
+        context.fault(flow, f"the sequence flow {text}")
+        return False
+    return True
 
 
-def _why_not(element: Node, reference: str) -> str:
+def _why_not(context: Context, flow: Node, reference: str) -> str:
     """Why what is referred to is no flow node of the same scope."""
-    found = [one for one in element.getroottree().getroot().iter("*") if one.get("id") == reference]
-    if not found:
+    found = context.anywhere(flow, reference)
+    if found is None:
         return "there is no such flow node"
-    if found[0].tag in _READERS:
+    if found.tag in _READERS:
         return "it crosses the border of its scope"
-    namespace, _, name = found[0].tag.rpartition("}")
+    namespace, _, name = found.tag.rpartition("}")
     if f"{namespace}}}" == _B:
         return f"that is a <{name}>, no flow node"
     where = f"of namespace {namespace[1:]}" if namespace else "without a namespace"
     return f"that is a <{name}> {where}, which is no flow node of BPMN 2.0"
 
 
-def _check_node(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> None:
-    error = partial(context.error, context.elements[node.id])
+def _checked(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> FlowNode:
+    """The node, without a default flow that it cannot have; a boundary event without a host is an intermediate one."""
+    fault = partial(context.fault, context.elements[node.id])
     if isinstance(node, Event) and node.place == "boundary":
-        host = nodes.get(node.attached_to)
-        if not node.attached_to:
-            raise error("the boundary event is attached to nothing")
-        if host is None:
-            raise error(
-                f"the boundary event is attached to {node.attached_to!r}: there is no such activity in its scope"
-            )
-        if not isinstance(host, Activity):
-            raise error(f"the boundary event is attached to {node.attached_to!r}, which is not an activity")
-        if isinstance(host, SubProcess) and host.triggered_by_event:
-            raise error(f"the boundary event is attached to {node.attached_to!r}, an event sub-process: it has none")
+        why = _no_host(node.attached_to, nodes.get(node.attached_to))
+        if why:
+            fault(f"the boundary event is attached to {why}")
+            return replace(node, place="catch", attached_to="")
     if isinstance(node, Activity | Gateway) and node.default and node.default not in node.outgoing:
-        raise error(f"its default flow {node.default!r} is not one of those that leave it")
+        fault(f"its default flow {node.default!r} is not one of those that leave it")
+        return replace(node, default="")
+    return node
+
+
+def _no_host(id: str, host: FlowNode | None) -> str:
+    """Why nothing can be attached to it; empty if something can."""
+    if not id:
+        return "nothing"
+    if host is None:
+        return f"{id!r}: there is no such activity in its scope"
+    if not isinstance(host, Activity):
+        return f"{id!r}, which is not an activity"
+    return f"{id!r}, an event sub-process: it has none" if getattr(host, "triggered_by_event", False) else ""
 
 
 # ---- flows -----------------------------------------------------------------------------------------------------------
@@ -164,7 +169,8 @@ def _condition(context: Context, flow: Node) -> Expression | None:
     for name in attributes(holder):
         if name.endswith("}resource"):
             text = f"its condition is the resource {holder.get(name)}; put its text into the condition"
-            raise context.error(flow, text)
+            context.fault(flow, text)
+            return None
     return condition(context, holder)
 
 
@@ -220,7 +226,7 @@ def _gateway(around: Surroundings, element: Node, wiring: Wiring) -> Gateway:
     node = half_read(around, element, wiring)
     activation = node.parts.get("activationCondition")
     return Gateway(
-        kind=_GATEWAYS[local(element)],
+        kind=GATEWAYS[local(element)],
         default=node.get("default"),
         activation=condition(node.context, activation[0]) if activation else None,
         instantiate=node.flag("instantiate"),
@@ -258,7 +264,7 @@ def _sub_process(around: Surroundings, element: Node, wiring: Wiring) -> SubProc
 
 _READERS: Mapping[str, Callable[[Surroundings, Node, Wiring], FlowNode]] = {
     **{f"{_B}{tag}": _event for tag in PLACES},
-    **{f"{_B}{tag}": _gateway for tag in _GATEWAYS},
+    **{f"{_B}{tag}": _gateway for tag in GATEWAYS},
     **{f"{_B}{tag}": _task for tag in TASKS},
     **{f"{_B}{tag}": _sub_process for tag in _SUB_PROCESSES},
     f"{_B}callActivity": _call,

@@ -1,4 +1,4 @@
-"""What the readers of one file share: where errors are, which ids are taken, what the file declares at its root."""
+"""What the readers of one file share: what is wrong and where, which ids are taken, what the file has at its root."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
-from fame.bpmn.model import Note
+from fame.bpmn.model import Fault, Note
 from fame.bpmn.xml import Node, line_of, local
 from fame.errors import ModelError
 
@@ -24,7 +24,7 @@ class Context:
     """Of one file.
 
     `roots`: signals, messages, errors ... by id; `language`: its expressionLanguage; `elements`: what has been read;
-    `original`: it is one of the original FaMe's, by its looks.
+    `original`: it is one of the original FaMe's, by its looks; `faults`: why what is being read cannot be executed.
     """
 
     file: str
@@ -32,11 +32,22 @@ class Context:
     language: str = ""
     original: bool = False
     notes: list[Note] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
+    _ids: dict[str, Node] | None = None
     elements: dict[str, Node] = field(default_factory=dict)
 
     def error(self, element: Node, text: str) -> ModelError:
         """The error to raise at an element."""
         return ModelError(text, file=self.file, line=line_of(element), element=name_of(element))
+
+    def fault(self, element: Node, text: str) -> None:
+        """Something that is wrong with an element: its process can be read, drawn and written, but not executed."""
+        self.faults.append(Fault(text, name_of(element), line_of(element)))
+
+    def take_faults(self) -> tuple[Fault, ...]:
+        """Those found since this was last asked, in the order of their lines."""
+        found, self.faults = sorted(self.faults, key=lambda one: one.line), []
+        return tuple(dict.fromkeys(found))
 
     def note(
         self, element: Node, text: str, level: Literal["warning", "note", "reading"] = "note", quirk: bool = False
@@ -65,6 +76,13 @@ class Context:
             id = f"{stem}_{number}"
         element.set("id", id)
         return id
+
+    def anywhere(self, element: Node, reference: str | None) -> Node | None:
+        """What a reference names in the whole file of an element, read or not."""
+        if self._ids is None:
+            found = list(element.getroottree().getroot().iter("*"))
+            self._ids = {id: one for one in reversed(found) if (id := one.get("id"))}
+        return find(self._ids, reference)
 
     def root(self, reference: str | None) -> Node | None:
         """The root element that a reference names, if there is one."""
@@ -104,15 +122,15 @@ def boolean(context: Context, element: Node, name: str, default: bool = False) -
     if text is None:
         return default
     if text.strip() not in _BOOLEANS:
-        raise context.error(element, f"{name}={text!r}: expected true or false")
-    return _BOOLEANS[text.strip()]
+        context.fault(element, f"{name}={text!r}: expected true or false")
+    return _BOOLEANS.get(text.strip(), default)
 
 
 def truth(context: Context, element: Node, name: str, text: str) -> bool:
     """A property that is true or false."""
     if text.strip().lower() not in _BOOLEANS:
-        raise context.error(element, f"property {name}={text!r}: expected true or false")
-    return _BOOLEANS[text.strip().lower()]
+        context.fault(element, f"property {name}={text!r}: expected true or false")
+    return _BOOLEANS.get(text.strip().lower(), False)
 
 
 def whole(context: Context, element: Node, name: str, text: str, least: int) -> int:
@@ -122,15 +140,16 @@ def whole(context: Context, element: Node, name: str, text: str, least: int) -> 
     except ValueError:
         number = least - 1
     if number < least:
-        raise context.error(element, f"{name}={text!r}: expected a whole number, {least} or more")
-    return number
+        context.fault(element, f"{name}={text!r}: expected a whole number, {least} or more")
+    return max(number, least)
 
 
-def type_name(context: Context, element: Node, text: str, kind: str = "msg") -> str:
+def type_name(context: Context, element: Node, text: str, kind: str = "msg") -> str | None:
     """A message or service type as ``pkg/msg/Type``; ``pkg/Type`` is taken as that."""
     match = _TYPE.fullmatch(text.strip())
     if match is None:
-        raise context.error(element, f"type={text!r}: expected pkg/{kind}/Type, such as std_msgs/msg/String")
+        context.fault(element, f"type={text!r}: expected pkg/{kind}/Type, such as std_msgs/msg/String")
+        return None
     return f"{match[1]}/{match[2] or kind}/{match[3]}"
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.context import Context, boolean, find
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import data_values
-from fame.bpmn.expressions import body, is_name, mapped
+from fame.bpmn.expressions import body, is_name, mapped, variable_named
 from fame.bpmn.model import Assignment, DataObject, Expression
 from fame.bpmn.xml import BPMN, Node, Parts, child, children, line_of, local, text_of
 
@@ -21,21 +21,44 @@ _KINDS: Mapping[str, Literal["object", "input", "output", "store", "property"]] 
     "dataObjectReference": "object",
     "dataObject": "object",
     "dataStoreReference": "store",
+    "dataStore": "store",
     "property": "property",
     "dataInput": "input",
     "dataOutput": "output",
 }
-_SCOPES = ("process", "subProcess", "transaction", "adHocSubProcess")
+_SCOPES = ("process", "subProcess", "transaction", "adHocSubProcess", "definitions")
+_ENDS = {"dataInputAssociation": "sourceRef", "dataOutputAssociation": "targetRef"}
 
 
-def data_ids(process: Node) -> dict[str, str]:
-    """Id of everything in a process that an association may name -> id of the data object that it means.
+def shared_stores(context: Context, process: Node) -> Iterator[Node]:
+    """Data stores that associations of a process name and that stand outside of it: in another pool, or at the root.
+
+    Robots share no memory, so each process has one of its own.
+    """
+    found: set[Node] = set()
+    for association in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _ENDS)):
+        for reference in children(association, _ENDS[local(association)]):
+            store = context.anywhere(process, text_of(reference))
+            if store is None or store in found or local(store) not in ("dataStoreReference", "dataStore"):
+                continue
+            if process not in store.iterancestors():
+                found.add(store)
+                yield store
+
+
+def data_of(process: Node, stores: Sequence[Node]) -> list[Node]:
+    """Everything in a process that an association may name, and the stores outside of it that it shares."""
+    return [*process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)), *stores]
+
+
+def data_ids(data: Iterable[Node]) -> dict[str, str]:
+    """Id of each -> id of the data object that it means.
 
     A data object means its first reference; inputs, outputs and properties of one activity or event mean none ("").
     """
     found: dict[str, str] = {}
     behind: dict[str, str] = {}
-    for one in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)):
+    for one in data:
         id = one.get("id", "")
         found[id] = id if _has_variables(one) else ""
         if local(one) == "dataObjectReference":
@@ -43,19 +66,25 @@ def data_ids(process: Node) -> dict[str, str]:
     return {id: behind.get(id, means) for id, means in found.items()}
 
 
-def data_variables(process: Node) -> dict[str, str]:
-    """Id of everything in a process that holds just one variable -> that variable; it goes by its own name, if by none.
+def data_variables(data: Iterable[Node]) -> dict[str, str]:
+    """Id of each that holds just one variable -> that variable; it goes by its own name, if by none.
 
     So do the data inputs and outputs of activities and events.
     """
     found: dict[str, str] = {}
-    for one in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)):
+    for one in data:
         names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))
                  and inner is not one]  # fmt: skip
-        name = names[0] if len(names) == 1 else one.get("name", "") if not names else ""
+        name = names[0] if len(names) == 1 else _own_variable(one) if not names else ""
         if is_name(name) and name != _PLACEHOLDER:
             found[one.get("id", "")] = name
     return found
+
+
+def _own_variable(one: Node) -> str:
+    """The variable that a data item without properties is; a data object or store without any holds none."""
+    kind = _KINDS[local(one)]
+    return one.get("name", "") if kind in ("object", "store") else variable_named(one) if one.get("name") else ""
 
 
 def _has_variables(one: Node) -> bool:
@@ -91,7 +120,8 @@ def _data_object(context: Context, element: Node, objects: Mapping[str | None, N
     name = element.get("name", "")
     values = data_values(extensions)
     if kind in ("property", "input", "output") and not values and name:
-        values = ((name, Expression(f"${{{name}}}", "value", line_of(element))),)
+        variable = variable_named(element)
+        values = ((variable, Expression(f"${{{variable}}}", "value", line_of(element))),)
     state = child(element, "dataState")
     documentation = child(element, "documentation")
     return DataObject(
@@ -122,7 +152,7 @@ _NONE = Moves()
 
 
 def read_moves(context: Context, data: Mapping[str, str], variables: Mapping[str, str], parts: Parts) -> Moves:
-    """Raises ModelError for an association to nothing."""
+    """What they say; one to nothing is a fault."""
     into, out = parts.get("dataInputAssociation", ()), parts.get("dataOutputAssociation", ())
     if not into and not out:
         return _NONE
@@ -159,9 +189,7 @@ def _ends(context: Context, data: Mapping[str, str], associations: Iterable[Node
             text = text_of(reference).strip()
             means = find(data, text)
             if means is None:
-                raise context.error(
-                    association, f"a data association with {text!r}: the process has no such data object"
-                )
+                context.fault(association, f"a data association with {text!r}: the process has no such data object")
             if means:
                 yield means
 
@@ -174,11 +202,12 @@ def _assignments(context: Context, variables: Mapping[str, str], associations: I
             source, target = child(assignment, "from"), child(assignment, "to")
             name = text_of(target).strip() if target is not None else ""
             if source is None or not name or not text_of(source).strip():
-                raise context.error(assignment, "an assignment needs from and to")
+                context.fault(assignment, "an assignment needs from and to")
+                continue
             if own is not None and name == text_of(own).strip():
                 name = variables.get(name, name)
                 expression = mapped(text_of(source), line_of(source)) if constant else body(context, source)
             else:
                 expression = body(context, source)
-            assert expression is not None
-            yield Assignment(name[2:-1].strip() if name[:2] in ("${", "#{") else name, expression)
+            if expression is not None:
+                yield Assignment(name[2:-1].strip() if name[:2] in ("${", "#{") else name, expression)

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 from fame.bpmn.context import Context, boolean, find
-from fame.bpmn.model import Bounds, Edge, Shape
+from fame.bpmn.model import Bounds, Edge, Note, Shape
 from fame.bpmn.xml import BPMNDI, DC, DI, Node, attributes, line_of, local
-from fame.errors import ModelError
 
 _SHAPE, _EDGE, _LABEL = f"{{{BPMNDI}}}BPMNShape", f"{{{BPMNDI}}}BPMNEdge", f"{{{BPMNDI}}}BPMNLabel"
 _BOUNDS, _WAYPOINT = f"{{{DC}}}Bounds", f"{{{DI}}}waypoint"
@@ -34,7 +33,7 @@ class Diagrams:
 
 
 def read_diagrams(context: Context, root: Node) -> Diagrams:
-    """All diagrams of a file that is read otherwise. What shows nothing that there is gets a note."""
+    """All diagrams of a file that is read otherwise. What cannot be drawn gets a note."""
     found = Diagrams()
     for plane in root.iterchildren(f"{{{BPMNDI}}}BPMNDiagram"):
         for surface in plane.iterchildren(f"{{{BPMNDI}}}BPMNPlane"):
@@ -48,16 +47,21 @@ def read_diagrams(context: Context, root: Node) -> Diagrams:
 
 
 def _read(context: Context, one: Node, plane: int, found: Diagrams) -> None:
-    shown = find(context.elements, one.get("bpmnElement"))
+    reference = one.get("bpmnElement")
+    shown = find(context.elements, reference)
+    shown = context.anywhere(one, reference) if shown is None else shown
     if shown is None:
-        context.note(one, f"the diagram shows {one.get('bpmnElement')!r}, which the file does not have", "warning")
+        what = f"{reference!r}, which the file does not have" if reference else "something that is no element"
+        context.note(one, f"the diagram shows {what}", "warning")
     elif one.tag == _SHAPE:
-        found.shapes.append(_shape(context, one, plane, shown))
+        shape = _shape(context, one, plane, shown)
+        found.shapes += [shape] if shape is not None else []
     else:
-        found.edges.append(_edge(context, one, plane, shown))
+        edge = _edge(context, one, plane, shown)
+        found.edges += [edge] if edge is not None else []
 
 
-def _shape(context: Context, one: Node, plane: int, shown: Node) -> Shape:
+def _shape(context: Context, one: Node, plane: int, shown: Node) -> Shape | None:
     bounds = label = None
     for part in one:
         if part.tag == _BOUNDS:
@@ -66,7 +70,8 @@ def _shape(context: Context, one: Node, plane: int, shown: Node) -> Shape:
             label = _label(context, part)
     colours = len(attributes(one)) > 2
     if bounds is None:
-        raise _error(context, one, "the shape has no bounds")
+        _note(context, one, "the shape has no bounds, so it is not drawn")
+        return None
     return Shape(
         element=shown.get("id", ""),
         bounds=bounds,
@@ -78,18 +83,22 @@ def _shape(context: Context, one: Node, plane: int, shown: Node) -> Shape:
         plane=plane,
         stroke=_colour(one, _STROKES) if colours else "",
         fill=_colour(one, _FILLS) if colours else "",
+        name=shown.get("name", ""),
+        band=one.get("participantBandKind", ""),
     )
 
 
-def _edge(context: Context, one: Node, plane: int, shown: Node) -> Edge:
+def _edge(context: Context, one: Node, plane: int, shown: Node) -> Edge | None:
     points, label = [], None
     for part in one:
         if part.tag == _WAYPOINT:
-            points.append(_point(context, part))
+            point = _point(context, part)
+            points += [point] if point is not None else []
         elif part.tag == _LABEL:
             label = _label(context, part)
     if len(points) < 2:
-        raise _error(context, one, "the edge has fewer than two way points")
+        _note(context, one, "the edge has fewer than two way points, so it is not drawn")
+        return None
     kind = local(shown)
     return Edge(
         element=shown.get("id", ""),
@@ -107,7 +116,7 @@ def _label(context: Context, element: Node) -> Bounds | None:
     return _bounds(context, bounds) if bounds is not None else None
 
 
-def _bounds(context: Context, element: Node) -> Bounds:
+def _bounds(context: Context, element: Node) -> Bounds | None:
     get = element.get
     try:
         x, y = float(get("x") or 0), float(get("y") or 0)
@@ -115,17 +124,19 @@ def _bounds(context: Context, element: Node) -> Bounds:
     except ValueError:
         x = y = width = height = math.nan
     if not -_FAR < x + y + width + height < _FAR:
-        raise _error(context, element, f"bounds {', '.join(map(str, element.values()))}: expected four numbers")
+        _note(context, element, f"bounds {', '.join(map(str, element.values()))}: expected four numbers")
+        return None
     return Bounds(x, y, width, height)
 
 
-def _point(context: Context, element: Node) -> tuple[float, float]:
+def _point(context: Context, element: Node) -> tuple[float, float] | None:
     try:
         x, y = float(element.get("x") or 0), float(element.get("y") or 0)
     except ValueError:
         x = y = math.nan
     if not -_FAR < x + y < _FAR:
-        raise _error(context, element, f"way point {', '.join(map(str, element.values()))}: expected two numbers")
+        _note(context, element, f"way point {', '.join(map(str, element.values()))}: expected two numbers")
+        return None
     return x, y
 
 
@@ -133,9 +144,9 @@ def _colour(element: Node, names: tuple[str, ...]) -> str:
     return next((element.get(name, "") for name in names if element.get(name)), "")
 
 
-def _error(context: Context, element: Node, text: str) -> ModelError:
+def _note(context: Context, element: Node, text: str) -> None:
     holder: Node | None = element
     while holder is not None and holder.get("bpmnElement") is None:
         holder = holder.getparent()
     shown = holder.get("bpmnElement", "") if holder is not None else ""
-    return ModelError(f"diagram: {text}", file=context.file, line=line_of(element), element=shown)
+    context.notes.append(Note("warning", f"diagram: {text}", shown, line_of(element)))

@@ -14,7 +14,7 @@ from fame.bpmn.drawing.edges import draw_edge, draw_edge_label
 from fame.bpmn.drawing.labels import Label, place_labels
 from fame.bpmn.drawing.outcome import OUTCOMES, Tally, badges, legend
 from fame.bpmn.drawing.picture import INK, PAPER, SMALL, Picture
-from fame.bpmn.drawing.shapes import draw_shape, name_beside
+from fame.bpmn.drawing.shapes import draw_shape, name_beside, stand_in
 from fame.bpmn.drawing.svg import FONT, lettering, moved, number, tag
 from fame.bpmn.model import Bounds, Definitions, Edge, Element, Shape, SubProcess
 from fame.errors import ModelError
@@ -35,7 +35,9 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
         raise ModelError(
             "the file has no diagram (BPMNDI), so there is nothing to draw: draw it in a modeler", file=definitions.file
         )
-    picture = Picture({one.id: one for one in _elements(definitions)}, _tallies(visited))
+    elements = {shape.element: stand_in(shape) for shape in definitions.shapes}
+    elements.update((one.id, one) for one in _elements(definitions))
+    picture = Picture(elements, _tallies(visited))
     parts: list[str] = []
     width, top = 0.0, MARGIN
     for plane, shown in enumerate(definitions.planes):
@@ -68,7 +70,7 @@ def _tallies(visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -
 def _labels(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> dict[str, Label]:
     """The names that stand beside shapes and flows."""
     known = picture.elements
-    names = {shape.element: name_beside(shape, known[shape.element]) for shape in shapes if shape.element in known}
+    names = {shape.element: name_beside(shape, known[shape.element]) for shape in shapes}
     names |= {edge.element: known[edge.element].name for edge in edges if edge.element in known}
     return place_labels(shapes, edges, names, (shape.element for shape in shapes if _is_frame(shape)), SMALL)
 
@@ -116,7 +118,7 @@ def _plane(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> 
     frames = [shape for shape in shapes if _is_frame(shape)]
     frames.sort(key=lambda shape: -shape.bounds.width * shape.bounds.height)
     others = [shape for shape in shapes if not _is_frame(shape)]
-    others.sort(key=lambda shape: shape.kind == "boundaryEvent")
+    others.sort(key=lambda shape: shape.kind == "boundaryEvent" or bool(shape.band))
     parts = [draw_shape(picture, shape) for shape in frames]
     parts += [draw_edge(picture, edge) for edge in edges]
     parts += [draw_shape(picture, shape) for shape in others]
@@ -127,8 +129,9 @@ def _plane(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> 
 
 def _is_frame(shape: Shape) -> bool:
     """Whether others stand on it."""
-    bodies = ("subProcess", "transaction", "adHocSubProcess")
-    return shape.kind in ("participant", "lane", "group") or (shape.expanded and shape.kind in bodies)
+    bodies = ("subProcess", "transaction", "adHocSubProcess", "subChoreography")
+    holds = shape.kind in ("participant", "lane", "group") and not shape.band
+    return holds or (shape.expanded and shape.kind in bodies)
 
 
 def _counts(picture: Picture, shape: Shape) -> str:

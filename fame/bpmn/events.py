@@ -31,13 +31,6 @@ from fame.bpmn.model import (
 from fame.bpmn.nodes import HalfRead
 from fame.bpmn.xml import Node, attributes, child, children, line_of, local, text_of
 
-PLACES: Mapping[str, Place] = {
-    "startEvent": "start",
-    "intermediateCatchEvent": "catch",
-    "intermediateThrowEvent": "throw",
-    "endEvent": "end",
-    "boundaryEvent": "boundary",
-}
 THROWS = ("throw", "end")
 
 _ALLOWED: Mapping[str, str] = {
@@ -67,26 +60,28 @@ class TopicSource:
 
 
 def read_definitions(node: HalfRead, place: Place) -> tuple[EventDefinition, ...]:
-    """Its event definitions, in document order.
-
-    Raises ModelError for one that may not stand there or says too little.
-    """
+    """Its event definitions, in document order; a fault is one that may not stand there, or says something wrong."""
     found: list[tuple[Node, str]] = []
     for tag, elements in node.parts.items():
         if tag.endswith(_SUFFIX):
             found += [(element, tag.removesuffix(_SUFFIX)) for element in elements]
         elif tag == "eventDefinitionRef":
-            found += [_referred(node.context, element) for element in elements]
-    for _, kind in found:
-        if kind not in _ALLOWED:
-            raise node.error(f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are")
-        if place not in _ALLOWED[kind].split():
-            places = ", ".join(_ALLOWED[kind].split())
-            raise node.error(f"{kind} events cannot be {place} events: they can be {places}")
+            found += [pair for element in elements if (pair := _referred(node.context, element)) is not None]
+    found = [pair for pair in found if _is_known(node, pair[1], place)]
     order = {element: number for number, element in enumerate(node.element)} if len(found) > 1 else {}
     found.sort(key=lambda pair: order.get(pair[0], 0))
     source = TopicSource(node, place, node.moves.assigned_out)
     return tuple(_READERS[kind](source, element) for element, kind in found)
+
+
+def _is_known(node: HalfRead, kind: str, place: Place) -> bool:
+    """Whether an event can have a definition of that kind; one that it cannot have there is a fault."""
+    if kind not in _ALLOWED:
+        node.fault(f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are")
+    elif place not in _ALLOWED[kind].split():
+        places = ", ".join(_ALLOWED[kind].split())
+        node.fault(f"{kind} events cannot be {place} events: they can be {places}")
+    return kind in _ALLOWED
 
 
 def read_mapping(node: HalfRead, place: Place, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
@@ -98,12 +93,11 @@ def read_mapping(node: HalfRead, place: Place, definitions: tuple[EventDefinitio
     return IoMapping(inputs, outputs) if inputs or outputs else None
 
 
-def _referred(context: Context, reference: Node) -> tuple[Node, str]:
+def _referred(context: Context, reference: Node) -> tuple[Node, str] | None:
     element = context.root(text_of(reference))
     if element is None:
-        raise context.error(
-            reference, f"eventDefinitionRef {text_of(reference)!r}: the file has no such event definition"
-        )
+        context.fault(reference, f"eventDefinitionRef {text_of(reference)!r}: the file has no such event definition")
+        return None
     return element, local(element).removesuffix(_SUFFIX)
 
 
@@ -112,22 +106,15 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
     node, reference = source.node, element.get(f"{kind}Ref")
     referred = node.context.root(reference)
     if referred is not None and local(referred) != kind:
-        raise node.error(f"{kind}Ref {reference!r} is a {local(referred)}: expected a {kind}")
+        node.fault(f"{kind}Ref {reference!r} is a {local(referred)}: expected a {kind}")
     name = _topic_name(node, referred, say)
     if is_mixed(name) or name.startswith("="):
         text = f"the name {name!r} is computed: name the topic, since its endpoints are made before anything runs"
-        raise node.error(text)
-    if not name and reference and referred is None:
-        raise node.error(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
-    if name and name == node.label and reference and (referred is None or not referred.get("name", "").strip()):
-        missing = referred is None
-        text = f"the file has no {kind} {reference!r}" if missing else f"the {kind} has no name"
-        level: Literal["warning", "reading"] = "warning" if missing else "reading"
-        node.context.note(node.element, f"{text}: the topic is the label {name!r}", level, quirk=True)
-    if not name and kind == "signal":
-        raise node.error("the signal has no name: give it one, or the event a label")
+        node.fault(text)
+    if not name or (reference and name == node.label and not (referred is not None and _name(referred))):
+        name = _stand_in(node, kind, reference, referred)
     return Topic(
-        name=name or node.id,
+        name=name,
         type=say.type or _item_type(node.context, referred),
         payload=say.payload if source.place in THROWS else None,
         to=_addressee(source, element, kind, say),
@@ -147,8 +134,27 @@ def _addressee(source: TopicSource, element: Node, kind: str, say: TopicProperti
     return say.to
 
 
+def _stand_in(node: HalfRead, kind: str, reference: str | None, referred: Node | None) -> str:
+    """The topic of an event whose signal or message has no name: its label, else the id of what has none."""
+    name = node.label or (referred.get("id", "") if referred is not None else node.id)
+    meant = f"the label {name!r}" if node.label else f"its id {name!r}"
+    if reference and referred is None and not node.label:
+        node.fault(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
+    elif reference and referred is None:
+        text = f"the file has no {kind} {reference!r}: the topic is {meant}"
+        node.context.note(node.element, text, "warning", quirk=True)
+    elif reference or kind == "signal":
+        text = f"the {kind} has no name: the topic is {meant}"
+        node.context.note(node.element, text, "reading" if node.label else "note", quirk=True)
+    return name
+
+
+def _name(element: Node) -> str:
+    return element.get("name", "").strip()
+
+
 def _topic_name(node: HalfRead, referred: Node | None, say: TopicProperties) -> str:
-    name, label = referred.get("name", "").strip() if referred is not None else "", node.label
+    name, label = _name(referred) if referred is not None else "", node.label
     if node.extensions.topic:
         return node.extensions.topic
     if node.around.labels and label:
@@ -250,19 +256,18 @@ def _timer(source: TopicSource, element: Node) -> TimerDefinition:
         "timeDate": "date",
         "timeCycle": "cycle",
     }
-    for tag, kind in kinds.items():
-        holder = child(element, tag)
-        expression = template(source.node.context, holder) if holder is not None else None
-        if expression is not None:
-            return TimerDefinition(kind=kind, expression=expression, line=line_of(element))
-    raise source.node.error("the timer has no time: expected a duration, date or cycle of ISO 8601")
+    said = [holder for tag in kinds if (holder := child(element, tag)) is not None]
+    holder = next((one for one in said if text_of(one).strip()), next(iter(said), None))
+    return TimerDefinition(
+        kind=kinds[local(holder)] if holder is not None else "duration",
+        expression=template(source.node.context, holder) if holder is not None else None,
+        line=line_of(element),
+    )
 
 
 def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
     holder = child(element, "condition")
     said = condition(source.node.context, holder) if holder is not None else None
-    if said is None:
-        raise source.node.error("the conditional event has no condition")
     return ConditionalDefinition(condition=said, line=line_of(element))
 
 
@@ -271,9 +276,9 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     reference = element.get(f"{kind}Ref")
     referred = source.node.context.root(reference)
     if reference and referred is None:
-        raise source.node.error(f"{kind}Ref {reference!r}: the file has no such {kind}")
+        source.node.fault(f"{kind}Ref {reference!r}: the file has no such {kind}")
     if referred is not None and local(referred) != kind:
-        raise source.node.error(f"{kind}Ref {reference!r} is a {local(referred)}: expected an {kind}")
+        source.node.fault(f"{kind}Ref {reference!r} is a {local(referred)}: expected an {kind}")
     code = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
     if code or source.place not in THROWS:
         return code or None
@@ -283,13 +288,14 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
 
 
 def _computed(source: TopicSource, element: Node, kind: str) -> Expression | None:
-    """The expression that gives the code of a throw. Raises ModelError for one at a catch: its code is fixed."""
+    """The expression that gives the code of a throw; one at a catch is a fault: its code is fixed."""
     referred = source.node.context.root(element.get(f"{kind}Ref"))
     text = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
     if by_look(text, 0) is None:
         return None
     if source.place not in THROWS:
-        raise source.node.error(f"the {kind} code {text!r} is computed: what catches has a fixed code, or none for all")
+        source.node.fault(f"the {kind} code {text!r} is computed: what catches has a fixed code, or none for all")
+        return None
     return by_look(text, line_of(element))
 
 
@@ -316,8 +322,8 @@ def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
 def _link(source: TopicSource, element: Node) -> LinkDefinition:
     name = element.get("name", "").strip() or source.node.label
     if not name:
-        raise source.node.error("the link has no name: give both of its ends the same one")
-    return LinkDefinition(name=name, line=line_of(element))
+        source.node.fault("the link has no name: give both of its ends the same one")
+    return LinkDefinition(name=name or source.node.id, line=line_of(element))
 
 
 def _terminate(source: TopicSource, element: Node) -> TerminateDefinition:

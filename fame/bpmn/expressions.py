@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import textwrap
 from dataclasses import replace
+from typing import Literal
 
 from fame.bpmn.context import Context
 from fame.bpmn.model import Expression, Language
@@ -31,13 +32,14 @@ _ACCEPTED = "accepted are python (meant if nothing is said), javascript, ${...} 
 _NAME = re.compile(r"[^\W\d]\w*")
 
 
-def named(context: Context, element: Node, language: str) -> Language | None:
-    """The language of that name, None if it says nothing. Raises ModelError for one that is not known."""
+def named(context: Context, element: Node, language: str) -> Language | Literal["unknown"] | None:
+    """The language of that name, None if it says nothing. One that is not known is a fault."""
     name = language.strip().lower()
     if _FEEL.fullmatch(name):
         return "feel"
     if name not in _LANGUAGES:
-        raise context.error(element, f"language {language!r}: {_ACCEPTED}")
+        context.fault(element, f"language {language!r}: {_ACCEPTED}")
+        return "unknown"
     return _LANGUAGES[name]
 
 
@@ -71,6 +73,12 @@ def is_name(text: str) -> bool:
     return _NAME.fullmatch(text) is not None
 
 
+def variable_named(element: Node) -> str:
+    """The variable that an element of data is: it has its name or, where that can be none, its id."""
+    name = element.get("name", "").strip()
+    return name if is_name(name) else re.sub(r"\W|^(?=\d)", "_", element.get("id", ""))
+
+
 def is_mixed(text: str) -> bool:
     """Whether ``${...}`` stands inside it."""
     return "${" in text or "#{" in text
@@ -85,29 +93,32 @@ def by_look(text: str, line: int) -> Expression | None:
     return None
 
 
-def code(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression:
-    """A condition, a script or the like: something that is computed."""
+def code(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression | None:
+    """A condition, a script or the like: something that is computed. None if nobody could compute it, a fault."""
     said = named(context, element, language or context.language)
+    if said == "unknown":
+        return None
     if said == "javascript":
         return Expression(text, said, line)
     seen = by_look(text, line)
     if seen is not None:
         return seen
     if said is None and is_mixed(text) and local(element) != "script":
-        raise context.error(element, f"{text!r} mixes text and ${{...}}: put the whole of it into one ${{...}}")
+        context.fault(element, f"{text!r} mixes text and ${{...}}: put the whole of it into one ${{...}}")
+        return None
     if said == "juel":
         return Expression(f"${{{text}}}", said, line)
     return Expression(text, said or "python", line)
 
 
 def body(context: Context, element: Node, language: str | None = None) -> Expression | None:
-    """The text of an element as code, with the line where its first line stands; None if there is no text."""
+    """The text of an element as code, with the line where its first line stands; None if there is none, or a fault."""
     text, line = _block(element)
     return code(context, element, text, language or element.get("language"), line) if text else None
 
 
 def condition(context: Context, element: Node) -> Expression | None:
-    """The text of an element as a condition; None if there is no text."""
+    """The same as a condition."""
     said = body(context, element)
     return None if said is None else replace(said, condition=True)
 
@@ -129,15 +140,16 @@ def mapped(text: str, line: int) -> Expression:
     return by_look(text, line) or Expression(text, "template" if is_mixed(text) else "value", line)
 
 
-def variable(context: Context, element: Node, text: str) -> Expression:
-    """An attribute that names a variable or is an expression."""
+def variable(context: Context, element: Node, text: str) -> Expression | None:
+    """An attribute that names a variable or is an expression; None if it does neither, a fault."""
     text, line = text.strip(), line_of(element)
     seen = by_look(text, line)
     if seen is not None:
         return seen
     if not _NAME.fullmatch(text):
         right = f"; the constant is ${{{text}}}" if text.lstrip("+-").replace(".", "", 1).isdecimal() else ""
-        raise context.error(element, f"{text!r}: expected the name of a variable, ${{...}} or =...{right}")
+        context.fault(element, f"{text!r}: expected the name of a variable, ${{...}} or =...{right}")
+        return None
     return Expression(text, "python", line)
 
 

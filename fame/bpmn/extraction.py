@@ -104,7 +104,7 @@ def _reachable(definitions: Definitions, process: Process, called: Called) -> di
 
 def _pool(definitions: Definitions, process_id: str, name: str) -> Participant | None:
     pools = [one for one in definitions.participants if one.process == process_id]
-    named = [one for one in pools if one.name == name]
+    named = [one for one in pools if one.label == name]
     return next(iter(named or pools), None)
 
 

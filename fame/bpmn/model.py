@@ -165,17 +165,17 @@ class MessageDefinition(EventDefinition):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimerDefinition(EventDefinition):
-    """ISO 8601: a duration from now, a date, or a cycle. Literal texts have language ``template``."""
+    """ISO 8601: a duration from now, a date, or a cycle (None: no time yet). Literals have language ``template``."""
 
     kind: Literal["duration", "date", "cycle"]
-    expression: Expression
+    expression: Expression | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConditionalDefinition(EventDefinition):
-    """Fires when its condition becomes true."""
+    """Fires when its condition becomes true. None: it has none yet."""
 
-    condition: Expression
+    condition: Expression | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,6 +255,14 @@ class FlowNode(Element):
 
 
 Place = Literal["start", "catch", "throw", "end", "boundary"]
+PLACES: Mapping[str, Place] = {
+    "startEvent": "start",
+    "intermediateCatchEvent": "catch",
+    "intermediateThrowEvent": "throw",
+    "endEvent": "end",
+    "boundaryEvent": "boundary",
+}
+"""By tag."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -274,11 +282,22 @@ class Event(FlowNode):
     io: IoMapping | None = None
 
 
+GatewayKind = Literal["exclusive", "inclusive", "parallel", "event", "complex"]
+GATEWAYS: Mapping[str, GatewayKind] = {
+    "exclusiveGateway": "exclusive",
+    "inclusiveGateway": "inclusive",
+    "parallelGateway": "parallel",
+    "eventBasedGateway": "event",
+    "complexGateway": "complex",
+}
+"""By tag."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gateway(FlowNode):
     """A gateway. `default` is the id of its default flow. `instantiate`: an event-based one that starts a process."""
 
-    kind: Literal["exclusive", "inclusive", "parallel", "event", "complex"]
+    kind: GatewayKind
     default: str = ""
     activation: Expression | None = None
     instantiate: bool = False
@@ -390,12 +409,22 @@ class SubProcess(Activity):
         return self.kind == "event"
 
 
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why a process cannot be executed: what is wrong with an element of it, in words."""
+
+    text: str
+    element: str = ""
+    line: int = 0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Process(Element):
     """A process. `instances`: how many not yet ended may be at a time (None: no bound). `optional`: a mission may be
     completed although the process has never started. `semantics`: ``original`` for
     models of the original FaMe, whose interrupting event sub-processes suspend and resume. `by_prefix`: one of those,
-    whose messages fill variables by their names alone where no data object is connected (FORMATS, rules of reading)."""
+    whose messages fill variables by their names alone where no data object is connected (FORMATS, rules of reading).
+    `faults`: why it cannot be executed, by line; what the file says there is left out of the model."""
 
     body: Body
     executable: bool = True
@@ -404,6 +433,7 @@ class Process(Element):
     semantics: Literal["standard", "original"] = "standard"
     by_prefix: bool = False
     lanes: tuple[Element, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
 
 # ---- collaboration ---------------------------------------------------------------------------------------------------
@@ -411,7 +441,8 @@ class Process(Element):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Participant(Element):
-    """A pool: a robot, or (`multi_instance`) as many robots as there are. No `process`: a black box.
+    """A pool: a robot, or (`multi_instance`) as many robots as there are. No `process`: a black box. The id may be that
+    of a process which the file does not have.
 
     `minimum` and `maximum` say how many a run shall have: so many if nobody says more, and never more (None: no bound).
     """
@@ -452,7 +483,11 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """How an element is drawn. `kind` is its BPMN tag, `plane` the number of its diagram, colours are those of CSS."""
+    """How an element is drawn. `kind` is its BPMN tag, `plane` the number of its diagram, colours are those of CSS.
+
+    `name` is that of the element, which may be one that nothing else in the model tells of (a conversation, what is in
+    a choreography). `band`: where a participant stands in a choreography task (its participantBandKind), if it does.
+    """
 
     element: str
     bounds: Bounds
@@ -464,6 +499,8 @@ class Shape:
     plane: int = 0
     stroke: str = ""
     fill: str = ""
+    name: str = ""
+    band: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,6 @@ from fame.bpmn.data import Moves, read_moves
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import Extensions
 from fame.bpmn.xml import Node, Parts, children, line_of, parts_of, text_of
-from fame.errors import ModelError
 
 Wiring = Mapping[str, tuple[list[str], list[str]]]
 """Flow node -> ids of its incoming and outgoing sequence flows, in document order."""
@@ -61,13 +60,13 @@ class HalfRead:
         """An attribute that is true or false."""
         return boolean(self.context, self.element, name, default)
 
-    def error(self, text: str) -> ModelError:
-        """The error to raise at it."""
-        return self.context.error(self.element, text)
+    def fault(self, text: str) -> None:
+        """What is wrong with it."""
+        self.context.fault(self.element, text)
 
 
 def half_read(around: Surroundings, element: Node, wiring: Wiring) -> HalfRead:
-    """Reads what all flow nodes have. Raises ModelError for an id that is taken, or a data association to nothing."""
+    """Reads what all flow nodes have. Raises ModelError for an id that is taken."""
     context, parts = around.context, parts_of(element)
     moves = read_moves(context, around.data, around.variables, parts)
     id = context.claim(element)

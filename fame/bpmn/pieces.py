@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from fame.bpmn.context import Context, find
 from fame.bpmn.conversations import connect
+from fame.bpmn.data import shared_stores
 from fame.bpmn.dialects.current import add_property
 from fame.bpmn.dialects.fame_g2 import unfold
 from fame.bpmn.ids import is_reference
@@ -29,6 +30,11 @@ _OF_OTHER_POOLS = {
     f"{_B}{name}"
     for name in ("participant", "messageFlow", "messageFlowAssociation", "conversation", "conversationLink")
 }
+_BEFORE_FLOWS = {
+    f"{_B}{name}"
+    for name in ("documentation", "extensionElements", "auditing", "monitoring", "ioSpecification", "ioBinding",
+                 "supportedInterfaceRef", "property", "laneSet")
+}  # fmt: skip
 _ARTIFACTS = {f"{_B}{name}" for name in ("textAnnotation", "group", "association")}
 
 
@@ -70,6 +76,8 @@ def copied(
         _write_types(piece.processes[-1], process, types)
         if process.by_prefix and not _says(piece.processes[-1], "fields"):
             add_property(piece.processes[-1], "fields", "prefix")  # what tells it may stand in another pool
+    for process_copy in piece.processes:
+        _bring_stores(process_copy, piece, root)
     if pool is not None:
         piece.collaboration = _collaboration(definitions, root, pool)
     piece.shared = [deepcopy(one) for one in _needed(root, piece)]
@@ -79,6 +87,21 @@ def copied(
         if copy is not None:
             piece.diagrams.append(copy)
     return piece
+
+
+def _bring_stores(copy: Node, piece: Piece, root: Node) -> None:
+    """Give a process the data stores that it shares with one that is left behind."""
+    context, here = Context(piece.definitions.file), {one.get("id") for one in piece.elements()}
+    original = next(one for one in root.iterchildren(_PROCESS) if one.get("id") == copy.get("id"))
+    for store in shared_stores(context, original):
+        around = store.getparent()
+        if store.get("id") not in here and around is not None and around is not root:
+            copy.insert(copy.index(next(_flow_elements(copy))), deepcopy(store))
+
+
+def _flow_elements(process: Node) -> Iterator[Node]:
+    """What stands in it from the first flow node, flow or data object on."""
+    return (one for one in process.iterchildren(f"{_B}*") if one.tag not in _BEFORE_FLOWS)
 
 
 def _collaboration(definitions: Definitions, root: Node, pool: Participant) -> Node | None:

@@ -10,9 +10,10 @@
     expressions                            which language a text is in
     dialects                               what extension elements mean
 
-Everything is found by namespace, whatever the prefix. References are resolved while reading, so a file that gives a
-model is whole: what it refers to is there. What is wrong is a ModelError with file, line and element; what is doubtful,
-or has no effect, is a note of the model.
+Everything is found by namespace, whatever the prefix. References are resolved while reading. What keeps a process from
+being executed is a fault of that process, so that a model can be drawn, written and checked before it is complete; what
+is doubtful, or has no effect, is a note of the model. A ModelError (file, line, element) is left for a file that is no
+BPMN 2.0, or where two elements have one id.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from typing import Literal
 from fame.bpmn.bodies import read_body
 from fame.bpmn.context import Context, boolean, find, truth, whole
 from fame.bpmn.conversations import connect
-from fame.bpmn.data import data_ids, data_variables
+from fame.bpmn.data import data_ids, data_of, data_variables, shared_stores
 from fame.bpmn.diagram import read_diagrams
 from fame.bpmn.dialects import ELEMENTS, extensions_of, fame_g2, looks_original
 from fame.bpmn.dialects.misspelt import note_misspelt
-from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Participant, Process
+from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Note, Participant, Process
 from fame.bpmn.nodes import Surroundings, documentation
 from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
 from fame.errors import ModelError, expect
@@ -43,8 +44,8 @@ _MARKER = re.compile("multiplicity|multiinstance|multi_instance", re.IGNORECASE)
 def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -> Definitions:
     """The model of a file (its path), or of its content (bytes); `file` is what errors then call it.
 
-    One that has been read is given back. Raises ModelError if it cannot be read, is not BPMN 2.0, or does not hang
-    together, ConfigError if `source` is something else.
+    One that has been read is given back. Raises ModelError if it cannot be read or is not BPMN 2.0, ConfigError if
+    `source` is something else. What cannot be executed is read all the same: see `fame.bpmn.model.Process.faults`.
     """
     if isinstance(source, Definitions):
         return source
@@ -98,13 +99,16 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
     for collaboration in children(root, "collaboration"):
         ids.append(context.claim(collaboration))
         participants += [_participant(context, one, processes) for one in children(collaboration, "participant")]
-        flows += [_message_flow(context, one) for one in children(collaboration, "messageFlow")]
+        read = (_message_flow(context, one) for one in children(collaboration, "messageFlow"))
+        flows += [flow for flow in read if flow is not None]
     for one in root.iter(f"{{{BPMN}}}association"):
         context.claim(one)
     for name in _IGNORED_ROOTS:
         for one in children(root, name):
             context.note(one, f"<{name}> is kept and has no effect", "warning")
     diagrams = read_diagrams(context, root)
+    for fault in context.take_faults():  # where nothing is executed
+        context.notes.append(Note("warning", fault.text, fault.element, fault.line))
     return Definitions(
         file=context.file,
         source=source,
@@ -121,7 +125,12 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
 
 
 def _process(context: Context, element: Node) -> Process:
-    found, parts = extensions_of(context, element), parts_of(element)
+    found, parts, stores = extensions_of(context, element), parts_of(element), list(shared_stores(context, element))
+    for store in stores:
+        name = " ".join(store.get("name", "").split()) or store.get("id")
+        context.note(element, f"it shares the data store {name!r} with another pool: each robot has one of its own")
+    parts["dataStoreReference"] = [*parts.get("dataStoreReference", ()), *stores]
+    data = data_of(element, stores)
     topics, instances, semantics, fields = map(found.take, ("topics", "instances", "semantics", "fields"))
     optional = found.take("optional")
     for name, given, choices in (
@@ -130,22 +139,27 @@ def _process(context: Context, element: Node) -> Process:
         ("fields", fields, ("associations", "prefix")),
     ):
         if given is not None and given.value.strip() not in choices:
-            raise context.error(element, f"{name}={given.value!r}: expected {' or '.join(choices)}")
+            context.fault(element, f"{name}={given.value!r}: expected {' or '.join(choices)}")
     meaning: Literal["standard", "original"] = "standard"
     if semantics is not None and semantics.value.strip() == "original":
         meaning = "original"
     around = Surroundings(
-        context, data_ids(element), data_variables(element), topics is not None and topics.value.strip() == "labels"
+        context, data_ids(data), data_variables(data), topics is not None and topics.value.strip() == "labels"
     )
+    body = read_body(around, element, parts)
+    executable = boolean(context, element, "isExecutable", True)
+    bound = whole(context, element, "instances", instances.value, 1) if instances is not None else None
+    may_stay = truth(context, element, "optional", optional.value) if optional is not None else False
     return Process(
         id=context.claim(element),
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element),
-        body=read_body(around, element, parts),
-        executable=boolean(context, element, "isExecutable", True),
-        instances=whole(context, element, "instances", instances.value, 1) if instances is not None else None,
-        optional=truth(context, element, "optional", optional.value) if optional is not None else False,
+        body=body,
+        executable=executable,
+        instances=bound,
+        optional=may_stay,
+        faults=context.take_faults(),
         semantics=meaning,
         by_prefix=fields.value.strip() == "prefix" if fields is not None else context.original,
         lanes=tuple(_lanes(context, element)),
@@ -163,8 +177,6 @@ def _lanes(context: Context, process: Node) -> Iterator[Element]:
 def _participant(context: Context, element: Node, processes: tuple[Process, ...]) -> Participant:
     reference = element.get("processRef", "").strip()
     process = find({one.id: one for one in processes}, reference)
-    if reference and process is None:
-        raise context.error(element, f"the pool's process is {reference!r}: the file has no such process")
     found = extensions_of(context, element)
     marks = [one for one in element.iterdescendants() if _is_many(one)]
     marked = bool(marks) or any(_MARKER.search(name) for name in found.properties)
@@ -173,7 +185,7 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element),
-        process=process.id if process is not None else "",
+        process=process.id if process is not None else reference,
         multi_instance=marked,
         minimum=max([1, *_numbers(marks, "minimum")]),
         maximum=min(_numbers(marks, "maximum"), default=None),
@@ -192,16 +204,17 @@ def _numbers(marks: Sequence[Node], attribute: str) -> list[int]:
     return [int(text) for text in texts if re.fullmatch("[0-9]{1,9}", text)]
 
 
-def _message_flow(context: Context, element: Node) -> MessageFlow:
-    ends = []
+def _message_flow(context: Context, element: Node) -> MessageFlow | None:
+    id, ends = context.claim(element), []
     for name, preposition in (("sourceRef", "from"), ("targetRef", "to")):
         reference = element.get(name, "")
         end = find(context.elements, reference)
         if end is None:
-            raise context.error(element, f"the message flow goes {preposition} {reference!r}: there is no such element")
+            context.fault(element, f"the message flow goes {preposition} {reference!r}: there is no such element")
+            return None
         ends.append(end.get("id", ""))
     return MessageFlow(
-        id=context.claim(element),
+        id=id,
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element),

@@ -1,9 +1,9 @@
 """What the compiler refuses: all of it, not only the first.
 
-Every process is compiled for a host that keeps what is wrong with an expression and goes on. Where the compiler
-refuses an element, a harmless one takes its place in the model, and the process is compiled again. Calls lead to a
-process that does nothing, so that each process is compiled by itself: as a start if it is one, as a callee if it is
-called.
+Every process is compiled for a host that keeps what is wrong with an expression and goes on. Where an element has a
+fault, or the compiler refuses it, a harmless one takes its place in the model, and the process is compiled again. Calls
+lead to a process that does nothing, so that each process is compiled by itself: as a start if it is one, as a callee if
+it is called.
 """
 
 from __future__ import annotations
@@ -50,7 +50,10 @@ def compiler_findings(subject: Subject) -> Iterator[Finding]:
 
 def _compiled(unit: Unit, as_callee: bool) -> Iterator[Finding]:
     """Compile the process of a unit until nothing more is refused."""
-    host, process = _Host(), unit.process
+    host, process = _Host(), replace(unit.process, faults=())
+    for fault in unit.process.faults:
+        yield Finding("error", fault.text, unit.home.file, fault.line, fault.element)
+        process = replace(process, body=_without(process.body, fault.element))
     for _ in range(ROUNDS):
         refusal = _refusal(process, unit.home.file, as_callee, host)
         if refusal is None:

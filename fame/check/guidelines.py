@@ -55,11 +55,11 @@ def _pools(subject: Subject) -> Iterator[Finding]:
     definitions = subject.definitions
     shapes: dict[Any, str] = {}
     for pool in definitions.participants:
-        process = definitions.process(pool.process) if pool.process else None
-        if process is None:
+        process = definitions.process(pool.process)
+        if not pool.process:
             text = "is a black box: no robot plays it, and its signals come from elsewhere"
             yield Finding("note", text, definitions.file, pool.line, pool.id)
-        elif not pool.multi_instance:
+        elif process is not None and not pool.multi_instance:
             twin = shapes.setdefault(_shape(process, _ordinals(process)), pool.label)
             if twin != pool.label:
                 text = f"does the same as pool {twin}: one multi-instance pool stands for all such robots (G1)"

@@ -49,5 +49,5 @@ def _pools(definitions: Definitions) -> Iterator[Finding]:
         if not _ROS_NAME.fullmatch(pool.name):
             right = "letters, digits and _ would be right, not beginning with a digit"
             text = f"ROS 2 refuses the namespace /{pool.name}: {right}"
-            element = next(one for one in definitions.participants if " ".join(one.name.split()) == pool.name)
+            element = next(one for one in definitions.participants if one.label == pool.name)
             yield Finding("warning", text, definitions.file, element.line, element.id)

@@ -33,7 +33,12 @@ def timer_findings(subject: Subject) -> Iterator[Finding]:
 
 def _timer(unit: Unit, event: Event, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
     expression = timer.expression
-    if expression.language == "template" and "${" not in expression.text and "#{" not in expression.text:
+    if (
+        expression is not None
+        and expression.language == "template"
+        and "${" not in expression.text
+        and "#{" not in expression.text
+    ):
         try:
             _PARSERS[timer.kind](expression.text)
         except ValueError as error:

@@ -253,7 +253,7 @@ def _alone(subject: Subject, team: Sequence[Subject]) -> Iterator[Finding]:
     monitored = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
     told = len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored
     level: Level = "warning" if told else "note"
-    robots = {" ".join(pool.name.split()).casefold() for pool in pools}
+    robots = {pool.label.casefold() for pool in pools}
     where = (subject.definitions.file or "the file") if len(team) == 1 else f"the {len(team)} files of the mission"
     for name, ends in public.items():
         space = re.sub(r"_\d+$", "", name.split("/")[1].casefold())

@@ -29,10 +29,9 @@ def compile_program(
     Raises ModelError (file, line, element) for what cannot be executed.
     """
     compiler = Compiler(Program(process.id, hash, observed), host, library)
-    compiler.original, compiler.unfilled = process.semantics == "original", unfilled(process)
     program = compiler.program
-    program.sources.append(process)
     program.instances = process.instances
+    compiler.admit(process, file)
     program.body = compiler.body(process, file, top=True)
     number_keys(program.nodes)
     return program
@@ -94,15 +93,21 @@ class Compiler:
 
     # ---- bodies --------------------------------------------------------------------------------------
 
+    def admit(self, process: model.Process, file: str) -> None:
+        """Make a process the one at hand. Raises ModelError for one that has faults."""
+        for fault in process.faults:
+            raise ModelError(fault.text, file=file, line=fault.line, element=fault.element)
+        self.program.sources.append(process)
+        self.original, self.unfilled = process.semantics == "original", unfilled(process)
+
     def call(self, activity: model.CallActivity, file: str) -> Body:
         """The body of a called process; compiled once, so that a process may call itself."""
         process, home = self.library(activity.called, file, activity)
         key = (home, process.id)
         if key not in self.called:
             self.called[key] = Body(process.id)
-            self.program.sources.append(process)
             outside = self.original, self.unfilled
-            self.original, self.unfilled = process.semantics == "original", unfilled(process)
+            self.admit(process, home)
             self.body(process, home, body=self.called[key])
             self.original, self.unfilled = outside
         return self.called[key]

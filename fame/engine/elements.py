@@ -200,6 +200,8 @@ def repeated(
             instance=instance, standard=True, condition=condition, before=how.test_before, maximum=how.maximum
         )
     else:
+        if how.cardinality is None and how.collection is None:
+            raise refuse("the multi-instance activity has neither a collection nor a cardinality", element, wiring)
         node.loop = loops.Loop(
             instance=instance,
             sequential=how.sequential,

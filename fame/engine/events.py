@@ -39,9 +39,13 @@ def trigger(wiring: Wiring, event: model.Event, definition: model.EventDefinitio
             node.kind, node.keys = "message", compiler.assignments(keys, event, wiring.file)
             listen(wiring, event, node, topic)
         case model.TimerDefinition(kind=kind, expression=expression):
+            if expression is None:
+                raise refuse("the timer has no time: expected a duration, date or cycle of ISO 8601", event, wiring)
             node.kind, node.timer = "timer", kind
             node.run = compiler.expression(expression, event, wiring.file)
         case model.ConditionalDefinition(condition=condition):
+            if condition is None:
+                raise refuse("the conditional event has no condition", event, wiring)
             node.kind, node.run = "condition", compiler.expression(condition, event, wiring.file)
         case model.ErrorDefinition() | model.EscalationDefinition():
             node.kind = "error" if isinstance(definition, model.ErrorDefinition) else "escalation"

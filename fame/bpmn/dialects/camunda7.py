@@ -98,17 +98,18 @@ def _input_output(context: Context, node: Node, found: Extensions) -> None:
             continue
         name = one.get("name", "").strip()
         if not name:
-            raise context.error(one, f"a {_called(one, local(one))} has no name: say which variable it sets")
-        if local(one) == "outputParameter":
-            found.outputs.append(Assignment(name, _parameter(context, one)))
+            context.fault(one, f"a {_called(one, local(one))} has no name: say which variable it sets")
             continue
-        found.inputs.append(Assignment(name, _parameter(context, one)))
-        if len(one) and local(one[0]) == "list":
+        source = _parameter(context, one)
+        outwards = local(one) == "outputParameter"
+        if source is not None:
+            (found.outputs if outwards else found.inputs).append(Assignment(name, source))
+        if not outwards and len(one) and local(one[0]) == "list":
             found.lists[name] = [Property(text_of(value), line_of(value)) for value in one[0]]
 
 
-def _parameter(context: Context, node: Node) -> Expression:
-    """Text, script, list or map. The last two are flow-style YAML with ``${...}`` inside."""
+def _parameter(context: Context, node: Node) -> Expression | None:
+    """Text, script, list or map. The last two are flow-style YAML with ``${...}`` inside. Others are a fault."""
     if not len(node):
         return mapped(text_of(node), line_of(node))
     content = node[0]
@@ -119,7 +120,8 @@ def _parameter(context: Context, node: Node) -> Expression:
         return Expression(listed(text_of(value) for value in content), "payload", line)
     if kind == "map":
         return Expression(mapped_entries((value.get("key", ""), text_of(value)) for value in content), "payload", line)
-    raise context.error(content, f"<{kind}> in a parameter: expected text, script, list or map")
+    context.fault(content, f"<{kind}> in a parameter: expected text, script, list or map")
+    return None
 
 
 def _in(context: Context, node: Node, found: Extensions) -> None:
@@ -130,7 +132,7 @@ def _in(context: Context, node: Node, found: Extensions) -> None:
     if node.get("variables") == "all":
         found.all_in = True
     else:
-        found.inputs.append(_copy(context, node))
+        _copy(context, node, found.inputs)
 
 
 def _out(context: Context, node: Node, found: Extensions) -> None:
@@ -138,18 +140,18 @@ def _out(context: Context, node: Node, found: Extensions) -> None:
     if node.get("variables") == "all":
         found.all_out = True
     else:
-        found.outputs.append(_copy(context, node))
+        _copy(context, node, found.outputs)
 
 
-def _copy(context: Context, node: Node) -> Assignment:
+def _copy(context: Context, node: Node, into: list[Assignment]) -> None:
     source, expression, target = node.get("source"), node.get("sourceExpression"), node.get("target", "").strip()
     if not target or not (source or expression):
-        raise context.error(
-            node, f"{_called(node, local(node))} needs target and source (or sourceExpression), or variables='all'"
-        )
-    if expression:
-        return Assignment(target, mapped(expression, line_of(node)))
-    return Assignment(target, variable(context, node, source or ""))
+        text = f"{_called(node, local(node))} needs target and source (or sourceExpression), or variables='all'"
+        context.fault(node, text)
+        return
+    seen = mapped(expression, line_of(node)) if expression else variable(context, node, source or "")
+    if seen is not None:
+        into.append(Assignment(target, seen))
 
 
 _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {

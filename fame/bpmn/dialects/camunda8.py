@@ -48,7 +48,8 @@ def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
     for one in node:
         source, target = one.get("source", ""), one.get("target", "").strip()
         if not target:
-            raise context.error(one, f"a zeebe:{local(one)} has no target: say which variable it sets")
+            context.fault(one, f"a zeebe:{local(one)} has no target: say which variable it sets")
+            continue
         inwards, expression = local(one) == "input", mapped(source, line_of(one))
         _assign(found.inputs if inwards else found.outputs, target, expression, inwards)
 

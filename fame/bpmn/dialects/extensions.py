@@ -100,17 +100,16 @@ class TopicProperties:
 def topic_properties(context: Context, element: Node, found: Extensions, kind: str = "msg") -> TopicProperties:
     """Uses up ``type``, ``payload``, ``to``, ``queue``, ``scope``, ``qos.<policy>``: the form of the paper, and ours.
 
-    Raises ModelError for a value that none of them can have.
+    A value that none of them can have is a fault.
     """
     given, payload, to, queue, scope = (found.take(name) for name in ("type", "payload", "to", "queue", "scope"))
     if scope is not None and scope.value.strip().lower() != "robot":
-        raise context.error(element, f"scope={scope.value!r}: expected robot (a topic of the robot's own), or nothing")
+        context.fault(element, f"scope={scope.value!r}: expected robot (a topic of the robot's own), or nothing")
     qos = dict(found.qos)
     for name in [name for name in found.properties if name.startswith("qos.")]:
         said = found.take(name)
-        if said is not None:
-            policy_name, value = policy(context, element, name.removeprefix("qos."), said.value)
-            qos[policy_name] = value
+        meant = policy(context, element, name.removeprefix("qos."), said.value) if said is not None else None
+        qos.update([meant] if meant is not None else ())
     payload = payload or found.payload
     text = given.value if given is not None else found.type
     return TopicProperties(

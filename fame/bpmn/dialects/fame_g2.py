@@ -33,11 +33,12 @@ def element(context: Context, node: Node, found: Extensions) -> None:
         found.operation, found.type, found.service = node.get("name", "").strip(), node.get("type", ""), True
     elif name == "policy":
         for key, value in node.attrib.items():
-            if str(key).replace("_", "").lower() in _POLICIES and str(value).strip():
-                policy_name, meaning = policy(context, node, str(key), str(value))
-                found.qos[policy_name] = meaning
-                if meaning != str(value):
-                    context.quirk(node, f"quality of service {key!s}={value!s} is {policy_name} {meaning}")
+            if str(key).replace("_", "").lower() not in _POLICIES or not str(value).strip():
+                continue
+            meant = policy(context, node, str(key), str(value))
+            found.qos.update([meant] if meant is not None else ())
+            if meant is not None and meant[1] != str(value):
+                context.quirk(node, f"quality of service {key!s}={value!s} is {' '.join(meant)}")
     elif name == "parameters":
         named = [(_name(context, one), one) for one in node]
         found.values += [(name, Property(one.get("value", ""), line_of(one))) for name, one in named if name]

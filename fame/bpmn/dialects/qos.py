@@ -19,27 +19,25 @@ DURATIONS = ("deadline", "lifespan", "lease_duration")
 """In seconds."""
 
 
-def policy(context: Context, element: Node, name: str, text: str) -> tuple[str, str]:
+def policy(context: Context, element: Node, name: str, text: str) -> tuple[str, str] | None:
     """(policy, value): ``("reliability", "best_effort")``, ``("depth", "10")``, ``("deadline", "0.5")``.
 
-    Raises ModelError for a policy or value that there is not.
+    None for a policy or value that there is not, a fault.
     """
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.strip()).lower()
     value = re.sub(r"(?<=[a-z])(?=[A-Z])|[ -]", "_", text.strip()).lower()
-    if name in CHOICES:
-        choices = CHOICES[name]
-        if value in ("0", "1"):
-            return name, choices[int(value)]
-        if value in choices:
-            return name, value
-        raise context.error(element, f"qos.{name}={text!r}: expected {' or '.join(choices)}")
-    if name == "depth":
-        if value.isdecimal() and int(value) > 0:
-            return name, value
-        raise context.error(element, f"qos.depth={text!r}: expected a whole number, 1 or more")
-    if name in DURATIONS:
-        if re.fullmatch(r"\d+(\.\d*)?|\.\d+", value):
-            return name, value
-        raise context.error(element, f"qos.{name}={text!r}: expected a time in seconds")
-    known = ", ".join((*CHOICES, "depth", *DURATIONS))
-    raise context.error(element, f"qos policy {name!r} is not known: {known} are")
+    choices = CHOICES.get(name, ())
+    if choices and value in ("0", "1"):
+        return name, choices[int(value)]
+    if choices:
+        fits, right = value in choices, " or ".join(choices)
+    elif name == "depth":
+        fits, right = value.isdecimal() and int(value) > 0, "a whole number, 1 or more"
+    elif name in DURATIONS:
+        fits, right = re.fullmatch(r"\d+(\.\d*)?|\.\d+", value) is not None, "a time in seconds"
+    else:
+        context.fault(element, f"qos policy {name!r} is not known: {', '.join((*CHOICES, 'depth', *DURATIONS))} are")
+        return None
+    if not fits:
+        context.fault(element, f"qos.{name}={text!r}: expected {right}")
+    return (name, value) if fits else None

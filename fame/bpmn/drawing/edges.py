@@ -19,6 +19,11 @@ def draw_edge(picture: Picture, edge: Edge) -> str:
         content = _sequence_flow(picture, edge, ink, style)
     elif edge.kind == "messageFlow":
         content = _message_flow(edge, ink, style)
+    elif edge.kind == "conversationLink":
+        content = "".join(
+            tag("path", d=polyline(edge.waypoints), **{**style, "stroke": colour}, stroke_width=width)
+            for colour, width in ((ink[0], 5), (PAPER, 2))
+        )
     else:
         line = tag("path", d=polyline(edge.waypoints), stroke_width=2, stroke_dasharray="0 5", **style)
         head = tag("polyline", points=corners(arrow(edge.waypoints, 8, 9)), stroke_width=1.5, **style)

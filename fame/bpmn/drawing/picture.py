@@ -12,6 +12,8 @@ from fame.bpmn.drawing.svg import lettering
 from fame.bpmn.model import Edge, Element, Shape
 
 INK, PAPER = "#22242a", "#ffffff"
+BAND = "#d9d9dd"
+"""Of the participant in a choreography task that did not begin it."""
 SIZE, SMALL = 12.0, 11.0
 """Of lettering, in pixels: in boxes, beside things."""
 _VISITED = frozenset(style.stroke for style in STYLES.values())

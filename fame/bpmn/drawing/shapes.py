@@ -7,9 +7,11 @@ from collections.abc import Callable, Mapping
 from fame.bpmn.drawing import icons
 from fame.bpmn.drawing.icons import Ink
 from fame.bpmn.drawing.inside import set_inside
-from fame.bpmn.drawing.picture import PAPER, SIZE, SMALL, Picture, letters
+from fame.bpmn.drawing.picture import BAND, PAPER, SIZE, SMALL, Picture, letters
 from fame.bpmn.drawing.svg import corners, lettering, moved, number, tag, wrap
 from fame.bpmn.model import (
+    GATEWAYS,
+    PLACES,
     Activity,
     Bounds,
     CallActivity,
@@ -27,11 +29,17 @@ from fame.bpmn.model import (
 
 def draw_shape(picture: Picture, shape: Shape) -> str:
     """A shape with its name, in a group that has the id of the element."""
-    element = picture.elements.get(shape.element)
     draws = _SHAPES.get(shape.kind, _activity)
-    if element is None:
-        return ""
-    return tag("g", draws(picture, shape, element), id=element.id)
+    return tag("g", draws(picture, shape, picture.elements[shape.element]), id=shape.element)
+
+
+def stand_in(shape: Shape) -> Element:
+    """What is drawn of an element that the model does not tell of: its kind and its name."""
+    if shape.kind in PLACES:
+        return Event(id=shape.element, name=shape.name, place=PLACES[shape.kind])
+    if shape.kind in GATEWAYS:
+        return Gateway(id=shape.element, name=shape.name, kind=GATEWAYS[shape.kind])
+    return Element(id=shape.element, name=shape.name)
 
 
 def _box(bounds: Bounds, ink: Ink, width: float = 2, radius: float = 0, dashes: str = "") -> str:
@@ -61,8 +69,9 @@ def _pool(picture: Picture, shape: Shape, element: Element) -> str:
     if isinstance(element, Participant) and element.multi_instance:
         x, y = bounds.x + bounds.width / 2 - 7, bounds.y + bounds.height - 18
         marks = moved(x, y, icons.marker("parallel", ink))
-    if isinstance(element, Participant) and not element.process:
-        return _box(bounds, ink, 1.5) + _centred(element.name, bounds, ink) + marks
+    if shape.kind == "participant" and not getattr(element, "process", ""):
+        paper = BAND if shape.band.endswith("non_initiating") else ink[1]
+        return _box(bounds, (ink[0], paper), 1.5) + _centred(element.name, bounds, ink) + marks
     band = 30.0
     if shape.horizontal:
         line = f"M{number(bounds.x + band)} {number(bounds.y)}v{number(bounds.height)}"
@@ -90,7 +99,7 @@ def _centred(name: str, bounds: Bounds, ink: Ink, corner: float = 0) -> str:
 
 def _activity(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
-    open_body = isinstance(element, SubProcess) and shape.expanded
+    open_body = shape.expanded and (isinstance(element, SubProcess) or shape.kind == "subChoreography")
     by_event = isinstance(element, SubProcess) and element.triggered_by_event
     box = _box(bounds, ink, 5 if isinstance(element, CallActivity) else 2, 10, "1 5" if by_event else "")
     if isinstance(element, SubProcess) and element.kind == "transaction":
@@ -165,7 +174,7 @@ def _gateway(picture: Picture, shape: Shape, element: Element) -> str:
 def _data(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
     x, y, w, h = bounds.x, bounds.y, bounds.width, bounds.height
-    if shape.kind == "dataStoreReference":
+    if shape.kind in ("dataStoreReference", "dataStore"):
         return _store(bounds, ink) + picture.label(shape.element, letters(ink))
     fold = min(10, w / 3)
     page = [(x, y), (x + w - fold, y), (x + w, y + fold), (x + w, y + h), (x, y + h)]
@@ -200,6 +209,24 @@ def _store(bounds: Bounds, ink: Ink) -> str:
     return drawn + tag("path", d=rims, fill="none", stroke=ink[0], stroke_width=2)
 
 
+def _conversation(picture: Picture, shape: Shape, element: Element) -> str:
+    bounds, ink = shape.bounds, picture.ink(shape)
+    x, y, w, h = bounds.x, bounds.y, bounds.width, bounds.height
+    points = corners([(x, y + h / 2), (x + w / 4, y), (x + 3 * w / 4, y), (x + w, y + h / 2), (x + 3 * w / 4, y + h),
+                      (x + w / 4, y + h)])  # fmt: skip
+    width = 5 if shape.kind == "callConversation" else 2
+    hexagon = tag("polygon", points=points, fill=ink[1], stroke=ink[0], stroke_width=width, stroke_linejoin="round")
+    plus = moved(x + w / 2 - 7, y + h - 19, icons.marker("collapsed", ink)) if shape.kind == "subConversation" else ""
+    return hexagon + plus + picture.label(shape.element, letters(ink))
+
+
+def _message(picture: Picture, shape: Shape, element: Element) -> str:
+    bounds, ink = shape.bounds, picture.ink(shape)
+    x, y, w, h = bounds.x, bounds.y, bounds.width, bounds.height
+    flap = tag("polyline", points=corners([(x, y), (x + w / 2, y + h / 2), (x + w, y)]), fill="none", stroke=ink[0])
+    return _box(bounds, ink, 1.5) + flap + picture.label(shape.element, letters(ink))
+
+
 def _annotation(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
     bracket = f"M{number(bounds.x + 10)} {number(bounds.y)}h-10v{number(bounds.height)}h10"
@@ -223,27 +250,25 @@ def name_beside(shape: Shape, element: Element) -> str:
     draws = _SHAPES.get(shape.kind, _activity)
     if draws is _data:
         return _with_state(element)
-    return element.name if draws in (_event, _gateway) or (draws is _group and shape.label is not None) else ""
+    beside = draws in (_event, _gateway, _conversation, _message) or (draws is _group and shape.label is not None)
+    return element.name if beside else ""
 
 
 _SHAPES: Mapping[str, Callable[[Picture, Shape, Element], str]] = {
     "participant": _pool,
     "lane": _pool,
-    "startEvent": _event,
-    "intermediateCatchEvent": _event,
-    "intermediateThrowEvent": _event,
-    "boundaryEvent": _event,
-    "endEvent": _event,
-    "exclusiveGateway": _gateway,
-    "inclusiveGateway": _gateway,
-    "parallelGateway": _gateway,
-    "eventBasedGateway": _gateway,
-    "complexGateway": _gateway,
+    **dict.fromkeys(PLACES, _event),
+    **dict.fromkeys(GATEWAYS, _gateway),
     "dataObjectReference": _data,
     "dataObject": _data,
     "dataStoreReference": _data,
     "dataInput": _data,
     "dataOutput": _data,
+    "dataStore": _data,
+    "conversation": _conversation,
+    "subConversation": _conversation,
+    "callConversation": _conversation,
+    "message": _message,
     "textAnnotation": _annotation,
     "group": _group,
 }
