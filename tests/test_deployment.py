@@ -9,10 +9,14 @@ from deployment_field import BPMN, LATE, TEAM, Field, definitions, made, patrol,
 import fame
 from fame import deployment
 from fame.bpmn.reader import read_text
+from fame.cli.status import rows
 from fame.clock import SECOND, Scheduler
 from fame.deployment import EngineNode
 from fame.library import Library
+from fame.middleware import messages
+from fame.middleware.interface import QoS
 from fame.middleware.local import LocalMiddleware
+from fame.observation import Event
 from fame.remote.sending import Sending
 
 
@@ -342,6 +346,32 @@ def test_a_report_tells_since_when_tokens_wait_for_which_topic_and_who_publishes
     field.person.publisher("/stop", "std_msgs/msg/Empty")
     field.pass_time(1)
     assert field.said[-1].waits == [{"element": "c", "for": "topic /stop", "since": 2.0, "topics": {"/stop": 1}}]
+
+
+def test_what_the_middleware_warns_of_is_told_once_and_stays_in_the_reports():
+    field = Field("A")
+    told: list[Event] = []
+    field.engines["A"]._on_report = told.append
+    field.middleware.warn("/x: /b hears nothing from /a")
+    field.pass_time(5)
+    assert [event.detail for event in told] == ["/x: /b hears nothing from /a"]
+    assert field.said[-1].warnings == ["/x: /b hears nothing from /a"]
+
+
+def test_lost_messages_are_told_as_they_grow_and_counted_in_the_reports_and_in_fame_status():
+    field = Field("A")
+    told: list[Event] = []
+    field.engines["A"]._on_report = told.append
+    field.middleware.node("b", "A").subscription("/x", deployment.STRING, lambda message: None, QoS(depth=5))
+    publisher = field.person.publisher("/x", deployment.STRING)
+    for _ in range(2):
+        for _ in range(7):
+            publisher.publish(messages.create(deployment.STRING, "x"))
+        field.pass_time(3)
+    text = "/x: /A/b lost {} messages or more, which came faster than it takes them or not at all"
+    assert [event.detail for event in told] == [text.format(2), text.format(4)]
+    assert field.said[-1].warnings == [text.format(4)]
+    assert [row[-2] for row in rows("A", field.said[-1])][-1] == f"warning: {text.format(4)}"
 
 
 def test_a_robot_that_no_pool_wants_belongs_to_others_and_is_left_alone():

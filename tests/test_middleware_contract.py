@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -115,6 +116,45 @@ def test_a_publisher_that_all_hear_who_can_is_connected(here: World) -> None:
     here.connect("/x")
     here.settle()
     assert middleware.connecting(node) == []
+
+
+@pytest.mark.parametrize(("qos", "count"), [(QoS(), 100), (QoS(depth=5), 5), (SENSOR_DATA, 50), (QoS(depth=1), 9)])
+def test_what_a_queue_holds_is_not_lost_nor_what_nobody_asked_to_have_in_full(
+    here: World, qos: QoS, count: int
+) -> None:
+    seen = overrun(here, qos, count)
+    here.until(lambda: len(seen) > 1)
+    assert losses(here) == []
+
+
+@pytest.mark.parametrize("depth", [5, 100])
+def test_messages_that_come_faster_than_they_are_taken_are_counted_as_lost(here: World, depth: int) -> None:
+    overrun(here, QoS(depth=depth), 2000)
+    here.until(lambda: losses(here))
+    (text,) = losses(here)
+    assert re.fullmatch(
+        r"/x: /b lost [1-9]\d* messages or more, which came faster than it takes them or not at all", text
+    )
+
+
+def overrun(here: World, qos: QoS, count: int) -> list[int]:
+    """What a subscription gets if so many messages come while it works on the first one."""
+    seen: list[int] = []
+
+    def work(message: Any) -> None:
+        seen.append(message.data)
+        for number in range(count if len(seen) == 1 else 0):
+            publisher.publish(create(INT, number))
+
+    here.node("b").subscription("/x", INT, work, qos)
+    publisher = here.node("a").publisher("/x", INT, qos)
+    here.connect("/x")
+    publisher.publish(create(INT, -1))
+    return seen
+
+
+def losses(here: World) -> list[str]:
+    return [text for middleware in middlewares(here) for text in middleware.losses()]
 
 
 # ---- types -----------------------------------------------------------------------------------------------------------

@@ -45,7 +45,8 @@ class Clock:
         self.wall = Scheduler()
         middleware = LocalMiddleware(self.wall)
         self._says = middleware.node("world").publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
-        self.time = SharedTime(self.wall)
+        self.jumps: list[str] = []
+        self.time = SharedTime(self.wall, self.jumps.append)
         self.time.listen(middleware.node("robot"))
 
     def say(self, seconds: float) -> None:
@@ -89,10 +90,66 @@ def test_time_goes_on_when_the_world_begins_anew(clock: Clock) -> None:
     clock.time.after(10 * SECOND, lambda: seen.append(clock.time.now / SECOND))
     clock.say(0)
     assert clock.time.now == 100 * SECOND
+    assert [text.partition(":")[0] for text in clock.jumps] == ["/clock jumped back from 100.0 to 0.0 s"]
     clock.say(9)
     assert seen == []
     clock.say(11)
     assert (seen, clock.time.now) == ([110.0], 111 * SECOND)
+    assert len(clock.jumps) == 1
+
+
+def test_a_clock_that_jumps_far_ahead_is_told_and_lets_no_timer_of_a_loop_fire(clock: Clock) -> None:
+    seen: list[float] = []
+
+    def loop() -> None:
+        seen.append(clock.time.now / SECOND)
+        clock.time.after(SECOND // 5, loop)
+
+    clock.say(5)
+    clock.time.after(SECOND // 5, loop)
+    clock.say(2**31 - 1)
+    assert (seen, clock.time.now) == ([], 5 * SECOND)
+    assert [text.partition(":")[0] for text in clock.jumps] == ["/clock jumped ahead from 5.0 to 2147483647.0 s"]
+    clock.say(5.1)  # what follows a forged time is a jump back
+    clock.say(5.3)
+    assert (seen, clock.time.now, len(clock.jumps)) == ([5.2], 5.2 * SECOND, 2)
+
+
+def test_a_clock_may_say_any_time_first(clock: Clock) -> None:
+    clock.say(1_700_000_000)
+    assert (clock.jumps, clock.time.now) == ([], 1_700_000_000 * SECOND)
+
+
+def test_what_waits_before_a_clock_is_heard_does_not_come_all_at_once(clock: Clock) -> None:
+    seen: list[int] = []
+    clock.time.after(SECOND, lambda: seen.append(1))
+    clock.say(1_700_000_000)
+    assert (seen, len(clock.jumps)) == ([], 1)
+    clock.say(1_700_000_001)
+    assert seen == [1]
+
+
+def test_two_clocks_do_not_drive_time_on_and_are_not_told_each_time(clock: Clock) -> None:
+    clock.say(100)
+    for _ in range(50):
+        for time in (0, 100):
+            clock.time.follow(time * SECOND)
+    assert (clock.time.now, len(clock.jumps)) == (100 * SECOND, 1)
+
+
+def test_others_get_their_turn_while_much_simulated_time_is_worked_through(clock: Clock) -> None:
+    order: list[str] = []
+
+    def loop() -> None:
+        order.append("timer")
+        clock.time.after(SECOND // 5, loop)
+
+    clock.say(0)
+    clock.time.after(SECOND // 5, loop)
+    clock.time.follow(10 * SECOND)
+    clock.wall.soon(lambda: order.append("Ctrl-C"))
+    clock.wall.run(clock.wall.now)
+    assert (order.index("Ctrl-C") < 20, order.count("timer"), clock.time.now) == (True, 50, 10 * SECOND)
 
 
 # ---- who makes it ----------------------------------------------------------------------------------------------------
@@ -222,6 +279,39 @@ def test_a_world_in_another_process_is_paused_and_let_go(tmp_path: Path) -> None
     finally:
         world.send_signal(signal.SIGINT)
         world.wait(20)
+        here.close()
+
+
+@pytest.mark.processes
+@pytest.mark.dds
+@needs("cyclonedds")
+def test_an_engine_outlives_a_forged_clock_says_so_and_ends_by_ctrl_c() -> None:
+    text = process(
+        '<startEvent id="s"/><scriptTask id="t"><script>while True:\n    await sleep(0.2)</script></scriptTask>'
+        '<sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
+    )
+    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "PYTHONPATH": str(Path(__file__).parents[1])}
+    here, reports = dds_world(apart=False), list[dict[str, Any]]()
+    node = here.node("world")
+    clock = node.publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
+    node.subscription("/P/bpmn_status", TEXT, lambda said: reports.append(json.loads(said.data)))
+    model = node.publisher("/P/bpmn_process", TEXT)
+    command = [sys.executable, "-m", "fame", "engine", "P", "--use-sim-time"]
+    engine = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
+    try:
+        here.connect(CLOCK, "/P/bpmn_process", "/P/bpmn_status")
+        clock.publish(clock_message(SECOND))
+        here.until(lambda: reports and reports[-1]["now"] == 1)
+        model.publish(create(TEXT, text))
+        here.until(lambda: reports[-1]["instances"] == 1)
+        clock.publish(clock_message((2**31 - 1) * SECOND))
+        here.until(lambda: any("/clock jumped ahead" in warning for warning in reports[-1]["warnings"]))
+        engine.send_signal(signal.SIGINT)
+        _, err = engine.communicate(timeout=20)
+        assert (engine.returncode, b"/clock jumped ahead from 1.0 to 2147483647.0 s" in err) == (0, True)
+    finally:
+        engine.kill()
+        engine.wait()
         here.close()
 
 

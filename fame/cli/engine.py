@@ -120,6 +120,8 @@ def _serve(arguments: Namespace) -> None:
             trusted=trusted,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
         )
+        if time is not None:
+            time.on_jump = engine.warn
         warm(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine

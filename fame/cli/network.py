@@ -86,6 +86,11 @@ def say_ready(text: str) -> None:
         note(f"{text}; Ctrl-C ends it")
 
 
+def say_warning(text: str) -> None:
+    """Print what a middleware warns of."""
+    note(f"fame: warning: {text}")
+
+
 def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Steps:
     """What keeps the messages of nodes of such names for their step. Raises ConfigError where there is none."""
     from fame.errors import ConfigError

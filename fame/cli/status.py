@@ -87,3 +87,5 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
         yield (*head, "", "", f"fame activate {robot}: {', '.join(report.offers)}", "")
     elif head[0]:
         yield (*head, "", "", report.error, "")
+    for text in report.warnings:
+        yield ("", "", "", "", "", "", f"warning: {text}", "")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
-from fame.cli.network import add_network, lockstep, say_ready
+from fame.cli.network import add_network, lockstep, say_ready, say_warning
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -54,5 +54,5 @@ def run(arguments: Namespace) -> int:
         say_ready(f"a world with {robots}" + ("; its time stands still until fame resume" if arguments.pause else ""))
         return world
 
-    serve(arguments.middleware, arguments.network, build)
+    serve(arguments.middleware, arguments.network, build, on_warning=say_warning)
     return 0

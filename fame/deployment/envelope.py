@@ -89,6 +89,7 @@ class Report:
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
     offers     the elements of open ad-hoc sub-processes that could be activated
     errors     of instances that have failed, the last ones: `code`, `element`, `file`, `line`, `text`
+    warnings   what its middleware warned of, losses of messages and jumps of the clock among it, the latest last
     absent     robots of its team that have no engine any more, and for how long (s)
     now        the time of the mission (s), which `since` is on
     born       when the engine began (ns since 1970): of two with one name the older stays
@@ -113,6 +114,7 @@ class Report:
     waits: Sequence[Mapping[str, Any]] = ()
     offers: Sequence[str] = ()
     absent: Mapping[str, float] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
     error: str = ""
     errors: Sequence[Mapping[str, Any]] = ()
     now: float = 0.0
@@ -180,6 +182,7 @@ _REPORT: dict[str, fields.Check] = {
     "failed": fields.integer(),
     "waits": fields.sequence(fields.record(_WAIT)),
     "offers": fields.sequence(_TEXT),
+    "warnings": fields.sequence(_TEXT),
     "absent": fields.mapping(fields.robot, fields.number),
     "error": _TEXT,
     "now": fields.number,

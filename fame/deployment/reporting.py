@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.envelope import STATUS_QOS, STRING, Report
 from fame.deployment.refusals import Digest
+from fame.deployment.warnings import Warnings
 from fame.errors import FameError
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Middleware, Node
+from fame.middleware.interface import LATCHED, Node
 
 if TYPE_CHECKING:
     from fame.node import RobotNode
@@ -37,13 +38,12 @@ class Status:
         *,
         node: Node,
         scheduler: Scheduler,
-        middleware: Middleware,
         refused: Callable[[str, str], object],
+        warnings: Warnings,
     ) -> None:
         self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
-        self._scheduler, self._middleware, self._refused = scheduler, middleware, refused
+        self._scheduler, self._refused, self._warnings = scheduler, refused, warnings
         self._garbage = Digest(scheduler, self._refuse)
-        self._warned = len(middleware.warnings)
         self._answers: dict[str, tuple[str, str]] = {}
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
         node.subscription("bpmn_status", STRING, self._met, STATUS_QOS)
@@ -105,11 +105,8 @@ class Status:
 
     def _refuse_unread(self) -> None:
         """What the middleware does not even bring: messages of another type."""
-        new = self._middleware.warnings[self._warned :]
-        self._warned += len(new)
-        for text in new:
-            if text.startswith(f"{self._topic}:"):
-                self.say("refused", reason=text)
+        for text in self._warnings.look(f"{self._topic}:"):
+            self.say("refused", reason=text)
 
     def _met(self, message: Any) -> None:
         """Somebody else speaks for this robot: the younger of the two leaves."""

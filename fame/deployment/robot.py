@@ -22,6 +22,7 @@ from fame.deployment.refusals import Digest
 from fame.deployment.reporting import Absences, Status, progress, state_of
 from fame.deployment.tasks import Tasks
 from fame.deployment.termination import Told, reply
+from fame.deployment.warnings import Warnings
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware
 from fame.signing import verify, verify_signature
@@ -91,9 +92,10 @@ class EngineNode:
         self.node = middleware.node("fame_deployment", robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._heard, PROCESS_QOS)
         self._process.limit = SIZE
+        self.warn = Warnings(middleware, self._warned)
         about = (robot, self._process.topic, self.born, self._standing)
         self.status: Status = Status(
-            *about, refused=self._refused, node=self.node, scheduler=scheduler, middleware=middleware
+            *about, refused=self._refused, node=self.node, scheduler=scheduler, warnings=self.warn
         )
         self._process.dropped = lambda text: self.status.say("refused", reason=text)
         self._tasks = Tasks(self.node, lambda: self.running, self.status.say)
@@ -112,7 +114,8 @@ class EngineNode:
         said = {"state": self.state, "hash": self.hash, "deployed": self.deployed, "sequence": self._newest[0]}
         said["candidate"] = self.candidate.deployment if self.candidate is not None else ""
         absent = self._absences.seen(self._team, self.scheduler.now, lambda: engines(self.middleware))
-        return {**said, "absent": absent, "now": self._time.now / SECOND, **progress(self.running)}
+        said |= {"absent": absent, "warnings": self.warn.lines()}
+        return {**said, "now": self._time.now / SECOND, **progress(self.running)}
 
     def _refused(self, reason: str, deployment: str) -> None:
         if not deployment:
@@ -125,6 +128,13 @@ class EngineNode:
         from fame.node import Event
 
         self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", what, text))
+
+    def _warned(self, text: str) -> None:
+        """For whoever looks at this engine, and for who observes its mission."""
+        from fame.node import Event
+
+        tell = self._on_report if self.running is None else self.running.tell
+        tell(Event(self._time.now, self.robot, 0, 0, "", "report", text))
 
     # ---- what it is told -------------------------------------------------------------------------------------------
 

@@ -184,6 +184,9 @@ class Middleware(Protocol):
     def warn(self, text: str, /) -> object:
         """Add to `warnings`, unless it is there."""
 
+    def losses(self) -> list[str]:
+        """Which own ends have lost messages, and how many each, in words."""
+
     def node(self, name: str, namespace: str = "") -> Node: ...
 
     def graph(self) -> Sequence[TopicInfo]:

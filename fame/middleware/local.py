@@ -21,8 +21,8 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import LARGEST, SIGNAL, Message, QoS, TopicInfo, resolve
 from fame.middleware.local_services import LocalClient, LocalService
-from fame.middleware.qos import compatible
-from fame.middleware.refusals import NAMES, is_ros_name, second_type, unpublishable
+from fame.middleware.qos import compatible, counts_losses
+from fame.middleware.refusals import NAMES, is_ros_name, loss, second_type, unpublishable
 
 
 class LocalMiddleware:
@@ -52,6 +52,10 @@ class LocalMiddleware:
 
     def namespaces(self) -> list[str]:
         return sorted({node.namespace for node in self.nodes if node.namespace})
+
+    def losses(self) -> list[str]:
+        ends = (end for node in self.nodes for end in node.ends if isinstance(end, LocalSubscription))
+        return [loss(end.topic, end.node.full_name, end.lost) for end in ends if end.lost]
 
     def close(self) -> None:
         for node in list(self.nodes):
@@ -204,7 +208,9 @@ class LocalSubscription:
         self.dropped: Callable[[str], object] = node.middleware.warn  # never: nothing is written and read here
         self._waiting: deque[Message] = deque()
         self._depth = -1 if qos.history == "keep_all" else qos.depth
+        self.lost = 0  # messages, since it was made
         self._pushed_out = 0  # entries of the scheduler, always the first to come up, whose message waits no more
+        self._counts = counts_losses(qos)
         self._soon = node.middleware.scheduler.soon
         self._deliver = self._deliver_next  # bound once
 
@@ -214,6 +220,7 @@ class LocalSubscription:
         if len(waiting) == self._depth:
             waiting.popleft()
             self._pushed_out += 1
+            self.lost += self._counts
         waiting.append(message)
         self._soon(self._deliver)
 

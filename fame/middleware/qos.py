@@ -18,6 +18,8 @@ _CHOICES: dict[str, tuple[str, str]] = {
 }
 """What a policy can be. The place of a value is its code in models of the original FaMe's web modeler."""
 
+_DEEPEST = 2**31 - 1
+
 _TIMES = ("deadline", "lifespan", "lease_duration")
 _SPELLINGS = {"leaseduration": "lease_duration"}
 
@@ -49,6 +51,16 @@ def compatible(offered: QoS, requested: QoS) -> str | None:
     return None
 
 
+def one_more(qos: QoS) -> QoS:
+    """For a subscription that has a queue of its own: what holds one message more, so that a loss is noticed there."""
+    return replace(qos, depth=min(qos.depth + 1, _DEEPEST))
+
+
+def counts_losses(requested: QoS) -> bool:
+    """Whether a subscription asks for every message, so that one that does not come is a loss."""
+    return requested.reliability == "reliable" and requested.depth > 1
+
+
 def _policy(name: str, value: Any) -> tuple[str, Any]:
     policy = name.strip().lower().removeprefix("qos.").replace("-", "_")
     policy = _SPELLINGS.get(policy, policy)
@@ -74,7 +86,7 @@ def _choice(policy: str, text: str) -> str:
 
 
 def _depth(text: str) -> int:
-    if text.isascii() and text.isdigit() and 1 <= int(text[:10]) < 2**31:
+    if text.isascii() and text.isdigit() and 1 <= int(text[:10]) <= _DEEPEST:
         return int(text)
     raise _refused("depth", text, "a number of messages, from 1 on")
 

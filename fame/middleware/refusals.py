@@ -1,4 +1,4 @@
-"""What every backend refuses, in the same words."""
+"""What every backend refuses, and warns of, in the same words."""
 
 from __future__ import annotations
 
@@ -61,3 +61,8 @@ def unavailable(name: str, request_type: str, offered: Iterable[str]) -> Message
 def unanswered(name: str, node: str) -> str:
     """What is said when a service has left its client without an answer."""
     return f"{name}: the service was closed before it answered {node}"
+
+
+def loss(topic: str, node: str, count: int) -> str:
+    """What is said when a subscription of a node has lost messages."""
+    return f"{topic}: {node} lost {count} messages or more, which came faster than it takes them or not at all"

@@ -18,7 +18,15 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.interface import LARGEST, SIGNAL, Message, QoS, resolve
-from fame.middleware.refusals import check_name, second_service, second_type, unanswered, unavailable, unpublishable
+from fame.middleware.refusals import (
+    check_name,
+    loss,
+    second_service,
+    second_type,
+    unanswered,
+    unavailable,
+    unpublishable,
+)
 
 NAMING = SECOND // 5
 """How long after an end the name of its node may come (ns)."""
@@ -110,6 +118,7 @@ class TopicEnd(WireEnd):
     def __init__(self, node: Any, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node)
         self.topic, self.qos, self.limit = topic, qos, LARGEST
+        self.lost = 0  # messages, as far as this end knows
         self.dropped: Callable[[str], object] = node.middleware.warn
         self.message_class = messages.message_type(type)
         self.type: str = self.message_class.__msgtype__
@@ -121,6 +130,10 @@ class TopicEnd(WireEnd):
         if self.closed or message.__class__ is not self.message_class:
             raise unpublishable(self, message, closed=self.closed)
         return codec.serialize(message)
+
+    def losses(self) -> str:
+        """How many messages it has lost, in words; empty if it does not know of any."""
+        return loss(self.topic, self.node.full_name, self.lost) if self.lost else ""
 
     def unpack(self, data: bytes, callback: Callable[[Message], object]) -> None:
         """Call back with what a subscription has got, unless it is closed, or the data are no message."""
@@ -204,6 +217,11 @@ class WireMiddleware(ABC):
         """Topics on which a node publishes to somebody who is there and does not hear it yet."""
         self.refresh()
         return [end.topic for end in node.publishers if end.subscribers() < self.hearers(end)]
+
+    def losses(self) -> list[str]:
+        """Which own ends have lost messages, and how many each, in words."""
+        ends = (end for node in list(self.nodes) for end in (*node.subscriptions, *node.publishers))
+        return [text for end in ends if (text := end.losses())]
 
     def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
         """Block until each own end on the topics (full names) is connected to one of another node.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable
 from typing import Protocol
 
@@ -69,14 +68,18 @@ def _watch_parent(scheduler: WallScheduler) -> None:
         scheduler.after(SECOND, lambda: _watch_parent(scheduler))
 
 
-def _warn(text: str) -> None:
-    print(f"fame: warning: {text}", file=sys.stderr, flush=True)
+def serve(
+    backend: str,
+    network: str | None,
+    build: Callable[[WallScheduler, Middleware], Part],
+    on_warning: Callable[[str], object] | None = None,
+) -> None:
+    """Build a part and let it live until SIGINT or SIGTERM; then close it safely.
 
-
-def serve(backend: str, network: str | None, build: Callable[[WallScheduler, Middleware], Part]) -> None:
-    """Build a part and let it live until SIGINT or SIGTERM; then close it safely."""
+    `on_warning` is called with what its middleware warns of.
+    """
     scheduler = scheduler_for(backend)
-    middleware = connect(backend, scheduler, network, on_warning=_warn)
+    middleware = connect(backend, scheduler, network, on_warning)
     try:
         part = build(scheduler, middleware)
         try:

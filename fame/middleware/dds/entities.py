@@ -9,10 +9,12 @@ forget. So who leaves while others of this process stay in the domain leaves the
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.internal import dds_c_t
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -86,6 +88,16 @@ def matched(end: DataWriter[Any] | DataReader[Any]) -> list[int]:
             return find()
         except IndexError:
             continue
+
+
+def samples_lost(reader: DataReader[Any]) -> int:
+    """How many messages of its publishers a reader has missed since this was asked last, as far as Cyclone knows.
+
+    cyclonedds tells that to listeners only, which Cyclone calls in threads of its own.
+    """
+    status: Any = dds_c_t.sample_lost_status()
+    reader._dll_handle.dds_get_sample_lost_status(reader._ref, ctypes.byref(status))
+    return int(status.total_count_change)
 
 
 def _refused(topic: str, type: str, error: DDSException) -> MessageError:

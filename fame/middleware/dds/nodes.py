@@ -10,10 +10,11 @@ from cyclonedds.core import DDSException
 
 from fame.errors import MessageError
 from fame.middleware.dds import wire
-from fame.middleware.dds.entities import matched
+from fame.middleware.dds.entities import matched, samples_lost
 from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.services import DdsClient, DdsService
 from fame.middleware.interface import Message, QoS
+from fame.middleware.qos import counts_losses, one_more
 from fame.middleware.wired import Kinds, TopicEnd, WireNode
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
+_TURNS = 64
+"""How many times that is done in a row."""
 
 
 class DdsPublisher(TopicEnd):
@@ -43,7 +46,11 @@ class DdsPublisher(TopicEnd):
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
-            self.node.middleware.warn(f"{self.topic}: dropped a message: a subscriber does not keep up")
+            self.lost += 1
+
+    def losses(self) -> str:
+        text = f"{self.topic}: {self.node.full_name} lost {self.lost} messages: a subscriber does not take them in time"
+        return text if self.lost else ""
 
     def subscribers(self) -> int:
         """How many subscriptions it is connected to, those of its own node too."""
@@ -68,20 +75,24 @@ class DdsPublisher(TopicEnd):
 class DdsSubscription(TopicEnd):
     """The other end.
 
-    What has come waits in Cyclone until an entry of the scheduler takes it: there is at most one such entry. It calls
-    back for one message, and enters itself again if there may be more.
+    What has come waits here, at most `qos.depth` messages, until an entry of the scheduler takes it: there is at most
+    one such entry. It calls back for one message, and enters itself again if there are more. Cyclone keeps one message
+    more than that until it is asked, so that a loss there is noticed, though not how large it is. What a held node gets
+    waits in Cyclone alone.
     """
 
     def __init__(self, node: DdsNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self._callback = callback
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
-        self._batch = _BATCH if qos.history == "keep_all" else min(qos.depth, _BATCH)
-        self._taken: deque[bytes] = deque()
+        self._taken: deque[bytes] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
         self._senders: dict[int, str] = {}
-        self._more = self._entered = False
+        self._entered = False
+        self._counts = counts_losses(qos)
         self._soon = node.middleware.scheduler.soon
-        self._reader = node.middleware.entities.reader(wire.dds_topic(topic), self.type, qos, wire.type_hash(self.type))
+        self._reader = node.middleware.entities.reader(
+            wire.dds_topic(topic), self.type, one_more(qos), wire.type_hash(self.type)
+        )
         node.middleware.data.add(self._reader, self._arrived)
         self.gid, self.handle = self._reader.guid.bytes, wire.handle(self._reader.get_instance_handle())
 
@@ -100,6 +111,11 @@ class DdsSubscription(TopicEnd):
                     found.append((self._sender(info.publication_handle), sample.data))
         return found
 
+    def losses(self) -> str:
+        if self._counts:
+            self.lost += samples_lost(self._reader)
+        return super().losses()
+
     def matched(self) -> bool:
         """Whether there is a publisher of another node."""
         return not self._own.issuperset(map(wire.handle, matched(self._reader)))
@@ -109,8 +125,20 @@ class DdsSubscription(TopicEnd):
         self.node.middleware.discard(self._reader)
 
     def _arrived(self) -> None:
-        """Something waits in Cyclone. Another thread may call this."""
-        self._more = True  # before the entry, which may be at work already
+        """Something waits in Cyclone: fetch it. Another thread may call this."""
+        if self.node.held or self.closed:
+            return
+        for _ in range(_TURNS):
+            samples = self._reader.take(_BATCH)
+            for sample in samples:
+                info = sample.sample_info
+                if info.valid_data and info.publication_handle not in self._own:
+                    self.lost += self._counts and len(self._taken) == self._taken.maxlen
+                    self._taken.append(sample.data)
+            if len(samples) < _BATCH:
+                break
+        else:
+            self._soon(self._arrived)  # others want to be served too
         self._enter()
 
     def _sender(self, handle: int) -> str:
@@ -120,7 +148,7 @@ class DdsSubscription(TopicEnd):
         return self._senders[handle]
 
     def _enter(self) -> None:
-        if not self._entered and not self.node.held:
+        if self._taken and not self._entered:
             self._entered = True
             self._soon(self._deliver)
 
@@ -128,24 +156,9 @@ class DdsSubscription(TopicEnd):
         self._entered = False
         if self.closed:
             return
-        if not self._taken and self._more:
-            self._take()
-        data = self._taken.popleft() if self._taken else None
-        if self._taken or self._more:
-            self._enter()
-        if data is not None:
-            self.hand_over(data)
-
-    def _take(self) -> None:
-        """Fetch a batch from Cyclone, and of that what came from other nodes."""
-        self._more = False
-        samples = self._reader.take(self._batch)
-        if len(samples) == self._batch:
-            self._more = True
-        for sample in samples:
-            info = sample.sample_info
-            if info.valid_data and info.publication_handle not in self._own:
-                self._taken.append(sample.data)
+        data = self._taken.popleft()
+        self._enter()
+        self.hand_over(data)
 
     def hand_over(self, data: bytes) -> None:
         """Call back for a message, unless it is none."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -16,13 +16,17 @@ from rclpy.node import Node
 from fame.errors import ConfigError
 from fame.middleware.echoes import Echoes
 from fame.middleware.interface import Message, QoS
-from fame.middleware.qos import compatible
+from fame.middleware.qos import compatible, counts_losses, one_more
 from fame.middleware.ros.services import RosClient, RosService
 from fame.middleware.ros.translation import profile, ros_class
 from fame.middleware.wired import Kinds, TopicEnd, WireNode
 
 if TYPE_CHECKING:
     from fame.middleware.ros.middleware import RosMiddleware
+
+
+_AT_ONCE = 100
+"""How many messages are taken behind another if the history is not bounded."""
 
 
 class RosPublisher(TopicEnd):
@@ -58,7 +62,11 @@ class RosPublisher(TopicEnd):
 
 
 class RosSubscription(TopicEnd):
-    """The other end. What has come waits here until an entry of the scheduler takes it, at most `qos.depth`."""
+    """The other end. What has come waits here until an entry of the scheduler takes it, at most `qos.depth`.
+
+    ROS does not tell what is pushed out of the queue below rclpy. So that one holds one message more, and is emptied
+    when the first has come: what is pushed out here then is counted, with what rclpy tells.
+    """
 
     def __init__(self, node: RosNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
         super().__init__(node, node.ros.resolve_topic_name(topic), type, qos)
@@ -67,11 +75,15 @@ class RosSubscription(TopicEnd):
         if qos.durability == "transient_local":
             for publisher in node.publishers:
                 self.expect(publisher, publisher.kept)
+        self._counts, self._more = counts_losses(qos), _AT_ONCE if qos.history == "keep_all" else qos.depth
         said = SubscriptionEventCallbacks(
-            incompatible_qos=lambda event: node.middleware.mismatched(self.topic), use_default_callbacks=False
+            incompatible_qos=lambda event: node.middleware.mismatched(self.topic),
+            message_lost=self._missed,
+            use_default_callbacks=False,
         )
+        self._end: Any = None
         self._end = node.ros.create_subscription(
-            ros_class(self.type), topic, self._arrived, profile(qos), event_callbacks=said, raw=True
+            ros_class(self.type), topic, self._arrived, profile(one_more(qos)), event_callbacks=said, raw=True
         )
 
     def hears(self, publisher: RosPublisher) -> bool:
@@ -93,8 +105,24 @@ class RosSubscription(TopicEnd):
 
     def _arrived(self, data: bytes) -> None:
         """In the executor's thread."""
+        self._keep(data)
+        if self._end is None:  # it is being made
+            return
+        with self._end.handle:
+            for _ in range(self._more):
+                taken = self._end.handle.take_message(self._end.msg_type, self._end.raw)
+                if taken is None:
+                    break
+                self._keep(taken[0])
+
+    def _keep(self, data: bytes) -> None:
+        self.lost += self._counts and len(self._waiting) == self._waiting.maxlen
         self._waiting.append(data)
         self.node.middleware.scheduler.soon(self._deliver)
+
+    def _missed(self, event: Any) -> None:
+        """In the executor's thread."""
+        self.lost += self._counts * event.total_count_change
 
     def _deliver(self) -> None:
         if self._waiting:
