@@ -100,7 +100,7 @@ class Drone:
     @property
     def look(self) -> Look:
         altitude = self._flight.altitude
-        return Look(self.pose, altitude, footprint=self._camera.radius(altitude))
+        return Look(self.pose, altitude, footprint=self._camera.radius(altitude), charge=self._battery.charge)
 
     @property
     def status(self) -> Mapping[str, Any]:

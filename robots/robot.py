@@ -9,9 +9,9 @@ anything.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
 from fame.middleware.interface import Message, QoS
 from sim2d.reading import Point
@@ -62,6 +62,17 @@ class Cone:
     length: float
 
 
+class Workpiece(NamedTuple):
+    """Something that an arm works on: a polygon in the arm's own frame, m, or a line if it is not `closed`.
+
+    `kind`: a ``fixture`` stays where it is, a ``part`` is handled or made, a ``cut`` goes through it.
+    """
+
+    kind: Literal["fixture", "part", "cut"]
+    corners: Sequence[Point]
+    closed: bool = True
+
+
 class Look(NamedTuple):
     """How a robot looks at an instant, for those who draw it.
 
@@ -70,6 +81,11 @@ class Look(NamedTuple):
     cone       what its range sensor saw last, if it has one
     footprint  the radius (m) of the ground that its camera sees, 0 if it sees none
     blade      the radius (m) of its blade, 0 unless that turns
+    charge     what is left in its battery, 0 to 1; always 1 if it has none
+    limb       an arm's joints and tool from above, in its own frame, m
+    jaws       how far its gripper is open, m; negative if it has none
+    workpieces what an arm works on
+    note       what its body does, in a few words
     """
 
     pose: Pose
@@ -78,6 +94,11 @@ class Look(NamedTuple):
     cone: Cone | None = None
     footprint: float = 0.0
     blade: float = 0.0
+    charge: float = 1.0
+    limb: Sequence[Point] = ()
+    jaws: float = -1.0
+    workpieces: Sequence[Workpiece] = ()
+    note: str = ""
 
 
 class Surroundings(Protocol):

@@ -58,7 +58,8 @@ class Tractor(Vehicle):
 
     @property
     def look(self) -> Look:
-        return super().look._replace(blade=self._blade.radius if self._blade.turns else 0.0)
+        blade = self._blade.radius if self._blade.turns else 0.0
+        return super().look._replace(blade=blade, charge=self._battery.charge)
 
     @property
     def status(self) -> Mapping[str, Any]:

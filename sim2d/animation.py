@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,8 @@ from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
 from sim2d.film import WRITERS, writing
 from sim2d.record import Record, Track
-from sim2d.shapes import placed
-from sim2d.symbols import disc, larger, symbol
+from sim2d.shapes import disc, placed
+from sim2d.symbols import larger, symbol
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -43,10 +43,12 @@ def animate(
     fps: float = 10.0,
     speed: float | None = None,
     title: str = "",
+    progress: Callable[[int, int], object] | None = None,
 ) -> None:
     """Write a run as `.gif`, or as `.mp4` with ffmpeg; `fps` frames and `speed` seconds of the run per second of film.
 
-    Without a `speed` the film is as fast as the run, but lasts 15 s at most.
+    Without a `speed` the film is as fast as the run, but lasts 15 s at most. `progress` is told after each frame how
+    many are drawn, and how many there will be.
 
     Raises ConfigError for another kind of file, one that cannot be written or nothing recorded, UnavailableError if
     Pillow or ffmpeg is missing.
@@ -65,19 +67,37 @@ def animate(
     if fps <= 0 or speed <= 0:
         raise ConfigError(f"found fps {fps:g} and speed {speed:g}, both above 0 would be right", file=str(path))
     with writing(path):
-        WRITERS[kind](_frames(record, _Captions(record, labels), speed / fps, title), str(path), fps)
+        step = speed / fps
+        frames = _frames(record, _Captions(record, labels), step, title)
+        WRITERS[kind](_counted(frames, _number_of_frames(record, step), progress), str(path), fps)
+
+
+def _number_of_frames(record: Record, step: float) -> int:
+    return max(1, math.ceil(record.times[-1] / step - 1e-9) + 1)
+
+
+def _counted(frames: Iterator[Image], count: int, progress: Callable[[int, int], object] | None) -> Iterator[Image]:
+    """The same frames, told of as they are drawn."""
+    for number, frame in enumerate(frames, 1):
+        yield frame
+        if progress is not None:
+            progress(number, count)
 
 
 class _Captions:
-    """What each robot is at, by time."""
+    """What each robot is at, by time: those of the world, then the computers, which are not in it."""
 
     def __init__(self, record: Record, labels: Iterable[Label]) -> None:
         self._times: dict[str, list[float]] = {track.name: [] for track in record.tracks}
         self._texts: dict[str, list[str]] = {track.name: [] for track in record.tracks}
         for time, robot, text in sorted(labels, key=lambda label: label[0]):
-            if robot in self._times:
-                self._times[robot].append(time)
-                self._texts[robot].append(text)
+            self._times.setdefault(robot, []).append(time)
+            self._texts.setdefault(robot, []).append(text)
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Whom captions are shown of."""
+        return list(self._times)[:_MOST_CAPTIONS]
 
     def at(self, robot: str, time: float, until: float) -> str:
         """The caption that holds longest from `time` until `until` (s): what takes no time would only flicker."""
@@ -91,11 +111,10 @@ class _Captions:
 
 
 def _frames(record: Record, captions: _Captions, step: float, title: str) -> Iterator[Image]:
-    view = view_of(record, _caption_table(len(record.tracks))[1])
+    view = view_of(record, _caption_table(len(captions.names))[1])
     still = background(record, view, title)
     drawn, end = 0, record.times[-1]
-    count = max(1, math.ceil(end / step - 1e-9) + 1)
-    for number in range(count):
+    for number in range(_number_of_frames(record, step)):
         time = min(number * step, end)
         sample = max(bisect_right(record.times, time + 1e-9) - 1, 0)
         _extend_ways(still, record, view, drawn, sample)
@@ -141,6 +160,8 @@ def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
     inked = sorted(enumerate(record.tracks), key=lambda item: item[1].looks[sample].altitude)  # who flies is above
     for index, track in inked:
         _draw_robot(draw, track, style.robot_colour(index), view, sample)
+        if track.looks[sample].charge < style.LOW:
+            _draw_battery(draw, view.at(track.poses[sample]), track.looks[sample].charge)
     if len(record.tracks) > style.MOST_NAMES:
         return
     for index, track in enumerate(record.tracks):
@@ -193,13 +214,27 @@ def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -
     if look.blade:
         round_ = view.all(disc(look.pose[:2], look.blade * growth * 1.25))
         draw.polygon(round_, fill=faint(style.INK, style.GLOW), outline=style.INK, width=3)
-    for part in symbol(track.type, track.outline):
-        fill = {"robot": colour, "paper": style.PAPER, "ink": style.INK}[part.colour]
-        edge = style.INK if part.colour == "robot" else None
-        draw.polygon(view.all(placed(larger(part.corners, growth), pose)), fill=fill, outline=edge, width=3)
+    for part in symbol(track.type, track.outline, look):
+        fill, edge = style.paint(part.colour, colour)
+        corners = view.all(placed(larger(part.corners, growth), pose))
+        if part.closed:
+            draw.polygon(corners, fill=fill, outline=edge, width=3)
+        else:
+            draw.line(corners, fill=fill, width=6, joint="curve")
     if led in style.LEDS:
         lamp = size * 0.4
         draw.ellipse((x - lamp, y - lamp, x + lamp, y + lamp), fill=style.LEDS[led], outline=style.PAPER, width=2)
+
+
+def _draw_battery(draw: Any, place: tuple[float, float], charge: float) -> None:
+    """A low battery: a case in red with what is left in it, crossed out if that is nothing."""
+    (x, y), red = place, style.LEDS["red"]
+    draw.rectangle((x + 20, y - 9, x + 24, y + 9), fill=style.INK)
+    draw.rectangle((x - 24, y - 14, x + 20, y + 14), fill=style.PAPER, outline=style.INK, width=4)
+    if charge > 0:
+        draw.rectangle((x - 18, y - 8, x - 18 + 32 * charge, y + 8), fill=red)
+    else:
+        draw.line((x - 30, y + 20, x + 28, y - 20), fill=red, width=6)
 
 
 def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions, sample: int, step: float) -> None:
@@ -208,19 +243,20 @@ def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions
     draw = ImageDraw.Draw(frame)
     time, edge = record.times[sample], EDGE * SMOOTH
     write(draw, (view.size[0] - edge, HEAD * SMOOTH - 14), f"{time:.1f} s", style.INK, anchor="rs", size=15)
-    shown = record.tracks[:_MOST_CAPTIONS]
-    widest = max((font(13, True).getlength(track.name) for track in shown), default=0)
-    columns, lines = _caption_table(len(shown))
+    looks = {track.name: track.looks[sample] for track in record.tracks}
+    widest = max((font(13, True).getlength(name) for name in captions.names), default=0)
+    columns, lines = _caption_table(len(captions.names))
     width = (view.size[0] - 2 * edge) // columns
-    for index, track in enumerate(shown):
+    for index, name in enumerate(captions.names):
         x = edge + index // lines * width
         y = view.captions_top + (index % lines + 0.5) * LINE * SMOOTH
-        colour, led = style.robot_colour(index), track.looks[sample].led
+        colour, look = style.robot_colour(index), looks.get(name, Look(Pose(0.0, 0.0, 0.0)))
         draw.rounded_rectangle((x, y - 12, x + 24, y + 12), 6, fill=colour)
-        if led in style.LEDS:
-            draw.ellipse((x + 5, y - 7, x + 19, y + 7), fill=style.LEDS[led], outline=style.PAPER, width=2)
-        write(draw, (x + 36, y), track.name, colour, anchor="lm", size=13, bold=True)
-        text = fitting(captions.at(track.name, time, time + step), width - widest - 80, 13)
+        if look.led in style.LEDS:
+            draw.ellipse((x + 5, y - 7, x + 19, y + 7), fill=style.LEDS[look.led], outline=style.PAPER, width=2)
+        write(draw, (x + 36, y), name, colour, anchor="lm", size=13, bold=True)
+        told = style.doing(captions.at(name, time, time + step), look.note, look.charge)
+        text = fitting(told, width - widest - 80, 13)
         write(draw, (x + 60 + widest, y), text, style.INK, anchor="lm", size=13)
 
 

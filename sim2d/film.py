@@ -65,6 +65,7 @@ def _gif_colours() -> list[tuple[int, int, int]]:
         style.WEED,
         style.WEED_EDGE,
         style.STUBBLE,
+        style.MATERIALS["fixture"][0],
     )
     lights = (colour for colour in style.LEDS.values() if colour != style.PAPER)
     on_ground = [mixed(colour, style.GROUND, part) for colour in (*things, *style.ROBOTS, *lights) for part in _PARTS]

@@ -13,7 +13,7 @@ from sim2d import symbols
 from sim2d.config import Thing
 from sim2d.film import writing
 from sim2d.record import Record, Track
-from sim2d.shapes import Circle, Shape, bounding_box, placed
+from sim2d.shapes import Circle, Shape, bounding_box, disc, placed
 from sim2d.style import (
     CHARGER,
     FAINT,
@@ -31,6 +31,7 @@ from sim2d.style import (
     WEED,
     WEED_EDGE,
     name_goes_above,
+    paint,
     robot_colour,
 )
 from sim2d.weeds import Weed
@@ -61,8 +62,8 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
     for thing in record.config.targets:
         _target(axes, thing, record)
     for charger in record.config.chargers:
-        disc = Circle(charger.at, charger.radius)
-        axes.add_patch(_patch(disc, fill=False, edgecolor=CHARGER, linewidth=1.6, zorder=2))
+        ring = Circle(charger.at, charger.radius)
+        axes.add_patch(_patch(ring, fill=False, edgecolor=CHARGER, linewidth=1.6, zorder=2))
         _label(axes, (charger.at[0], charger.at[1] - charger.radius), charger.name, CHARGER, above=False, size=8)
     for weed in record.weeds:
         _weed(axes, weed, record)
@@ -131,15 +132,18 @@ def _track(axes: Axes, track: Track, colour: str, record: Record) -> None:
     if look.cone is not None:
         _cone(axes, look.cone, colour)
     if look.footprint:
-        axes.add_patch(_polygon(symbols.disc(pose[:2], look.footprint), facecolor=colour, alpha=0.10, zorder=1.5))
+        axes.add_patch(_polygon(disc(pose[:2], look.footprint), facecolor=colour, alpha=0.10, zorder=1.5))
     if look.blade:
-        ring = symbols.disc(pose[:2], look.blade * growth * 1.25)
+        ring = disc(pose[:2], look.blade * growth * 1.25)
         axes.add_patch(_polygon(ring, facecolor=FAINT, edgecolor=INK, alpha=0.6, zorder=5.8))
-    for part in symbols.symbol(track.type, track.outline):
-        fill = {"robot": colour, "paper": PAPER, "ink": INK}[part.colour]
-        edge = {"edgecolor": INK, "linewidth": 1.0} if part.colour == "robot" else {"linewidth": 0}
+    for part in symbols.symbol(track.type, track.outline, look):
+        fill, edge = paint(part.colour, colour)
         corners = placed(symbols.larger(part.corners, growth), pose)
-        axes.add_patch(_polygon(corners, facecolor=fill, joinstyle="round", zorder=6, **edge))
+        if part.closed:
+            lines = {"edgecolor": edge, "linewidth": 1.0} if edge is not None else {"linewidth": 0}
+            axes.add_patch(_polygon(corners, facecolor=fill, joinstyle="round", zorder=6, **lines))
+        else:
+            axes.plot(*zip(*corners, strict=True), color=fill, linewidth=2.0, zorder=6)
     ahead = max(x for x, _ in track.outline) * growth
     if look.led in LEDS:
         _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[look.led])
@@ -174,6 +178,7 @@ def _name(axes: Axes, track: Track, record: Record, colour: str) -> None:
     above = name_goes_above(pose, others, near=0.08 * _longer(record), top=record.config.bounds[3])
     heights = [y for _, y in placed(symbols.larger(track.outline, _growth(track, record)), pose)]
     text = f"{track.name}  {altitude:.1f} m" if altitude >= 0.05 else track.name
+    text += "" if track.looks[-1].charge else "  (battery empty)"
     _label(axes, (pose.x, max(heights) if above else min(heights)), text, colour, above=above)
 
 

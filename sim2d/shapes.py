@@ -64,6 +64,12 @@ def _turn(a: Point, b: Point, c: Point) -> float | None:
     return math.atan2(cross, dot)
 
 
+def disc(at: Point, radius: float) -> list[Point]:
+    """The corners of a polygon that looks round."""
+    turns = [math.tau * step / 24 for step in range(24)]
+    return [(at[0] + radius * math.cos(turn), at[1] + radius * math.sin(turn)) for turn in turns]
+
+
 def bounding_box(shape: Shape) -> tuple[float, float, float, float]:
     """xmin, ymin, xmax, ymax."""
     if isinstance(shape, Circle):

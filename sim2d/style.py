@@ -35,6 +35,28 @@ CONE, GLOW, LAMP = 34, 60, 110
 """How opaque, of 255, a range cone is, the glow of an LED far from it, and near."""
 
 
+LOW = 0.2
+"""Part of a battery's charge from which on it is shown that it is low."""
+MATERIALS: Mapping[str, tuple[str, str | None]] = {
+    "paper": (PAPER, None),
+    "ink": (INK, None),
+    "fixture": ("#d3d6da", OBSTACLE_EDGE),
+    "part": (TARGET, TARGET_EDGE),
+    "cut": (TARGET_EDGE, TARGET_EDGE),
+}
+"""Fill and edge of what is not in the colour of its robot."""
+
+
+def paint(material: str, robot: str) -> tuple[str, str | None]:
+    """Fill and edge of a part of a robot with a colour."""
+    return MATERIALS.get(material, (robot, INK))
+
+
+def doing(caption: str, note: str, charge: float) -> str:
+    """What is told of a robot: what its body does, that its battery is empty, and what its process is at."""
+    return " \N{MIDDLE DOT} ".join(text for text in (note, "" if charge else "battery empty", caption) if text)
+
+
 def robot_colour(index: int) -> str:
     """The colour of robot number `index`."""
     return ROBOTS[index % len(ROBOTS)]

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
+from robots.robot import Look
 from sim2d.reading import Point
+from sim2d.shapes import disc
 
 
 class Part(NamedTuple):
-    """A filled polygon. `colour`: that of the robot, or of paper or ink."""
+    """A filled polygon, or a line if it is not `closed`. `colour`: that of the robot, or what it is made of."""
 
     corners: Sequence[Point]
-    colour: Literal["robot", "paper", "ink"]
+    colour: Literal["robot", "paper", "ink", "fixture", "part", "cut"]
+    closed: bool = True
 
 
-def symbol(kind: str, outline: Sequence[Point]) -> list[Part]:
-    """The parts of a robot of some type, from below to above; x is ahead."""
-    return _SYMBOLS.get(kind, _vehicle)(outline)
+def symbol(kind: str, outline: Sequence[Point], look: Look) -> list[Part]:
+    """The parts of a robot of some type as it looks, from below to above; x is ahead."""
+    pieces = [Part(piece.corners, piece.kind, piece.closed) for piece in look.workpieces]
+    return [*pieces, *_SYMBOLS.get(kind, _vehicle)(outline), *_limb(outline, look)]
 
 
 def _vehicle(outline: Sequence[Point]) -> list[Part]:
@@ -50,15 +55,34 @@ def _drone(outline: Sequence[Point]) -> list[Part]:
 
 
 def _arm(outline: Sequence[Point]) -> list[Part]:
-    """A round base, two links bent at an elbow, and a gripper that points ahead."""
+    """The round base of an arm."""
     far = max(x for x, _ in outline)
-    upper = _turned(_box(0.8 * far, 0.0, 1.7 * far, 0.5 * far), 0.6)
-    elbow = 1.6 * far * math.cos(0.6), 1.6 * far * math.sin(0.6)
-    fore = [(x + elbow[0], y + elbow[1]) for x, y in _turned(_box(0.8 * far, 0.0, 1.7 * far, 0.4 * far), -0.6)]
-    fingers = [Part(_box(2 * elbow[0] + 0.25 * far, y * far, 0.6 * far, 0.14 * far), "ink") for y in (-0.22, 0.22)]
-    joints = [Part(disc(place, 0.3 * far), "ink") for place in (elbow, (2 * elbow[0], 0.0))]
-    base = [Part(disc((0.0, 0.0), far), "robot"), Part(disc((0.0, 0.0), 0.35 * far), "paper")]
-    return [*base[:1], Part(upper, "robot"), Part(fore, "robot"), *joints, *fingers, *base[1:]]
+    return [Part(disc((0.0, 0.0), far), "robot"), Part(disc((0.0, 0.0), 0.75 * far), "paper")]
+
+
+def _limb(outline: Sequence[Point], look: Look) -> list[Part]:
+    """The links of an arm from joint to joint, and at its tool a gripper's two fingers, or the tip of a blade."""
+    if not look.limb:
+        return []
+    far, last = max(x for x, _ in outline), len(look.limb) - 1
+    parts: list[Part] = []
+    for number, (start, end) in enumerate(pairwise(look.limb)):
+        parts += [_bar(start, end, far * (0.6 - 0.3 * number / last)), Part(disc(end, far * 0.25), "ink")]
+    wrist, tool = look.limb[-2:]
+    ahead = math.atan2(tool[1] - wrist[1], tool[0] - wrist[0])
+    if look.jaws < 0:
+        return [*parts, Part(disc(tool, 0.1 * far), "paper")]
+    for side in (-1, 1):
+        finger = _turned(_box(0.0, side * (look.jaws / 2 + 0.01), 0.06, 0.02), ahead)
+        parts.append(Part([(x + tool[0], y + tool[1]) for x, y in finger], "ink"))
+    return parts
+
+
+def _bar(start: Point, end: Point, width: float) -> Part:
+    """A link from one joint to the next."""
+    middle, turn = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2), math.atan2(end[1] - start[1], end[0] - start[0])
+    bar = _turned(_box(0.0, 0.0, math.dist(start, end) + width * 0.6, width), turn)
+    return Part([(x + middle[0], y + middle[1]) for x, y in bar], "robot")
 
 
 _SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Part]]] = {
@@ -78,12 +102,6 @@ def weed(at: Point, radius: float) -> list[Point]:
         (at[0] + radius * reach * math.cos(turn), at[1] + radius * reach * math.sin(turn))
         for turn, reach in zip(turns, (1.0, 0.45) * leaves, strict=True)
     ]
-
-
-def disc(at: Point, radius: float) -> list[Point]:
-    """A polygon that looks round."""
-    turns = [math.tau * step / 24 for step in range(24)]
-    return [(at[0] + radius * math.cos(turn), at[1] + radius * math.sin(turn)) for turn in turns]
 
 
 def larger(corners: Sequence[Point], times: float) -> list[Point]:

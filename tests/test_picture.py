@@ -8,8 +8,8 @@ import subprocess
 
 import numpy as np
 import pytest
-from grounds import ground
-from PIL import Image, ImageColor
+from grounds import Ground, ground
+from PIL import Image, ImageColor, ImageSequence
 
 from fame.errors import ConfigError, UnavailableError
 from sim2d import style
@@ -84,7 +84,7 @@ def test_an_animation_moves_and_ends_with_what_was_recorded_last(record, tmp_pat
 
 
 def test_captions_change_when_the_process_moves_on(record, tmp_path):
-    labels = [(0.0, "REX", "Explore"), (2.0, "REX", "Wait for done"), (1.0, "nobody", "ignored")]
+    labels = [(0.0, "REX", "Explore"), (2.0, "REX", "Wait for done")]
     animate(record, tmp_path / "with.gif", labels=labels, fps=10, speed=10)
     animate(record, tmp_path / "without.gif", fps=10, speed=10)
     differing = []
@@ -107,6 +107,142 @@ def test_a_caption_that_takes_no_time_is_not_shown(record, tmp_path):
     animate(record, tmp_path / "calm.gif", labels=calm, speed=10)
     animate(record, tmp_path / "hectic.gif", labels=hectic, speed=10)
     assert (tmp_path / "calm.gif").read_bytes() == (tmp_path / "hectic.gif").read_bytes()
+
+
+def test_computers_have_captions_too(record, tmp_path):
+    animate(record, tmp_path / "robots.gif", speed=10)
+    animate(record, tmp_path / "team.gif", labels=[(0.0, "Monitor", "Learn")], speed=10)
+    with Image.open(tmp_path / "robots.gif") as robots, Image.open(tmp_path / "team.gif") as team:
+        assert team.height > robots.height
+        assert share(team, style.ROBOTS[2]) > share(robots, style.ROBOTS[2])
+
+
+def test_the_progress_of_a_film_is_told_frame_by_frame(record, tmp_path):
+    told = []
+    animate(record, tmp_path / "world.gif", fps=10, speed=10, progress=lambda *frames: told.append(frames))
+    assert told == [(number, 5) for number in range(1, 6)]
+
+
+# ---- arms ------------------------------------------------------------------------------------------------------------
+
+
+def arm(kind, step):
+    """An arm in its world."""
+    return Ground({"size": [2, 2], "step": step, "robots": {"Arm": {"type": kind, "at": [1, 1]}}})
+
+
+def pieces(look, kind):
+    """The corners of what an arm works on."""
+    return [list(piece.corners) for piece in look.workpieces if piece.kind == kind]
+
+
+def frames(recorder, path):
+    """The frames of a film of a run, as fast as it was, in colour."""
+    animate(recorder.record, path, speed=1)
+    with Image.open(path) as film:
+        return [np.asarray(frame.convert("RGB"), dtype=np.int16) for frame in ImageSequence.Iterator(film)]
+
+
+def test_an_arm_that_cuts_moves_and_its_part_comes_about(tmp_path):
+    g = arm("mh5", 0.025)
+    recorder = Recorder(g.world, rate=2)
+    g.say("/Arm/cut", "std_msgs/msg/Empty", {})
+    g.run(12.5)
+    looks = recorder.record.tracks[0].looks
+    assert math.dist(looks[1].limb[-1], looks[10].limb[-1]) > 0.02
+    lengths = [len(cut) for look in looks for cut in pieces(look, "cut")]
+    assert lengths == sorted(lengths)
+    assert lengths[-1] > lengths[0] + 100
+    assert not pieces(looks[0], "part")
+    assert pieces(looks[-1], "part")
+    assert [look.note for look in (looks[4], looks[-1])] == ["cuts part 1", "stands"]
+    shown = frames(recorder, tmp_path / "cut.gif")
+    assert (shown[0] != shown[len(shown) // 2]).any(axis=2).mean() > 1e-3
+
+
+def test_an_arm_that_is_held_in_its_work_shows_a_red_light():
+    g = arm("mh5", 0.025)
+    g.say("/Arm/hold", "std_msgs/msg/Empty", {})
+    g.run(1)
+    assert g.world.robots["Arm"].look.led == "off"
+    g.say("/Arm/cut", "std_msgs/msg/Empty", {})
+    g.run(3)
+    g.say("/Arm/hold", "std_msgs/msg/Empty", {})
+    g.run(4)
+    look = g.world.robots["Arm"].look
+    assert (look.led, look.note) == ("red", "held in part 1")
+
+
+def test_an_arm_carries_the_lid_in_jaws_that_close(tmp_path):
+    g = arm("ur5e", 0.002)
+    recorder, robot = Recorder(g.world, rate=2), g.world.robots["Arm"]
+
+    def go(x, y, z, until):
+        g.say("/Arm/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": x, "y": y, "z": z}}})
+        g.run(until)
+
+    g.run(0.1)
+    go(0.5, 0.0, 0.3, 2.5)
+    go(0.5, 0.0, 0.18, 5)
+    before = robot.look
+    robot.machine.grip(True)
+    held = robot.look
+    go(0.5, 0.0, 0.3, 7)
+    go(0.4, -0.2, 0.3, 10)
+    after = robot.look
+    assert before.jaws > held.jaws > 0
+    assert "holds the lid, 0.18 m up" in held.note
+    assert "holds the lid, 0.30 m up" in after.note
+    (lay,), (gripped,), (carried,) = (np.array(pieces(look, "part")) for look in (before, held, after))
+    assert lay == pytest.approx(gripped, abs=1e-3)
+    assert lay - carried == pytest.approx(np.full_like(lay, (0.1, 0.2)), abs=1e-2)
+    assert pieces(before, "fixture") == pieces(after, "fixture")
+    shown = frames(recorder, tmp_path / "lid.gif")
+    assert (shown[0] != shown[-1]).any(axis=2).mean() > 1e-3
+
+
+def test_an_arm_that_is_stopped_on_its_way_shows_a_red_light_until_it_goes_on():
+    g = arm("ur5e", 0.002)
+    robot, empty = g.world.robots["Arm"], ("trajectory_msgs/msg/JointTrajectory", {})
+    g.run(0.1)
+    g.say("/Arm/joint_trajectory", *empty)
+    g.run(0.5)
+    assert robot.look.led == "off"
+    g.say("/Arm/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": 0.5, "y": 0.0, "z": 0.3}}})
+    g.run(1)
+    g.say("/Arm/joint_trajectory", *empty)
+    g.run(2)
+    assert robot.look.led == "red"
+    assert robot.look.note.startswith("stopped on its way")
+    g.say("/Arm/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": 0.5, "y": 0.0, "z": 0.3}}})
+    g.run(2.1)
+    assert robot.look.led == "off"
+
+
+# ---- batteries -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["tractor", "drone"])
+def test_an_empty_battery_is_seen_and_told(kind, tmp_path):
+    shares = []
+    for charge in (1.0, 0.1, 0.0):
+        g = ground(rex={"type": kind, "battery": {"charge": charge}})
+        recorder = Recorder(g.world)
+        g.run(1)
+        animate(recorder.record, tmp_path / "film.gif", speed=1)
+        picture(recorder.record, tmp_path / "world.png")
+        with Image.open(tmp_path / "film.gif") as film:
+            film.seek(film.n_frames - 1)
+            shares.append(share(film, style.LEDS["red"], within=40))
+    assert shares[0] == 0
+    assert shares[1] > 0
+    assert shares[2] > 0
+
+
+def test_what_is_told_of_a_robot_is_what_it_does_then_what_its_process_waits_for():
+    assert style.doing("waits for part_cut", "cuts part 2", 1.0) == "cuts part 2 \N{MIDDLE DOT} waits for part_cut"
+    assert style.doing("Go To", "", 0.0) == "battery empty \N{MIDDLE DOT} Go To"
+    assert style.doing("", "", 0.5) == ""
 
 
 @pytest.fixture(scope="module")

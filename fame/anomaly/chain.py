@@ -45,6 +45,12 @@ class Chain:
         place: Vector = self._fold(cosine, sine, *self.tool)
         return place
 
+    def skeleton(self, angles: Sequence[float]) -> list[Vector]:
+        """Where each joint is, from the base on, and the tool (m) for one point (rad per joint)."""
+        ends = (*self.origins, self.tool)
+        parts = (Chain(self.joints[:n], self.origins[:n], self.axes[:n], tool=end) for n, end in enumerate(ends))
+        return [part.place(angles[:number]) for number, part in enumerate(parts)]
+
     def places(self, values: Floats) -> Floats:
         """Where the tool is: (points, 3), m, for (points, joints), rad."""
         reached = self._fold(np.cos(values).T, np.sin(values).T, *self.tool)

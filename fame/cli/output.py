@@ -107,6 +107,10 @@ class ProgressLine:
         """How far a run is."""
         self.say(progress_text(progress))
 
+    def count_frames(self, drawn: int, frames: int) -> None:
+        """How far a film is."""
+        self.say(f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else ""))
+
     def say(self, text: str) -> None:
         """What is being done."""
         self._text, self._since = text, time.monotonic()

@@ -238,7 +238,7 @@ def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> No
     if result.record is None:
         return
     if line is not None:
-        line.say("drawing")
+        line.say("drawing the picture" if arguments.picture is not None else "drawing the film")
     title = arguments.scenario.stem.replace("_", " ").capitalize()
     if arguments.picture is not None:
         from sim2d.picture import picture
@@ -247,7 +247,13 @@ def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> No
     if arguments.animate is not None:
         from sim2d.animation import animate
 
-        animate(result.record, arguments.animate, labels=result.labels, title=title)
+        animate(
+            result.record,
+            arguments.animate,
+            labels=result.labels,
+            title=title,
+            progress=line.count_frames if line is not None else None,
+        )
 
 
 # ---- text ------------------------------------------------------------------------------------------------------------

@@ -2,57 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum
+from typing import NamedTuple
 
-from fame.bpmn.model import Activity, Definitions, FlowNode, Gateway
+from fame.bpmn.model import (
+    Activity,
+    Body,
+    CallActivity,
+    Definitions,
+    FlowNode,
+    Gateway,
+    Process,
+    SubProcess,
+    Task,
+    TimerDefinition,
+)
+from fame.bpmn.model import Event as BpmnEvent
 from fame.clock import SECOND
 from fame.node import Event
 
 
-class Captions:
-    """What each robot's process is at, told from events: its outermost activity, and the one entered last.
+class _Rank(IntEnum):
+    """What tells more of a robot: of several things that it is at, the highest is told."""
 
-    An event-based gateway that has a name counts as one: there is where a process waits for others.
+    CONTAINER = 0
+    WAIT = 1
+    TASK = 2
+
+
+class _Phrase(NamedTuple):
+    """What a robot is at while a token rests at an element."""
+
+    rank: _Rank
+    text: str
+
+
+class Captions:
+    """What each robot's process is at, told from events: its outermost activity, and what it does or waits for in it.
+
+    `cast` are the processes of the robots, by name: until one starts, it says what it waits for.
     """
 
-    def __init__(self, files: Sequence[Definitions]) -> None:
-        self.names = {
-            node.id: node.label
+    def __init__(self, files: Sequence[Definitions], cast: Mapping[str, Process]) -> None:
+        self._phrases = {
+            id: phrase
             for file in reversed(files)
             for process in file.processes
-            for node in process.body.walk()
-            if isinstance(node, Activity) or _is_named_wait(node)
+            for id, phrase in _phrases(process.body)
         }
-        self.active: dict[str, dict[tuple[int, int, str], None]] = {}
+        self._active: dict[str, dict[tuple[int, int, str], None]] = {}
         self.now: dict[str, str] = {}
         self.labels: list[tuple[float, str, str]] = []
+        for robot, process in cast.items():
+            self._say(0, robot, _start(process))
 
     def add(self, event: Event) -> None:
         """Take note of an event."""
-        if event.what in ("enter", "leave", "cancel", "fail") and event.element not in self.names:
-            return
-        active = self.active.setdefault(event.robot, {})
+        active = self._active.setdefault(event.robot, {})
         key = (event.instance, event.scope, event.element)
-        if event.what == "enter":
+        if event.what == "enter" and event.element in self._phrases:
             active[key] = None
-        elif event.what in ("leave", "cancel", "fail"):
-            active.pop(key, None)
+        elif event.what in ("leave", "cancel", "fail") and key in active:
+            del active[key]
         elif event.what == "end":
             for other in [other for other in active if other[0] == event.instance]:
                 del active[other]
-            self._say(event, f"({event.detail})")
-            return
+            if not active:
+                self._say(event.time, event.robot, f"({event.detail})")
         else:
             return
-        names = [self.names[element] for _, _, element in active]
-        if names:
-            self._say(event, names[0] if len(names) == 1 else f"{names[0]}: {names[-1]}")
+        if active:
+            self._say(event.time, event.robot, _told([self._phrases[element] for _, _, element in active]))
 
-    def _say(self, event: Event, text: str) -> None:
-        if self.now.get(event.robot) != text:
-            self.now[event.robot] = text
-            self.labels.append((event.time / SECOND, event.robot, text))
+    def _say(self, time: int, robot: str, text: str) -> None:
+        if self.now.get(robot, "") != text:
+            self.now[robot] = text
+            self.labels.append((time / SECOND, robot, text))
 
 
-def _is_named_wait(node: FlowNode) -> bool:
-    return isinstance(node, Gateway) and node.kind == "event" and bool(node.name)
+def _told(phrases: Sequence[_Phrase]) -> str:
+    """The outermost of several phrases, and the last of those that tell most."""
+    highest = max(phrase.rank for phrase in phrases)
+    inner = next(phrase.text for phrase in reversed(phrases) if phrase.rank == highest)
+    outer = phrases[0]
+    return inner if outer.text == inner or outer.rank is _Rank.WAIT else f"{outer.text}: {inner}"
+
+
+def _phrases(body: Body) -> Iterator[tuple[str, _Phrase]]:
+    """What a robot is at at each element where a token can rest."""
+    named = {node.id: node for node in body.nodes}
+    targets = {
+        node.id: [named[flow.target] for flow in body.flows if flow.source == node.id and flow.target in named]
+        for node in body.nodes
+    }
+    for node in body.nodes:
+        phrase = _phrase(node, targets[node.id])
+        if phrase is not None:
+            yield node.id, phrase
+        if isinstance(node, SubProcess):
+            yield from _phrases(node.body)
+
+
+def _phrase(node: FlowNode, targets: Sequence[FlowNode]) -> _Phrase | None:
+    match node:
+        case SubProcess() | CallActivity():
+            return _Phrase(_Rank.CONTAINER, node.label)
+        case Task(kind="user" | "manual"):
+            return _Phrase(_Rank.TASK, f"{node.label}, waits for somebody")
+        case Task(kind="receive"):
+            return _Phrase(_Rank.WAIT, _wait(node))
+        case Activity():
+            return _Phrase(_Rank.TASK, node.label)
+        case BpmnEvent(place="catch"):
+            return _Phrase(_Rank.WAIT, _wait(node))
+        case Gateway(kind="event"):
+            return _Phrase(_Rank.WAIT, node.label if node.name else _wait(*targets))
+    return None
+
+
+def _wait(*nodes: FlowNode) -> str:
+    """What is waited for: what a timer is called says how long, or until when."""
+    timed = all(isinstance(node, BpmnEvent) and _is_timer(node) for node in nodes)
+    return f"waits{':' if timed else ' for'} {' or '.join(node.label for node in nodes)}"
+
+
+def _is_timer(event: BpmnEvent) -> bool:
+    return any(isinstance(definition, TimerDefinition) for definition in event.definitions)
+
+
+def _start(process: Process) -> str:
+    """What a process waits for that has not begun; empty if it begins at once."""
+    starts = [node for node in process.body.nodes if isinstance(node, BpmnEvent) and node.place == "start"]
+    return _wait(*starts) if starts and all(start.definitions for start in starts) else ""

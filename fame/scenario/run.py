@@ -52,7 +52,8 @@ class Run:
         self.middleware = LocalMiddleware(self.scheduler)
         self.interrupted = self._stuck = False
         self.reports: list[Event] = []
-        self.captions = Captions(scenario.closures()) if record or progress else None
+        cast = {robot: pool.process for robot, pool in scenario.cast.items()}
+        self.captions = Captions(scenario.closures(), cast) if record or progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
         self.observer = together([hears for hears in (captions, observer) if hears is not None])

@@ -24,9 +24,9 @@ from robots.arm.mh5 import MH5
 from robots.arm.noise import simulated
 from robots.arm.program import RETURN, cutting_run, movement
 from robots.arm.sabotage import KINDS, alter, knots
-from robots.arm.task import TRIANGLE
+from robots.arm.task import DEPTH, TRIANGLE
 from robots.body import body_of, rectangle
-from robots.robot import MEASUREMENT, Command, Look, Pose, period
+from robots.robot import MEASUREMENT, Command, Look, Pose, Workpiece, period
 from robots.template import constructor, header_maker
 from robots.vehicle import check_fault
 from sim2d.reading import parameter
@@ -41,6 +41,8 @@ JOINT_STATE, NUMBER, EMPTY, TEXT = (
     "sensor_msgs/msg/JointState", "std_msgs/msg/UInt32", "std_msgs/msg/Empty", "std_msgs/msg/String",
 )  # fmt: skip
 MODIFICATIONS = (*KINDS, "rotated")
+SHEET = ((0.38, -0.1), (0.6, -0.1), (0.6, 0.1), (0.38, 0.1))
+"""What parts are cut from, in the arm's frame, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +76,8 @@ class Cutter:
         self._program = "nominal"
         self._angles: Floats = np.zeros(len(MH5.joints))
         self._ahead: deque[Floats] = deque()
-        self._cutting = self._silent = False
+        self._postures: list[Floats] = []
+        self._cutting = self._silent = self._held = self._cut_off = False
         self.parts = self.spoiled = 0
         self._node = node = world.middleware.node("robot", config.name)
         self._joints = node.publisher("joint_states", JOINT_STATE, MEASUREMENT)
@@ -91,7 +94,24 @@ class Cutter:
 
     @property
     def look(self) -> Look:
-        return Look(self._pose)
+        limb = [(x, y) for x, y, _ in MH5.skeleton(self._angles.tolist())]
+        led = "red" if self._held else "off"
+        return Look(self._pose, led=led, limb=limb, workpieces=self._workpieces(), note=self._note())
+
+    def _workpieces(self) -> list[Workpiece]:
+        """The sheet, and how far its part is cut, or the whole part."""
+        pieces = [Workpiece("fixture", SHEET)]
+        if self._cut_off:
+            return [*pieces, Workpiece("part", TRIANGLE.corners.tolist())]
+        places = MH5.places(np.array(self._postures)) if self._postures else np.zeros((0, 3))
+        cut = places[np.abs(places[:, 2] - TRIANGLE.height) < DEPTH, :2].tolist()
+        return [*pieces, Workpiece("cut", cut, closed=False)] if len(cut) > 1 else pieces
+
+    def _note(self) -> str:
+        changed = "" if self._program == "nominal" else f", program {self._program}"
+        if self._held:
+            return f"held in part {self.parts + 1}"
+        return f"cuts part {self.parts + 1}{changed}" if self._cutting else "stands"
 
     @property
     def tool(self) -> tuple[float, float]:
@@ -116,10 +136,11 @@ class Cutter:
             return
         if self._ahead:
             self._angles = self._ahead.popleft()
+            self._postures.append(self._angles)
         if not self._silent:
             self._joints.publish(self._state(self._header(now), self._names, self._angles.tolist(), [], []))
         if self._cutting and not self._ahead:
-            self._cutting = False
+            self._cutting, self._cut_off = False, True
             self.parts += 1
             self._cut.publish(self._number(self.parts))
 
@@ -138,11 +159,13 @@ class Cutter:
             self._ahead.extend(movement(self._angles, np.zeros_like(self._angles), RETURN, self._rate))
         run = simulated(programmed(self._program, self._rate), self._random, MH5)
         self._ahead.extend(run)
-        self._cutting = True
+        self._postures.clear()
+        self._cutting, self._held, self._cut_off = True, False, False
         self.spoiled += self._program != "nominal"
 
     def _hold(self) -> None:
         self._ahead.clear()
+        self._held |= self._cutting
         self._cutting = False
 
     def _change(self, message: Message) -> None:

@@ -20,14 +20,16 @@ import numpy as np
 from fame.clock import SECOND
 from fame.errors import MissionError
 from fame.middleware import messages
+from robots.arm.bench import MOTOR, TABLE, Bench
 from robots.arm.machine import Generators, Machine
 from robots.arm.twin import straight
 from robots.arm.ur5e import HOME, UR5E
 from robots.body import body_of, rectangle
-from robots.robot import MEASUREMENT, Command, Look, Pose, period
+from robots.robot import MEASUREMENT, Command, Look, Pose, Workpiece, period
 from robots.template import constructor, header_maker
 from robots.vehicle import check_fault
-from sim2d.reading import parameter
+from sim2d.reading import Point, parameter
+from sim2d.shapes import disc
 
 if TYPE_CHECKING:
     from fame.anomaly.recording import Floats
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
 JOINT_STATE, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 FASTEST = math.pi
 """rad/s, of any joint (data sheet)."""
+JAWS = {"open": 0.09, "holding": 0.04, "slipping": 0.02, "shut": 0.0}
+"""How far the gripper is open, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +71,8 @@ class Handler:
         self._every = period(p.rate, world.step)
         chance = Generators(*(world.random(config.name, name) for name in Generators._fields))
         self.machine = Machine(UR5E, HOME, self._every * world.step, chance)
-        self._silent = False
+        self._silent = self._stopped = False
+        self._dropped: Point = (0.0, 0.0)
         self._node = node = world.middleware.node("robot", config.name)
         self._joints = node.publisher("joint_states", JOINT_STATE, MEASUREMENT)
         self._refused = node.publisher("trajectory_refused", "std_msgs/msg/String")
@@ -84,13 +89,38 @@ class Handler:
 
     @property
     def look(self) -> Look:
-        return Look(self._pose)
+        places = UR5E.chain.skeleton(self.machine.state.positions)
+        limb = [(x, y) for x, y, _ in places]
+        return Look(
+            self._pose,
+            led="red" if self._stopped else "off",
+            limb=limb,
+            jaws=JAWS[self._bench.jaws],
+            workpieces=self._workpieces(limb[-1]),
+            note=self._note(places[-1][2]),
+        )
+
+    def _workpieces(self, tool: Point) -> list[Workpiece]:
+        """The motor, the place on the table, and the lid on either, between the jaws, or where it fell."""
+        motor, table = ((float(place[0]), float(place[1])) for place in (MOTOR, TABLE))
+        lid = {"motor": motor, "table": table, "jaws": tool}.get(self._bench.lid, self._dropped)
+        fixtures = [Workpiece("fixture", disc(place, 0.085)) for place in (motor, table)]
+        return [*fixtures, Workpiece("part", disc(lid, 0.065))]
+
+    def _note(self, height: float) -> str:
+        """What it does, and how high (m) its fingertips are, which cannot be seen from above."""
+        doing = "stopped on its way" if self._stopped else "moves" if self.machine.moving else "stands"
+        held = ", holds the lid" if self._bench.load else ""
+        return f"{'is pushed' if self.machine.push is not None else doing}{held}, {height:.2f} m up"
 
     @property
     def status(self) -> Mapping[str, Any]:
-        bench = self.machine.bench
-        assert bench is not None
-        return {"lid": bench.lid, "gripper": bench.jaws, "moving": self.machine.moving}
+        return {"lid": self._bench.lid, "gripper": self._bench.jaws, "moving": self.machine.moving}
+
+    @property
+    def _bench(self) -> Bench:
+        assert self.machine.bench is not None
+        return self.machine.bench
 
     def start(self) -> None:
         """Nothing is said once."""
@@ -122,10 +152,12 @@ class Handler:
 
     def _grip(self, request: Message) -> Mapping[str, Any]:
         held = self.machine.grip(request.data)
+        self._dropped = UR5E.chain.place(self.machine.state.positions)[:2]
         return {"success": held or not request.data, "message": "holds the lid" if held else "empty"}
 
     def _follow(self, message: Message) -> None:
         if not message.points:
+            self._stopped |= self.machine.moving
             self.machine.hold()
             return
         try:
@@ -134,6 +166,7 @@ class Handler:
         except MissionError as error:
             self._refused.publish(messages.create("std_msgs/msg/String", {"data": error.text}))
             return
+        self._stopped = False
         self.machine.follow(times, positions)
 
 

@@ -1,0 +1,83 @@
+"""Captions tell what a robot does now, and if it waits, for what."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from bpmn_text import process
+
+import fame
+from fame.bpmn import read_text
+from fame.scenario.captions import Captions
+
+SIGNALS = '<signal id="S_go" name="go"/><message id="M" name="answer"/>'
+SIGNAL, TIMER = (
+    '<signalEventDefinition signalRef="S_{}"/>',
+    "<timerEventDefinition><timeDuration>PT{}S</timeDuration></timerEventDefinition>",
+)
+
+
+def told(content: str, until: float = 10.0) -> list[str]:
+    """The captions of a run of a process, one after the other."""
+    definitions = read_text(process(content, SIGNALS), file="caption.bpmn")
+    captions = Captions([definitions], {"REX": definitions.processes[0]})
+    fame.Simulation(definitions, observer=captions.add, robot="REX").run(until)
+    return [text for _, robot, text in captions.labels if robot == "REX"]
+
+
+def chain(*ids: str) -> str:
+    """Sequence flows from one to the next."""
+    return "".join(f'<sequenceFlow id="{a}-{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairwise(ids))
+
+
+def catch(id: str, name: str, definition: str) -> str:
+    return f'<intermediateCatchEvent id="{id}" name="{name}">{definition}</intermediateCatchEvent>'
+
+
+START = '<startEvent id="s"/>'
+
+
+def test_a_robot_that_has_not_begun_says_what_it_waits_for() -> None:
+    start = f'<startEvent id="s" name="go">{SIGNAL.format("go")}</startEvent>'
+    assert told(f'{start}<task id="t"/>{chain("s", "t")}') == ["waits for go"]
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (catch("c", "go", SIGNAL.format("go")), "waits for go"),
+        (catch("c", "a few parts later", TIMER.format(50)), "waits: a few parts later"),
+        ('<receiveTask id="c" name="an answer" messageRef="M"/>', "waits for an answer"),
+        ('<userTask id="c" name="Sign"/>', "Sign, waits for somebody"),
+    ],
+)
+def test_a_robot_that_waits_says_for_what(event: str, text: str) -> None:
+    content = f'{START}<scriptTask id="t" name="Look"><script>pass</script></scriptTask>{event}{chain("s", "t", "c")}'
+    assert told(content) == ["Look", text]
+
+
+def test_a_choice_between_events_names_them() -> None:
+    events = catch("a", "go", SIGNAL.format("go")) + catch("b", "60 s", TIMER.format(60))
+    assert told(f'{START}<eventBasedGateway id="g"/>{events}{chain("s", "g", "a")}{chain("g", "b")}') == [
+        "waits for go or 60 s"
+    ]
+
+
+def test_what_a_robot_does_counts_more_than_what_it_waits_for_beside_it() -> None:
+    task = '<scriptTask id="t" name="Drive"><script>await sleep(3)</script></scriptTask>'
+    event = catch("c", "go", SIGNAL.format("go"))
+    content = f'{START}<parallelGateway id="p"/>{task}{event}{chain("s", "p", "t")}{chain("p", "c")}'
+    assert told(content) == ["Drive", "waits for go"]
+
+
+def test_what_goes_on_in_an_activity_stands_after_its_name() -> None:
+    inside = f'<startEvent id="i"/>{catch("c", "odom", SIGNAL.format("go"))}{chain("i", "c")}'
+    assert told(f'{START}<subProcess id="p" name="Explore">{inside}</subProcess>{chain("s", "p")}') == [
+        "Explore",
+        "Explore: waits for odom",
+    ]
+
+
+def test_at_the_end_it_says_how_it_ended() -> None:
+    assert told(f'{START}<task id="t" name="Look"/>{chain("s", "t")}') == ["Look", "(completed)"]
