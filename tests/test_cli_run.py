@@ -168,11 +168,24 @@ def test_the_progress_says_what_each_robot_is_at() -> None:
     assert text == "   12.3 s   REX: Explore: Look"
 
 
-def test_a_line_that_stands_for_long_says_for_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
+class Terminal(io.StringIO):
+    """A stream that says that it is a terminal."""
 
+    def isatty(self) -> bool:
+        return True
+
+
+def test_while_a_film_is_drawn_its_frames_are_counted() -> None:
+    stream = Terminal()
+    with progress_line(stream) as line:
+        assert line is not None
+        line.count_frames(3, 150)
+        line.count_frames(150, 150)
+    assert "drawing the film: frame 3 of 150\r" in stream.getvalue()
+    assert "drawing the film: frame 150 of 150, writing it" in stream.getvalue()
+
+
+def test_a_line_that_stands_for_long_says_for_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fame.cli.output._TICK", 0.001)
     stream = Terminal()
     with progress_line(stream) as line:
