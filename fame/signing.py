@@ -12,6 +12,7 @@ import json
 import os
 import stat
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +71,70 @@ def read_trusted(paths: Sequence[Path]) -> list[Ed25519PublicKey]:
                 raise ConfigError("is not an Ed25519 public key (NAME.pub)", file=str(path))
             keys.append(key)
     return keys
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """The key with which an engine signs what it says; `voucher`: of a trusted key, for the name of its robot."""
+
+    private: Ed25519PrivateKey
+    voucher: str = ""
+
+    @classmethod
+    def new(cls) -> Identity:
+        """One that nobody vouches for, made now."""
+        return cls(_cryptography()[0].Ed25519PrivateKey.generate())
+
+    @property
+    def key(self) -> str:
+        """The public key as text."""
+        return base64.b64encode(self.private.public_key().public_bytes_raw()).decode()
+
+
+def new_identity(robot: str, team: Ed25519PrivateKey, path: Path) -> None:
+    """Make an identity for a robot's engine, for which the key of the team vouches. Raises ConfigError."""
+    _, serialization = _cryptography()
+    if path.exists():
+        raise ConfigError("exists already; a key is never overwritten", file=str(path))
+    new = Identity.new()
+    encoding, none = serialization.Encoding.PEM, serialization.NoEncryption()
+    secret = new.private.private_bytes(encoding, serialization.PrivateFormat.PKCS8, none)
+    path.touch(mode=0o600)
+    path.write_bytes(f"# {robot} {sign(_name_of(robot, new.key), team)}\n".encode() + secret)
+
+
+def read_identity(path: Path, robot: str) -> Identity:
+    """The identity of a robot's engine. Raises ConfigError, also for one of another robot."""
+    private = read_private(path)
+    words = path.read_text(errors="replace").partition("\n")[0].split()
+    if len(words) != 3 or words[0] != "#":
+        raise ConfigError("is not an identity; make one with: fame keys robot NAME --key TEAM.key", file=str(path))
+    if words[1] != robot:
+        raise ConfigError(f"is the identity of robot {words[1]!r}, not of {robot!r}", file=str(path))
+    return Identity(private, words[2])
+
+
+def is_vouched(robot: str, key: str, voucher: str, trusted: Sequence[Ed25519PublicKey]) -> bool:
+    """Whether a trusted key has signed that a public key (as text) is that of a robot."""
+    try:
+        verify_signature({**_name_of(robot, key), "signature": voucher}, trusted)
+    except DeploymentError:
+        return False
+    return True
+
+
+def is_signed(said: Mapping[str, Any], key: str) -> bool:
+    """Whether the owner of a public key (as text) said it."""
+    try:
+        public = _cryptography()[0].Ed25519PublicKey.from_public_bytes(base64.b64decode(key, validate=True))
+        verify_signature(said, [public])
+    except (ValueError, DeploymentError):
+        return False
+    return True
+
+
+def _name_of(robot: str, key: str) -> dict[str, str]:
+    return {"robot": robot, "key": key}
 
 
 def sign(said: Mapping[str, Any], key: Ed25519PrivateKey) -> str:

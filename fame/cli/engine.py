@@ -38,6 +38,10 @@ def add(commands: Commands) -> None:
         "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
         help="run only what this key signed; repeatable (see fame keys)",
     )  # fmt: skip
+    parser.add_argument(
+        "--identity", type=Path, metavar="FILE.key",
+        help="sign what is said with this key, which proves the robot's name (see fame keys); needs --trust",
+    )  # fmt: skip
     parser.add_argument("--insecure", action="store_true", help="take processes from a network that is not loopback")
     parser.add_argument(
         "--use-sim-time",
@@ -79,9 +83,12 @@ def _serve(arguments: Namespace) -> None:
     from fame.deployment import EngineNode, engines
     from fame.deployment.warming import warm
     from fame.remote import serve
-    from fame.signing import read_trusted
+    from fame.signing import read_identity, read_trusted
 
     trusted = read_trusted(arguments.trust) if arguments.trust else ()
+    if arguments.identity is not None and not trusted:
+        raise ConfigError("--identity needs --trust FILE.pub: without keys nothing is signed")
+    identity = read_identity(arguments.identity, arguments.name) if arguments.identity is not None else None
     guarded = bool(trusted or arguments.insecure)
     if arguments.network is not None and not guarded:
         raise FameError(_OPEN)
@@ -95,7 +102,7 @@ def _serve(arguments: Namespace) -> None:
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
             raise FameError(_OPEN)
-        if _is_there(arguments.name, scheduler, middleware):
+        if _is_there(arguments.name, trusted, scheduler, middleware):
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
         time = None
         if arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time:
@@ -118,6 +125,7 @@ def _serve(arguments: Namespace) -> None:
             safe_state=safe,
             safe_suspended=suspended,
             trusted=trusted,
+            identity=identity,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
         )
         if time is not None:
@@ -136,16 +144,28 @@ def _epoch(scheduler: WallScheduler, *, simulated: bool) -> datetime:
     return EPOCH if simulated else datetime.now(UTC) - timedelta(microseconds=scheduler.now // 1000)
 
 
-def _is_there(name: str, scheduler: WallScheduler, middleware: Middleware) -> bool:
-    """Whether an engine of that name speaks. One that was killed stays in the graph for a while, and is silent."""
+def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middleware: Middleware) -> bool:
+    """Whether an engine of that name speaks, and proves it where keys are used.
+
+    One that was killed stays in the graph for a while, and is silent.
+    """
+    import time
+
     from fame.clock import SECOND
-    from fame.deployment import STATUS_QOS, STRING, engines
+    from fame.deployment import STATUS_QOS, STRING, Report, engines
     from fame.deployment.reporting import HEARTBEAT
+    from fame.deployment.voice import is_twin
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found
-    heard: list[object] = []
+    heard: list[Report] = []
+
+    def listen(message: Any) -> None:
+        report = Report.from_json(message.data)
+        if report is not None and is_twin(report, name, trusted, time.time()):
+            heard.append(report)
+
     node = middleware.node("fame_twin", name)
-    node.subscription("bpmn_status", STRING, heard.append, STATUS_QOS)
+    node.subscription("bpmn_status", STRING, listen, STATUS_QOS)
     until = scheduler.now + round(1.5 * HEARTBEAT * SECOND)
     while name in engines(middleware) and not heard and scheduler.now < until:
         scheduler.run(scheduler.now + SECOND // 20)

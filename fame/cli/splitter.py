@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fame.deployment import SplitterNode
     from fame.middleware.interface import Middleware
 
-_OPEN = f"{OPEN}: use fame deploy --stay --key FILE.key, or --insecure to take what anybody sends"
+_OPEN = f"{OPEN}: give --key FILE.key, or --insecure to take what anybody sends"
 
 
 def add(commands: Commands) -> None:
@@ -26,10 +26,15 @@ def add(commands: Commands) -> None:
         help="wait for collaborations on /collaboration_diagram, deploy them, and supply robots that come late",
     )  # fmt: skip
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
-    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign what is sent with this key (see fame keys)")
     parser.add_argument(
-        "--insecure", action="store_true", help="take (and sign) diagrams from a network that is not loopback"
-    )
+        "--key", type=Path, metavar="FILE.key",
+        help="sign what is sent with this key, and take only diagrams that it or --trust signed (see fame keys)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
+        help="take diagrams that this key signed; repeatable",
+    )  # fmt: skip
+    parser.add_argument("--insecure", action="store_true", help="take (and sign) diagrams that anybody sends")
     add_network(parser)
     add_library(parser)
 
@@ -39,14 +44,18 @@ def run(arguments: Namespace) -> int:
     from fame.deployment import SplitterNode
     from fame.library import Library
     from fame.remote import serve
-    from fame.signing import read_private
+    from fame.signing import read_private, read_trusted
 
     key = read_private(arguments.key) if arguments.key is not None else None
-    if arguments.network is not None and not arguments.insecure:
+    trusted = read_trusted(arguments.trust) if arguments.trust else []
+    if key is not None:
+        trusted.append(key.public_key())
+    guarded = bool(trusted or arguments.insecure)
+    if arguments.network is not None and not guarded:
         raise FameError(_OPEN)
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> SplitterNode:
-        if not (arguments.insecure or middleware.confined):
+        if not (guarded or middleware.confined):
             raise FameError(_OPEN)
         return SplitterNode(
             scheduler=scheduler,
@@ -54,6 +63,7 @@ def run(arguments: Namespace) -> int:
             library=Library(arguments.library),
             patience=arguments.wait,
             key=key,
+            trusted=() if arguments.insecure else trusted,
             say=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
         )
 

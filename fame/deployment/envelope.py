@@ -41,6 +41,7 @@ class Envelope:
     proof     with ``ask``, where keys are used: the signed envelope that the other robot got, without the model
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     team      the robots that start together with it
+    engines   of each of them that the sender has heard, the `Report.engine`: no other one speaks for it
     again     whether the robot had this process before, and lost it
     born      of the engine that it is for, as in its `Report`: what was recorded is no use once the engine began anew
     issued    s since 1970; like `signature` it is there where keys are used (`fame.signing`)
@@ -54,6 +55,7 @@ class Envelope:
     model: str = ""
     promises: Mapping[str, str] = field(default_factory=dict)
     team: Sequence[str] = ()
+    engines: Mapping[str, str] = field(default_factory=dict)
     again: bool = False
     begun: bool = False
     proof: Mapping[str, Any] = field(default_factory=dict)
@@ -94,6 +96,7 @@ class Report:
     now        the time of the mission (s), which `since` is on
     born       when the engine began (ns since 1970): of two with one name the older stays
     time       how long it has been there (s)
+    key        the public key that it signs with, where keys are used; `voucher`: of a trusted key, for its name
     """
 
     robot: str
@@ -120,6 +123,14 @@ class Report:
     now: float = 0.0
     born: int = 0
     time: float = 0.0
+    key: str = ""
+    voucher: str = ""
+    signature: str = ""
+
+    @property
+    def engine(self) -> str:
+        """What tells this run of this engine from all others."""
+        return f"{self.born} {self.key}"
 
     def to_json(self) -> str:
         """As it is sent."""
@@ -146,6 +157,7 @@ _ENVELOPE: dict[str, fields.Check] = {
     "model": _TEXT,
     "promises": fields.mapping(fields.topic, fields.among("publisher", "subscriber")),
     "team": fields.sequence(fields.robot),
+    "engines": fields.mapping(fields.robot, _NAME),
     "again": fields.flag,
     "begun": fields.flag,
     "born": fields.integer(0, 2**63),
@@ -188,6 +200,9 @@ _REPORT: dict[str, fields.Check] = {
     "now": fields.number,
     "born": fields.integer(0, 2**63),
     "time": fields.number,
+    "key": _NAME,
+    "voucher": _NAME,
+    "signature": _NAME,
 }
 
 

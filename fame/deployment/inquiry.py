@@ -7,8 +7,9 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report
+from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope
 from fame.deployment.termination import Answered
+from fame.deployment.voice import Voice
 from fame.middleware import messages
 from fame.middleware.interface import Node
 
@@ -26,7 +27,7 @@ class Inquiry:
         self._envelope, self._told = envelope, heard
         self._out = {robot: node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in others}
         self._in = [
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._heard, robot), STATUS_QOS)
+            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._heard, self._voice(robot)), STATUS_QOS)
             for robot in self._out
         ]
 
@@ -43,14 +44,18 @@ class Inquiry:
             )
             out.publish(messages.create(STRING, said.to_json()))
 
-    def _heard(self, robot: str, message: Any) -> None:
-        report = Report.from_json(message.data)
+    def _voice(self, robot: str) -> Voice:
+        vouched = self._envelope.engines.get(robot, "")
+        return Voice(robot, signed=bool(self._envelope.signature), vouched=vouched)
+
+    def _heard(self, voice: Voice, message: Any) -> None:
+        report = voice.hear(message.data)
         if report is None:
             return
         if report.deployed == self._envelope.deployment:
-            self._told(Answered(robot, "started"))
+            self._told(Answered(voice.robot, "started"))
         elif report.deployment == self._envelope.deployment:
-            self._told(Answered(robot, report.answer))
+            self._told(Answered(voice.robot, report.answer))
 
     def close(self) -> None:
         """Listen no more."""

@@ -13,8 +13,9 @@ from typing import Any, Protocol
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deployment.envelope import STATUS_QOS, STRING, Report, engines
+from fame.deployment.envelope import STATUS_QOS, STRING, engines
 from fame.deployment.sender import Deployment
+from fame.deployment.voice import GONE, Voice
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Subscription
 from fame.splitter import plays, pools_of
@@ -37,7 +38,10 @@ class Send(Protocol):
 
 
 class Keeper:
-    """Keeps the robots of one model supplied until `close`. `served` are those that have it already."""
+    """Keeps the robots of one model supplied until `close`. `served` are those that have it already.
+
+    With the `key` of a sender only reports that engines signed count.
+    """
 
     def __init__(
         self,
@@ -46,6 +50,7 @@ class Keeper:
         *,
         scheduler: Scheduler,
         middleware: Middleware,
+        key: Any = None,
         served: Collection[str] = (),
         say: Callable[[str], object] = lambda text: None,
     ) -> None:
@@ -53,6 +58,7 @@ class Keeper:
         self._send, self._say = send, say
         self.scheduler, self.middleware = scheduler, middleware
         self.served = set(served)
+        self._signed, self._trusted = key is not None, [key.public_key()] if key is not None else []
         self._states: dict[str, str] = {}
         self._not_before: dict[str, int] = {}
         self._current: Deployment | None = None
@@ -76,15 +82,16 @@ class Keeper:
             self._states.pop(robot, None)
             self._not_before.pop(robot, None)
         for robot in sorted(there - self._ends.keys()):
-            heard = partial(self._heard, robot)
+            voice = Voice(robot, signed=self._signed, trusted=self._trusted, patience=GONE)
+            heard = partial(self._heard, voice)
             self._ends[robot] = self.node.subscription(f"/{robot}/bpmn_status", STRING, heard, STATUS_QOS)
         if self._current is None:
             self._serve()
 
-    def _heard(self, robot: str, message: Any) -> None:
-        report = Report.from_json(message.data)
+    def _heard(self, voice: Voice, message: Any) -> None:
+        report = voice.hear(message.data, self.scheduler.now / SECOND)
         if report is not None:
-            self._states[robot] = report.state
+            self._states[voice.robot] = report.state
 
     def _serve(self) -> None:
         now = self.scheduler.now

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deployment.envelope import STATUS_QOS, STRING, Report
 from fame.deployment.refusals import Digest
+from fame.deployment.voice import is_twin
 from fame.deployment.warnings import Warnings
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Node
+from fame.signing import Identity, sign
 
 if TYPE_CHECKING:
     from fame.node import RobotNode
@@ -24,8 +28,9 @@ _ANSWERS = 100
 
 class Status:
     """The voice of a robot: `standing` gives what a `Report` says beside the answer. It minds who speaks on `topic`
-    with another type, and listens to itself: the younger of two with one name leaves. `refused` is told why something
-    was refused, and as an answer to which deployment, if it was one.
+    with another type, and listens to itself: the younger of two with one name leaves, unless it runs something. Where
+    keys are used (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
+    `refused` is told why something was refused, and as an answer to which deployment, if it was one; `warn` the rest.
     Of refusals that nobody waits for, those of one cause are one a second.
     """
 
@@ -40,7 +45,13 @@ class Status:
         scheduler: Scheduler,
         refused: Callable[[str, str], object],
         warnings: Warnings,
+        warn: Callable[[str], object],
+        identity: Identity | None = None,
+        trusted: Sequence[Any] = (),
+        wall_time: Callable[[], float] = time.time,
     ) -> None:
+        self._identity, self._trusted, self._wall_time, self._warn = identity, trusted, wall_time, warn
+        self._met_others: set[str] = set()
         self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
         self._scheduler, self._refused, self._warnings = scheduler, refused, warnings
         self._garbage = Digest(scheduler, self._refuse)
@@ -77,6 +88,9 @@ class Status:
             time=self._scheduler.now / SECOND,
             **self._standing(),
         )
+        if self._identity is not None:
+            report = replace(report, key=self._identity.key, voucher=self._identity.voucher)
+            report = replace(report, signature=sign(asdict(report), self._identity.private))
         self._out.publish(messages.create(STRING, report.to_json()))
 
     def answer(self, answer: str, deployment: str, reason: str = "") -> None:
@@ -109,10 +123,17 @@ class Status:
             self.say("refused", reason=text)
 
     def _met(self, message: Any) -> None:
-        """Somebody else speaks for this robot: the younger of the two leaves."""
+        """Somebody else speaks for this robot: the younger of the two leaves, if that can be known and nothing runs."""
         other = Report.from_json(message.data)
-        if other is not None and 0 < other.born < self._born:
+        if other is None or not 0 < other.born < self._born:
+            return
+        proved = is_twin(other, self._robot, self._trusted, self._wall_time())
+        if proved and self._standing()["state"] == "waiting":
             raise FameError(f"there is an engine {self._robot!r} already; a robot has one")
+        if other.engine not in self._met_others and len(self._met_others) < _ANSWERS:
+            self._met_others.add(other.engine)
+            why = "runs a process" if proved else "cannot tell it from a stranger: it does not prove its name"
+            self._warn(f"an older engine says that it is {self._robot!r}; this one goes on, because it {why}")
 
 
 class Absences:

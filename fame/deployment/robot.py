@@ -25,7 +25,7 @@ from fame.deployment.termination import Told, reply
 from fame.deployment.warnings import Warnings
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware
-from fame.signing import verify, verify_signature
+from fame.signing import Identity, verify, verify_signature
 
 if TYPE_CHECKING:
     from fame.library import Library
@@ -40,9 +40,10 @@ class EngineNode:
     """One robot's end: it takes a process, runs it, and takes the next one.
 
     `observer`, `safe_state` and others: as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one
-    of them signed; `wall_time` gives s since 1970. `time` is the scheduler of the mission if that is not `scheduler`:
-    one of simulated time, and `epoch` the date of its second 0. `close` brings the robot to its safe state and leaves.
-    Raises FameError, from the scheduler's `run`, when an older engine of the same robot makes itself heard.
+    of them signed, and signs what it says with the key of its `identity`, or one made now; `wall_time` gives s since
+    1970. `time` is the scheduler of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date
+    of its second 0. `close` brings the robot to its safe state and leaves. Raises FameError, from the scheduler's
+    `run`, when an older engine of the same robot makes itself heard before this one has a process.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class EngineNode:
         safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
         safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         trusted: Sequence[Any] = (),
+        identity: Identity | None = None,
         wall_time: Callable[[], float] = time.time,
         time: Scheduler | None = None,
         epoch: datetime = EPOCH,
@@ -95,7 +97,15 @@ class EngineNode:
         self.warn = Warnings(middleware, self._warned)
         about = (robot, self._process.topic, self.born, self._standing)
         self.status: Status = Status(
-            *about, refused=self._refused, node=self.node, scheduler=scheduler, warnings=self.warn
+            *about,
+            refused=self._refused,
+            warn=self._note,
+            identity=(identity or Identity.new()) if trusted else None,
+            trusted=trusted,
+            wall_time=wall_time,
+            node=self.node,
+            scheduler=scheduler,
+            warnings=self.warn,
         )
         self._process.dropped = lambda text: self.status.say("refused", reason=text)
         self._tasks = Tasks(self.node, lambda: self.running, self.status.say)

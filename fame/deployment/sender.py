@@ -23,6 +23,7 @@ from fame.deployment.envelope import (
     model_hash,
     signed,
 )
+from fame.deployment.voice import Voice
 from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import Middleware
@@ -113,6 +114,8 @@ class Deployment:
         self._spoke = 0  # when all were last told to wait on, ns
         self._own: dict[str, Callable[[str], str]] = {}  # of each robot: what makes places of its file those of ours
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
+        trusted = [key.public_key()] if key is not None else []
+        self._voices = {name: Voice(name, signed=key is not None, trusted=trusted) for name in self.standings}
         self.node = middleware.node("fame_deploy")
         self._out = {
             robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in self.standings
@@ -130,15 +133,20 @@ class Deployment:
         self._limit = self.scheduler.after(round(self._patience * SECOND), self._give_up, Kind.TIMER)
 
     def _open(self) -> None:
-        """Take a number above all that the robots have seen, whatever their senders' clocks said; then load."""
-        if len(self._known) < len(self.standings) and self.scheduler.now < self._begun + round(HEARING * SECOND):
+        """Take a number above all that the robots have seen, whatever their senders' clocks said; then load.
+
+        Where keys are used all have to be heard before that: each is told which engines the others are.
+        """
+        hears = self._key is not None or self.scheduler.now < self._begun + round(HEARING * SECOND)
+        if len(self._known) < len(self.standings) and hears:
             self._again = self.scheduler.after(round(SETTLE * SECOND), self._open, Kind.TIMER)
             return
         now = self._wall_time()
         seen = [report.sequence for report in self._known.values() if not is_ahead(report.sequence, now)]
         self.sequence = max(self.sequence, *(number + 1 for number in seen), 0)
         for standing in self.standings.values():
-            standing.envelope = replace(standing.envelope, sequence=self.sequence)
+            heard = {name: report.engine for name, report in self._known.items()}
+            standing.envelope = replace(standing.envelope, sequence=self.sequence, engines=heard)
         self._phase = "load"
         self._spoke = self.scheduler.now
         self._ask()
@@ -179,7 +187,10 @@ class Deployment:
         self._out[robot].publish(messages.create(STRING, envelope.to_json()))
 
     def _heard(self, robot: str, message: Any) -> None:
-        report = Report.from_json(message.data)
+        report = self._voices[robot].hear(message.data)
+        if self._voices[robot].rival and self._phase != "start" and not self.done:
+            self.standings[robot].reason = f"two engines say that they are {robot}, and neither can prove it"
+            self._finish(failed=True)
         if report is None:
             return
         self._known[robot] = report
@@ -227,7 +238,9 @@ class Deployment:
 
     def _give_up(self) -> None:
         for standing in self.standings.values():
-            if standing.state == "silent":
+            if standing.robot in self._known and not self._phase:
+                standing.reason = "was not asked, since others did not answer"
+            elif standing.state == "silent":
                 standing.reason = f"did not answer within {self._patience:g} s"
             elif self._phase == "start" and standing.state == "ready":
                 standing.reason = "was ready, and did not answer when it was told to start"

@@ -19,6 +19,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.bpmn.xml import LIMIT
 from fame.clock import SECOND, Kind, Scheduler
+from fame.deployment.diagrams import Desk, Diagram
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deployment.keeping import Keeper
 from fame.deployment.refusals import Digest
@@ -34,7 +35,10 @@ DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_s
 
 
 class SplitterNode:
-    """See the module. `say` gets a line for people; `patience` is how long a robot may take to answer (s)."""
+    """See the module. `say` gets a line for people; `patience` is how long a robot may take to answer (s).
+
+    `key` signs what is sent. With `trusted` public keys only diagrams that one of them signed are taken.
+    """
 
     def __init__(
         self,
@@ -44,6 +48,7 @@ class SplitterNode:
         library: Library | None = None,
         patience: float = PATIENCE,
         key: Any = None,
+        trusted: Sequence[Any] = (),
         say: Callable[[str], object] = lambda text: None,
         wall_time: Callable[[], float] = time.time,
     ) -> None:
@@ -55,6 +60,7 @@ class SplitterNode:
             "wall_time": wall_time,
         }
         self.born = round(wall_time() * SECOND)
+        self._desk = Desk(trusted)
         self._sequence = 0
         self._others = Others(self.born, scheduler)
         self._beaten = scheduler.now
@@ -124,7 +130,7 @@ class SplitterNode:
 
     def _heard(self, message: Any) -> None:
         try:
-            diagram = self._read(message.data)
+            diagram = self._read(message.data, "deploy")
         except FameError as error:
             self._refused(f"refused: {error}")
             return
@@ -139,15 +145,16 @@ class SplitterNode:
         self._step_down_if_away()
         if not self._leads:
             with suppress(FameError):
-                self._diagram = self._read(message.data)
+                self._diagram = self._read(message.data, "deployed")
 
-    def _read(self, text: str) -> tuple[str, Definitions]:
+    def _read(self, text: str, purpose: str) -> tuple[str, Definitions]:
         """Check it as far as it can be without the robots. Raises FameError."""
         from fame.bpmn.reader import read_text
         from fame.check.refusing import refuse_errors
 
         if len(text) > LIMIT:
             raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken")
+        text = self._desk.take(text, purpose, self._wall_time())
         definitions = read_text(text, file=DIAGRAM)
         library = self._options["library"]
         refuse_errors(definitions, [pool.process for pool in pools_of(definitions)], library, sent=True)
@@ -214,10 +221,17 @@ class SplitterNode:
     def _keep(self, diagram: tuple[str, Definitions], served: Collection[str]) -> None:
         self._let_be()
         self._deployed = diagram[0]
-        self._team.publish(messages.create(STRING, diagram[1].source.decode(errors="replace")))
+        self._team.publish(messages.create(STRING, self._deployed_text(diagram[1].source.decode(errors="replace"))))
         send = partial(self._send, diagram[1])
         around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
-        self._keeper = Keeper(diagram[1], send, served=served, say=self._report, **around)
+        self._keeper = Keeper(diagram[1], send, key=self._options["key"], served=served, say=self._report, **around)
+
+    def _deployed_text(self, model: str) -> str:
+        """What others are told that the team has."""
+        key = self._options["key"]
+        if key is None:
+            return model
+        return Diagram.of(model, purpose="deployed", now=self._wall_time(), key=key).to_json()
 
     def _let_be(self, but: Deployment | None = None) -> None:
         """Work no more for anybody."""

@@ -53,6 +53,7 @@ class Sending:
             self._begin,
             scheduler=self.scheduler,
             middleware=self.middleware,
+            key=self._options.get("key"),
             served=served,
             say=say,
         )
