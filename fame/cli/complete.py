@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, command, positive
@@ -30,6 +31,7 @@ def add(commands: Commands) -> None:
         "--value", action="append", default=[], type=value, metavar="NAME=VALUE",
         help="a result, which becomes a variable: a number, text, true, false, a list; repeatable",
     )  # fmt: skip
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
     parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to wait for the answer (5)")
     add_network(parser)
     add_json(parser)
@@ -87,7 +89,9 @@ def _ask(
     from fame.deployment import Report, engines
     from fame.deployment.tasks import Asking, Done
     from fame.errors import DeploymentError
+    from fame.signing import read_private
 
+    key = read_private(arguments.key) if arguments.key is not None else None
     robot, answers = arguments.robot, list[Report]()
     until = scheduler.now + round(arguments.wait * SECOND)
     while robot not in engines(middleware):
@@ -96,7 +100,9 @@ def _ask(
             raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
         scheduler.run(scheduler.now + SECOND // 20)
     done = Done(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=values, act=act)
-    asking = Asking(robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append)
+    asking = Asking(
+        robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append, key=key
+    )
     while not answers and scheduler.now < until:
         scheduler.run(scheduler.now + SECOND // 50)
     asking.close()

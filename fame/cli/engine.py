@@ -42,6 +42,10 @@ def add(commands: Commands) -> None:
         "--identity", type=Path, metavar="FILE.key",
         help="sign what is said with this key, which proves the robot's name (see fame keys); needs --trust",
     )  # fmt: skip
+    parser.add_argument(
+        "--unsigned-tasks", action="store_true",
+        help="with --trust: take what people did (fame complete, activate) from anybody",
+    )  # fmt: skip
     parser.add_argument("--insecure", action="store_true", help="take processes from a network that is not loopback")
     parser.add_argument(
         "--use-sim-time",
@@ -126,6 +130,7 @@ def _serve(arguments: Namespace) -> None:
             safe_suspended=suspended,
             trusted=trusted,
             identity=identity,
+            unsigned_tasks=arguments.unsigned_tasks,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
         )
         if time is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, command
@@ -24,6 +25,10 @@ def add(commands: Commands) -> None:
         commands, "status", run, examples=("fame status", "fame status --json"),
         help="show every robot: its model, its instances, where its tokens are, since when, and what they wait for",
     )  # fmt: skip
+    parser.add_argument(
+        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
+        help="show only what engines signed, and prefer those that prove their names by this key; repeatable",
+    )  # fmt: skip
     add_network(parser)
     add_json(parser)
 
@@ -33,23 +38,28 @@ def run(arguments: Namespace) -> int:
     from dataclasses import asdict
 
     from fame.clock import SECOND
-    from fame.deployment import STATUS_QOS, STRING, Report, engines
+    from fame.deployment import STATUS_QOS, STRING, engines
     from fame.deployment.reporting import HEARTBEAT
+    from fame.deployment.voice import Voice
     from fame.errors import DeploymentError
+    from fame.signing import read_trusted
 
     reports: dict[str, Report] = {}
+    belief: dict[str, Any] = {"signed": bool(arguments.trust), "trusted": ()}
+    if arguments.trust:
+        belief["trusted"] = read_trusted(arguments.trust)
 
-    def heard(robot: str, message: Any) -> None:
-        report = Report.from_json(message.data)
+    def heard(voice: Voice, message: Any) -> None:
+        report = voice.hear(message.data)
         if report is not None:
-            reports[robot] = report
+            reports[voice.robot] = report
 
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
         node = middleware.node("fame_status")
         robots = engines(middleware)
         for robot in robots:
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(heard, robot), STATUS_QOS)
+            node.subscription(f"/{robot}/bpmn_status", STRING, partial(heard, Voice(robot, **belief)), STATUS_QOS)
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
     if not reports and not silent:

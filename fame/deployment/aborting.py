@@ -8,6 +8,7 @@ from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deployment.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed
+from fame.deployment.voice import Voice
 from fame.middleware import messages
 from fame.middleware.interface import Node
 
@@ -33,6 +34,7 @@ class Aborting:
     ) -> None:
         self._robot, self._scheduler, self._ended = robot, scheduler, ended
         self._key, self._wall_time = key, wall_time
+        self._voice = Voice(robot, signed=key is not None, trusted=[key.public_key()] if key is not None else [])
         self._deployment = ""
         self._next: Entry | None = None
         self._out = node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS)
@@ -46,7 +48,7 @@ class Aborting:
         self._out.close()
 
     def _heard(self, message: Any) -> None:
-        report = Report.from_json(message.data)
+        report = self._voice.hear(message.data)
         if report is None:
             return
         if self._next is None:

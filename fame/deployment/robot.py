@@ -20,7 +20,7 @@ from fame.deployment.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope,
 from fame.deployment.loading import load
 from fame.deployment.refusals import Digest
 from fame.deployment.reporting import Absences, Status, progress, state_of
-from fame.deployment.tasks import Tasks
+from fame.deployment.tasks import Done, Tasks
 from fame.deployment.termination import Told, reply
 from fame.deployment.warnings import Warnings
 from fame.errors import DeploymentError, FameError
@@ -40,8 +40,8 @@ class EngineNode:
     """One robot's end: it takes a process, runs it, and takes the next one.
 
     `observer`, `safe_state` and others: as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one
-    of them signed, and signs what it says with the key of its `identity`, or one made now; `wall_time` gives s since
-    1970. `time` is the scheduler of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date
+    of them signed, and signs what it says with the key of its `identity`, or one made now; with `unsigned_tasks` what
+    people did need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date
     of its second 0. `close` brings the robot to its safe state and leaves. Raises FameError, from the scheduler's
     `run`, when an older engine of the same robot makes itself heard before this one has a process.
     """
@@ -60,11 +60,13 @@ class EngineNode:
         safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
         trusted: Sequence[Any] = (),
         identity: Identity | None = None,
+        unsigned_tasks: bool = False,
         wall_time: Callable[[], float] = time.time,
         time: Scheduler | None = None,
         epoch: datetime = EPOCH,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
+        self._signers = () if unsigned_tasks else trusted  # of what people did
         self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
         self._time = scheduler if time is None else time  # a scheduler with nothing to do is false
         self._options: dict[str, Any] = {
@@ -108,7 +110,7 @@ class EngineNode:
             warnings=self.warn,
         )
         self._process.dropped = lambda text: self.status.say("refused", reason=text)
-        self._tasks = Tasks(self.node, lambda: self.running, self.status.say)
+        self._tasks = Tasks(self.node, lambda: self.running, self.status.say, self._check_done)
         self.status.begin()
 
     @property
@@ -170,6 +172,13 @@ class EngineNode:
             self.status.again(said, otherwise=_NONE)
         else:
             self._decide(self.candidate, Told(envelope.phase, envelope.begun))
+
+    def _check_done(self, done: Done) -> None:
+        """Raises DeploymentError for what a person did if keys are used and it was not signed for this robot."""
+        if self._signers:
+            verify(asdict(done), self._signers, self._wall_time(), self.born)
+            if done.robot != self.robot:
+                raise DeploymentError(f"meant for robot {done.robot!r}, not for {self.robot!r}")
 
     def _verify(self, envelope: Envelope) -> None:
         """Raises DeploymentError unless a trusted key says it; another robot asks with what its own sender signed."""

@@ -238,16 +238,14 @@ class Deployment:
 
     def _give_up(self) -> None:
         for standing in self.standings.values():
-            if standing.robot in self._known and not self._phase:
-                standing.reason = "was not asked, since others did not answer"
-            elif standing.state == "silent":
+            if standing.state == "silent" and (self._phase or standing.robot not in self._known):
                 standing.reason = f"did not answer within {self._patience:g} s"
             elif self._phase == "start" and standing.state == "ready":
                 standing.reason = "was ready, and did not answer when it was told to start"
         self._finish(failed=True)
 
     def _finish(self, failed: bool) -> None:
-        if failed and self._phase == "load":
+        if failed and self._phase != "start":
             self._explain()
         self._stop(failed)
         self._ended(self)
@@ -256,9 +254,10 @@ class Deployment:
         """Those who have nothing against it are told apart from those on whom it failed."""
         against = [each for each in self.standings.values() if each.state in ("asking", *REFUSALS) or each.reason]
         names = ", ".join(each.robot for each in against)
+        waits = "had not answered yet" if self._phase else f"was not asked yet because of {names}"
         for each in self.standings.values():
             if each not in against:
-                each.reason = "had not answered yet" if each.state == "silent" else f"called off because of {names}"
+                each.reason = waits if each.state == "silent" else f"called off because of {names}"
 
     def _stop(self, failed: bool) -> None:
         """Say no more, but that nobody is to start if nobody was told to."""

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from fame.check.refusing import refuse_errors
 from fame.clock import SECOND, Kind
 from fame.deployment import STATUS_QOS, STRING, Deployment, Report
+from fame.deployment.voice import Voice
 from fame.middleware.interface import LATCHED
 from fame.remote.children import Children, command_lines
 from fame.remote.process import connect, scheduler_for
@@ -173,7 +174,9 @@ class Team:
     def _listen(self) -> None:
         node = self.middleware.node("fame_team")
         for robot in self.scenario.cast:
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._heard, robot), STATUS_QOS)
+            node.subscription(
+                f"/{robot}/bpmn_status", STRING, partial(self._heard, Voice(robot, signed=True)), STATUS_QOS
+            )
         node.subscription(WORLD_STATE, STRING, self._seen, LATCHED)
         self._world_time = node.client(RESUME, EMPTY)
 
@@ -185,10 +188,11 @@ class Team:
             if self._last_look:
                 self.scheduler.stop()
 
-    def _heard(self, robot: str, message: Any) -> None:
-        report = Report.from_json(message.data)
+    def _heard(self, voice: Voice, message: Any) -> None:
+        report = voice.hear(message.data)
         if report is None:
             return
+        robot = voice.robot
         self.reports[robot] = replace(report, error=self._in_own_files(robot, report.error))
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
