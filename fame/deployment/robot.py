@@ -41,9 +41,10 @@ class EngineNode:
 
     `observer`, `safe_state` and others: as of `fame.node.RobotNode`. With `trusted` public keys it takes only what one
     of them signed, and signs what it says with the key of its `identity`, or one made now; with `unsigned_tasks` what
-    people did need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date
-    of its second 0. `close` brings the robot to its safe state and leaves. Raises FameError, from the scheduler's
-    `run`, when an older engine of the same robot makes itself heard before this one has a process.
+    people did need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that is not
+    `scheduler`: one of simulated time, and `epoch` the date of its second 0. `close` brings the robot to its safe state
+    and leaves. Raises FameError, from the scheduler's `run`, when an older engine of the same robot makes itself heard
+    before this one has a process.
     """
 
     def __init__(
