@@ -16,6 +16,7 @@ from fame.library import Library
 from fame.middleware import messages
 from fame.middleware.interface import QoS
 from fame.middleware.local import LocalMiddleware
+from fame.node.gaps import Gap, Gaps
 from fame.observation import Event
 from fame.remote.sending import Sending
 
@@ -346,6 +347,33 @@ def test_a_report_tells_since_when_tokens_wait_for_which_topic_and_who_publishes
     field.person.publisher("/stop", "std_msgs/msg/Empty")
     field.pass_time(1)
     assert field.said[-1].waits == [{"element": "c", "for": "topic /stop", "since": 2.0, "topics": {"/stop": 1}}]
+
+
+def test_a_report_tells_that_a_publisher_was_gone_and_came_back_while_a_token_waited():
+    field = Field("A")
+    field.send("A", patrol(1))
+    field.pass_time(2)
+    publisher = field.person.publisher("/stop", "std_msgs/msg/Empty")
+    field.pass_time(2)
+    publisher.close()
+    field.pass_time(20)
+    assert field.said[-1].waits[0]["for"] == "topic /stop, which nobody else publishes"
+    publisher = field.person.publisher("/stop", "std_msgs/msg/Empty")
+    field.pass_time(3.5)
+    (wait,) = field.said[-1].waits
+    assert wait["for"] == "topic /stop (/person was gone for 20 s until 2 s ago: what it said then may be lost)"
+
+
+def test_what_was_gone_before_a_token_waited_is_nothing_to_tell():
+    gaps = Gaps()
+    gaps.look(0, {"/stop": ["/a", "/b"]})
+    gaps.look(5, {"/stop": ["/b"]})
+    gaps.look(9, {"/stop": ["/a", "/b"]})
+    assert gaps.since(9, ["/stop"]) is None
+    assert gaps.since(8, ["/stop"]) == Gap("/a", 5, 9)
+    gaps.look(10, {"/other": []})
+    gaps.look(11, {"/stop": ["/a"]})
+    assert gaps.since(8, ["/stop", "/other"]) is None
 
 
 def test_what_the_middleware_warns_of_is_told_once_and_stays_in_the_reports():

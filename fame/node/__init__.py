@@ -8,6 +8,7 @@ scripts     the runner of its scripts, and what they have around them
 asking      service tasks that ask ROS services and actions
 timers      timers of ISO 8601 on the scheduler
 waits       what its tokens wait for
+gaps        publishers that left and came back meanwhile
 """
 
 from __future__ import annotations

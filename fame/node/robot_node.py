@@ -25,6 +25,7 @@ from fame.middleware import messages
 from fame.middleware.interface import Middleware, resolve
 from fame.node.asking import ask, asking_task
 from fame.node.ends import Ends
+from fame.node.gaps import Gaps
 from fame.node.mission import Mission
 from fame.node.scripts import Scripts
 from fame.node.timers import Timers
@@ -93,6 +94,7 @@ class RobotNode:
         self._keep, self._on_end, self._units = keep, on_end, units
         self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
         self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
+        self.gaps = Gaps()
         self._timers = Timers(scheduler, epoch, self._fire)
         self._until, self._told_late = until, set[str]()
         self._ends = Ends(self.node, mission.types, middleware, scheduler)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND
 from fame.engine.state import Node, joins_reached
 from fame.middleware.interface import resolve
+from fame.node.gaps import gap_text
 
 if TYPE_CHECKING:
     from fame.node.robot_node import RobotNode
@@ -35,17 +36,21 @@ class Wait:
 
 def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
     """See `RobotNode.waits`. `seen` is kept from call to call: when each resting token was seen first (ns)."""
-    now, heard = robot.scheduler.now, _publishers_heard(robot)
+    now, publishers = robot.scheduler.now, _publishers_heard(robot)
+    heard = {topic: len(names) for topic, names in publishers.items()}
     rests = [rest for instance in robot.engine.instances.values() for rest in instance.rests()]
     joins = [found for instance in robot.engine.instances.values() for found in joins_reached(instance.root)]
     keys = [*(rest.key for rest in rests), *((scope.key, join.id) for scope, join, _ in joins)]
     known = {key: seen.get(key, now) for key in keys}
     seen.clear()
     seen.update(known)
+    awaited = [_awaited(robot, rest) for rest in rests]
+    robot.gaps.look(now, {topic: publishers.get(topic, ()) for topics in awaited for topic in topics})
     found = []
-    for rest in rests:
-        topics = {topic: heard.get(topic, 0) for topic in _awaited(robot, rest)}
-        found.append(Wait(robot.name, rest.node.id, _wait_text(robot, rest, heard), seen[rest.key], topics))
+    for rest, topics in zip(rests, awaited, strict=True):
+        since = seen[rest.key]
+        text = _wait_text(robot, rest, heard) + gap_text(robot.gaps.since(since, topics), now)
+        found.append(Wait(robot.name, rest.node.id, text, since, {topic: heard.get(topic, 0) for topic in topics}))
     found += [
         Wait(robot.name, join.id, _join_text(join, held), seen[scope.key, join.id]) for scope, join, held in joins
     ]
@@ -57,8 +62,8 @@ def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
     if not robot.instances:
         for topic, nodes in robot.engine.program.starts.items():
             full = resolve(topic, robot.namespace)
-            text, topics = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
-            found.extend(Wait(robot.name, node.id, text, topics=topics) for node in nodes)
+            text, counts = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
+            found.extend(Wait(robot.name, node.id, text, topics=counts) for node in nodes)
     return found
 
 
@@ -66,10 +71,10 @@ def _join_text(join: Node, held: list[int]) -> str:
     return f"a token on {held.count(0) or 'more'} of its {join.need} flows"
 
 
-def _publishers_heard(robot: RobotNode) -> dict[str, int]:
-    """How many other nodes' publishers each topic has."""
+def _publishers_heard(robot: RobotNode) -> dict[str, list[str]]:
+    """The other nodes that publish on each topic, once for each publisher."""
     own = robot.node.full_name
-    return {info.name: sum(name != own for name in info.publishers) for info in robot.middleware.graph()}
+    return {info.name: [name for name in info.publishers if name != own] for info in robot.middleware.graph()}
 
 
 def _awaited(robot: RobotNode, rest: Any) -> list[str]:
