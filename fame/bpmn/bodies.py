@@ -66,7 +66,7 @@ def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
         nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
         flows=tuple(_flow(context, one) for one in flows),
         data_objects=read_data_objects(context, parts),
-        associations=tuple(_associations(element, nodes)),
+        associations=tuple(_associations(context, nodes)),
     )
 
 
@@ -174,25 +174,15 @@ def _condition(context: Context, flow: Node) -> Expression | None:
     return condition(context, holder)
 
 
-def _associations(element: Node, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
-    """Those between its flow nodes, wherever they stand; from compensation event to handler, however drawn."""
-    for one in _all_associations(element):
+def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
+    """Those between flow nodes of a scope, wherever they stand; from compensation event to handler, however drawn."""
+    for one in dict.fromkeys(one for id in nodes for one in context.associations.get(id, ())):
         source, target = find(nodes, one.get("sourceRef")), find(nodes, one.get("targetRef"))
         if source is None or target is None:
             continue
         if _compensates(target) and not _compensates(source):
             source, target = target, source
         yield source.id, target.id
-
-
-def _all_associations(element: Node) -> Iterator[Node]:
-    holder: Node | None = element
-    while holder is not None:
-        yield from holder.iterchildren(f"{_B}association")
-        if local(holder) == "definitions":
-            for collaboration in holder.iterchildren(f"{_B}collaboration"):
-                yield from collaboration.iterchildren(f"{_B}association")
-        holder = holder.getparent()
 
 
 def _compensates(node: FlowNode) -> bool:

@@ -24,7 +24,8 @@ class Context:
     """Of one file.
 
     `roots`: signals, messages, errors ... by id; `language`: its expressionLanguage; `elements`: what has been read;
-    `original`: it is one of the original FaMe's, by its looks; `faults`: why what is being read cannot be executed.
+    `original`: it is one of the original FaMe's, by its looks; `associations`: those that begin at an element, by its
+    id; `faults`: why what is being read cannot be executed.
     """
 
     file: str
@@ -33,6 +34,7 @@ class Context:
     original: bool = False
     notes: list[Note] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
+    associations: dict[str, list[Node]] = field(default_factory=dict)
     _ids: dict[str, Node] | None = None
     elements: dict[str, Node] = field(default_factory=dict)
 
@@ -76,6 +78,12 @@ class Context:
             id = f"{stem}_{number}"
         element.set("id", id)
         return id
+
+    def associate(self, association: Node) -> None:
+        """Find it by the element that it begins at from now on."""
+        source = association.get("sourceRef", "").strip()
+        for id in {source, source.rpartition(":")[2]}:
+            self.associations.setdefault(id, []).append(association)
 
     def anywhere(self, element: Node, reference: str | None) -> Node | None:
         """What a reference names in the whole file of an element, read or not."""

@@ -86,6 +86,8 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     context.original = looks_original(root)
     for one in context.roots.values():
         context.claim(one)
+    for one in root.iter(f"{{{BPMN}}}association"):
+        context.associate(one)
     processes = tuple(_process(context, one) for one in children(root, "process"))
     return _definitions(context, source, root, processes)
 

@@ -8,7 +8,7 @@ it is called.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from dataclasses import replace
 from typing import Any, cast
 
@@ -50,16 +50,16 @@ def compiler_findings(subject: Subject) -> Iterator[Finding]:
 
 def _compiled(unit: Unit, as_callee: bool) -> Iterator[Finding]:
     """Compile the process of a unit until nothing more is refused."""
-    host, process = _Host(), replace(unit.process, faults=())
-    for fault in unit.process.faults:
-        yield Finding("error", fault.text, unit.home.file, fault.line, fault.element)
-        process = replace(process, body=_without(process.body, fault.element))
+    faults = unit.process.faults
+    yield from (Finding("error", fault.text, unit.home.file, fault.line, fault.element) for fault in faults)
+    body = _without(unit.process.body, {fault.element for fault in faults})
+    host, process = _Host(), replace(unit.process, body=body, faults=())
     for _ in range(ROUNDS):
         refusal = _refusal(process, unit.home.file, as_callee, host)
         if refusal is None:
             break
         yield _placed(unit, refusal)
-        body = _without(process.body, refusal.element)
+        body = _without(process.body, {refusal.element})
         if body == process.body:
             break
         process = replace(process, body=body)
@@ -117,16 +117,13 @@ def _nothing(variables: Any) -> None: ...
 # ---- what takes the place of a refused element -----------------------------------------------------------------------
 
 
-def _without(body: Body, element: str) -> Body:
-    """The body with a harmless node in the place of the refused one; the same if there is none to replace."""
+def _without(body: Body, refused: Set[str]) -> Body:
+    """The body with a harmless node in the place of each that is refused; the same if there is none to replace."""
     nodes = []
     for node in body.nodes:
-        if node.id == element:
-            nodes += _harmless(node)
-        elif isinstance(node, SubProcess):
-            nodes.append(replace(node, body=_without(node.body, element)))
-        else:
-            nodes.append(node)
+        if isinstance(node, SubProcess):
+            node = replace(node, body=_without(node.body, refused))
+        nodes += _harmless(node) if node.id in refused else [node]
     return replace(body, nodes=tuple(nodes))
 
 
