@@ -14,6 +14,9 @@
     recursion    calls without end
     timers       times that are none
     topics       types, payloads, and who is at the other end
+    progress     how far tokens can get, given what is thrown
+    order        robots that wait for each other, signals that come too early
+    delivery     signals thrown just before the only catch, queues beyond the depth
     texts        what each text reads and writes
     variables    what is read and never set
     guidelines   the guidelines of the FaMe paper, as notes

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow
@@ -11,7 +12,8 @@ from fame.engine.compiler import begins, instantiates
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """A body, its nodes and flows by id; `following`: node -> where its tokens may get to in one step.
+    """A body, its nodes and flows by id; `following`: node -> where its tokens may get to in one step; `preceding`: the
+    other way round.
 
     By sequence flows, by links, from an activity to its boundary events, from those to compensation handlers.
     """
@@ -20,6 +22,7 @@ class Graph:
     nodes: Mapping[str, FlowNode]
     flows: Mapping[str, SequenceFlow]
     following: Mapping[str, list[str]]
+    preceding: Mapping[str, list[str]]
 
     def leaving(self, node: FlowNode) -> list[SequenceFlow]:
         """The flows that leave a node, in document order."""
@@ -45,6 +48,43 @@ class Graph:
                 pending += self.following[id]
         return found
 
+    def before(self, id: str) -> Iterator[str]:
+        """The nodes from which tokens get to a node, the nearest first; itself if it is one of them."""
+        seen: set[str] = set()
+        pending = deque(self.preceding[id])
+        while pending:
+            node = pending.popleft()
+            if node not in seen:
+                seen.add(node)
+                yield node
+                pending.extend(self.preceding[node])
+
+    def circles(self) -> Iterator[list[FlowNode]]:
+        """The sets of nodes from each of which tokens may get to all of the set (Kosaraju's algorithm)."""
+        order = list[str]()
+        seen = set[str]()
+        for node in self.body.nodes:
+            pending = [(node.id, False)]
+            while pending:
+                id, left = pending.pop()
+                if left:
+                    order.append(id)
+                elif id not in seen:
+                    seen.add(id)
+                    pending += [(id, True), *((other, False) for other in self.following[id])]
+        place = {node.id: number for number, node in enumerate(self.body.nodes)}
+        taken = set[str]()
+        for id in reversed(order):
+            pending_ids, circle = [id], list[str]()
+            while pending_ids:
+                other = pending_ids.pop()
+                if other not in taken:
+                    taken.add(other)
+                    circle.append(other)
+                    pending_ids += self.preceding[other]
+            if len(circle) > 1 or (circle and id in self.following[id]):
+                yield [self.nodes[one] for one in sorted(circle, key=place.__getitem__)]
+
 
 def graph(body: Body) -> Graph:
     """The graph of one scope."""
@@ -64,7 +104,12 @@ def graph(body: Body) -> Graph:
             following[node.id] += landings.get(link_of(node), ())
     for source, target in body.associations:
         following[source].append(target)
-    return Graph(body, {node.id: node for node in body.nodes}, {flow.id: flow for flow in body.flows}, following)
+    preceding: dict[str, list[str]] = {node.id: [] for node in body.nodes}
+    for source, targets in following.items():
+        for target in targets:
+            preceding[target].append(source)
+    nodes, flows = {node.id: node for node in body.nodes}, {flow.id: flow for flow in body.flows}
+    return Graph(body, nodes, flows, following, preceding)
 
 
 def is_event(node: FlowNode, place: str) -> bool:

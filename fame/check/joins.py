@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 
 from fame.bpmn.model import Activity, Event, FlowNode, Gateway, Task
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph
 from fame.check.subject import Subject, Unit
+
+_NEAREST = 10
+"""Parallel gateways before a join that are tried as the one whose branches it joins."""
 
 
 def join_findings(subject: Subject) -> Iterator[Finding]:
@@ -52,11 +56,15 @@ def _left_alone(unit: Unit, scope: Graph, join: FlowNode) -> Iterator[Finding]:
     """A parallel join of all branches of a parallel gateway, one of which a token may leave."""
     if not (isinstance(join, Gateway) and join.kind == "parallel"):
         return
-    for fork in scope.body.nodes:
-        if isinstance(fork, Gateway) and fork.kind == "parallel" and fork is not join:
-            for node in _leaving(scope, join, _branches(scope, fork, join)):
-                text = f"waits for all flows from {fork.label}, but a token may leave at {node.label}"
-                yield unit.finding("warning", f"{text}: then it waits for ever", join)
+    before = (scope.nodes[id] for id in scope.before(join.id))
+    forks = (node for node in before if isinstance(node, Gateway) and node.kind == "parallel" and node is not join)
+    for fork in islice((one for one in forks if len(one.outgoing) > 1), _NEAREST):
+        branches = _branches(scope, fork, join)
+        for node in _leaving(scope, join, branches):
+            text = f"waits for all flows from {fork.label}, but a token may leave at {node.label}"
+            yield unit.finding("warning", f"{text}: then it waits for ever", join)
+        if branches:
+            return
 
 
 def _branches(scope: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
@@ -71,25 +79,36 @@ def _branches(scope: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
 
 def _leaving(scope: Graph, join: FlowNode, branches: list[set[str]]) -> Iterator[FlowNode]:
     """Where a token of a branch may take a way from which it never gets to the join, and that ends nothing else."""
-    for branch in branches:
-        for node in scope.body.nodes:
-            ways = scope.following[node.id] if node.id in branch and _chooses(scope, node) else ()
-            onward = [scope.reach([way], set()) for way in ways]
-            past = [way for way in onward if join.id not in way]
-            if len(past) < len(onward) and any(not any(_acts(scope.nodes[id]) for id in way) for way in past):
-                yield node
+    choices = [scope.nodes[id] for branch in branches for id in branch if _chooses(scope, scope.nodes[id])]
+    for node in sorted(choices, key=lambda one: (one.line, one.id)):
+        ways = scope.following[node.id]
+        past = [way for way in ways if way != join.id and not _meets(scope, way, join)]
+        if len(past) < len(ways) and any(_is_quiet(scope, scope.reach([way], set())) for way in past):
+            yield node
+
+
+def _meets(scope: Graph, way: str, join: FlowNode) -> bool:
+    """Whether a token may get from a node to the join."""
+    near = scope.reach([way], {join.id})  # most ways do within a few steps: what is behind the join is not looked at
+    return any(join.id in scope.following[id] for id in near)
+
+
+def _is_quiet(scope: Graph, ids: set[str]) -> bool:
+    """Whether nothing there may end or tell what the other branches do."""
+    return not any(_acts(scope.nodes[id]) for id in ids)
 
 
 def _chooses(scope: Graph, node: FlowNode) -> bool:
     """Whether a token takes one of several ways on."""
     if isinstance(node, Gateway):
         return node.kind != "parallel"
-    boundary = (event for event in scope.body.nodes if isinstance(event, Event) and event.attached_to == node.id)
+    ways = (scope.nodes[id] for id in scope.following[node.id])
+    boundary = (way for way in ways if isinstance(way, Event) and way.place == "boundary")
     return any(event.interrupting for event in boundary) or any(flow.condition for flow in scope.leaving(node))
 
 
 def _acts(node: FlowNode) -> bool:
-    """Whether it may end or tell what the other branches do: an event with a result, a script that says something."""
+    """Whether it does something to others: an event with a result, a script that says something, a call."""
     if isinstance(node, Event):
         return bool(node.definitions) and node.place in ("throw", "end")
     if isinstance(node, Task) and node.kind == "script":

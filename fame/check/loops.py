@@ -36,19 +36,13 @@ def _may_be_ended(unit: Unit) -> bool:
 
 
 def _endless(unit: Unit, scope: Graph) -> Iterator[Finding]:
-    reaches = {node.id: scope.reach(scope.following[node.id], set()) for node in scope.body.nodes}
-    told: set[str] = set()
-    for node in scope.body.nodes:
-        loop = {id for id in reaches[node.id] if node.id in reaches[id]}
-        if not loop or node.id in told:
-            continue
-        told |= loop
-        members = [each for each in scope.body.nodes if each.id in loop]
-        closed = all(set(scope.following[each.id]) <= loop and not may_stop(scope, each) for each in members)
-        if closed and all(_passes(each) for each in members):
-            names = ", ".join(each.label for each in members[1:])
+    for circle in scope.circles():
+        inside = {node.id for node in circle}
+        closed = all(inside.issuperset(scope.following[node.id]) and not may_stop(scope, node) for node in circle)
+        if closed and all(_passes(node) for node in circle):
+            names = ", ".join(each.label for each in circle[1:])
             text = f"is in a loop{f' with {names}' if names else ''} that no flow leaves and where nothing waits"
-            yield unit.finding("warning", f"{text}: it goes round for ever", members[0])
+            yield unit.finding("warning", f"{text}: it goes round for ever", circle[0])
 
 
 def _passes(node: FlowNode) -> bool:

@@ -241,29 +241,47 @@ def _services(unit: Unit, sent: bool) -> Iterator[Finding]:
 
 
 def _alone(subject: Subject, team: Sequence[Subject]) -> Iterator[Finding]:
-    """Signals that only go out, or only come in. A warning where the file tells of all that is said and heard.
-
-    It does not where a pool is a black box, or a monitoring unit is at work, whose topics its configuration names; nor
-    if it is a part of a mission, of which others may not have been given.
-    """
-    units = [unit for one in team for unit in one.units]
-    public = {name: ends for name, ends in table(units).items() if not name.startswith("~/")}
-    pools = [pool for one in team for pool in one.definitions.participants]
-    nodes = (node for unit in units for node in unit.process.body.walk())
-    monitored = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
-    told = len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored
-    level: Level = "warning" if told else "note"
-    robots = {pool.label.casefold() for pool in pools}
+    """Signals that only go out, or only come in."""
+    public, level = public_topics(team), level_of(team)
     where = (subject.definitions.file or "the file") if len(team) == 1 else f"the {len(team)} files of the mission"
     for name, ends in public.items():
-        space = re.sub(r"_\d+$", "", name.split("/")[1].casefold())
         throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
         drawn = next((end for end in ends if end.topic is not None and end.unit in subject.units), None)
-        if drawn is None or (throws and catches) or (space in robots and name.count("/") > 1):
+        if drawn is None or (throws and catches):
             continue
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
         text = f"{does} {name}, which nobody in {where} {other}{_similar(name, ends, public)}"
         yield drawn.finding(level, text)
+
+
+def public_topics(team: Sequence[Subject]) -> Table:
+    """The topics by which the robots of a mission talk to each other: not those of their drivers."""
+    pools = [pool for one in team for pool in one.definitions.participants]
+    robots = {pool.label.casefold() for pool in pools}
+    return {
+        name: ends
+        for name, ends in table(unit for one in team for unit in one.units).items()
+        if not name.startswith("~/") and not (_space(name) in robots and name.count("/") > 1)
+    }
+
+
+def _space(name: str) -> str:
+    """The namespace of a topic, without the number of a robot of a multi-instance pool."""
+    return re.sub(r"_\d+$", "", name.split("/")[1].casefold())
+
+
+def level_of(team: Sequence[Subject]) -> Level:
+    """How grave it is that a topic lacks one of its ends: a warning where the file tells of all that is said and heard.
+
+    It does not where a pool is a black box, or a monitoring unit is at work, whose topics its configuration names; nor
+    if it is a part of a mission, of which others may not have been given.
+    """
+    pools = [pool for one in team for pool in one.definitions.participants]
+    nodes = (node for one in team for unit in one.units for node in unit.process.body.walk())
+    monitored = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
+    return (
+        "warning" if len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored else "note"
+    )
 
 
 def _similar(name: str, ends: Sequence[End], topics: Table) -> str:

@@ -11,12 +11,14 @@ from fame.bpmn.model import Definitions
 from fame.check.addressing import addressing_findings
 from fame.check.catching import catching_findings
 from fame.check.compiling import compiler_findings
+from fame.check.delivery import delivery_findings
 from fame.check.findings import Finding, arranged, of_error
 from fame.check.flow import flow_findings
 from fame.check.guidelines import guideline_findings
 from fame.check.joins import join_findings
 from fame.check.loops import loop_findings
 from fame.check.names import name_findings
+from fame.check.order import order_findings
 from fame.check.quirks import unfinished_findings
 from fame.check.recursion import recursion_findings
 from fame.check.script_mistakes import script_findings
@@ -65,6 +67,8 @@ def check(
         *timer_findings(about),
         *topic_findings(about, all_of_them),
         *addressing_findings(about),
+        *order_findings(about, all_of_them or [about]),
+        *delivery_findings(about, all_of_them or [about]),
         *name_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
         *script_findings(about),

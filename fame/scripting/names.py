@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import symtable
 from collections.abc import Iterator
+from functools import lru_cache
 
 from fame.bpmn.model import Expression
 from fame.scripting.interface import interface
@@ -13,6 +14,7 @@ from fame.scripting.languages import parse_expression
 from fame.scripting.python import parse_python
 
 
+@lru_cache(maxsize=1024)
 def script_names(expression: Expression, *, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
     """(reads, writes): the names that it takes from the variables, and those that it sets there.
 
@@ -41,6 +43,7 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
     return frozenset(reads - code - provided), frozenset(writes - code)
 
 
+@lru_cache(maxsize=1024)
 def code_names(script: Expression) -> frozenset[str]:
     """The functions, classes and modules that a script leaves for the scripts after it; ``*`` for all of a module.
 

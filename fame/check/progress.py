@@ -1,0 +1,132 @@
+"""How far tokens can get, given what is thrown: every token goes wherever it may.
+
+A catching event lets a token past once an element that is reached throws its topic. What is reached throws more, so the
+walk is repeated until nothing is added (a least fixed point). Whatever is left out of account (conditions, data, how
+often) only takes tokens further than they really get: what they do not reach here, they never reach.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from fame.bpmn.model import Body, CallActivity, Event, FlowNode, MessageDefinition, SignalDefinition, SubProcess
+from fame.bpmn.topics import topics_of
+from fame.check.graph import Graph, graph, is_event
+from fame.check.subject import Unit
+from fame.check.topics import Table
+from fame.engine.compiler import is_handler
+
+Passes = Callable[[FlowNode], bool]
+"""Whether a token may pass a node that waits for no topic."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """Where tokens of the process `root` wait for topics that nobody throws. `escape`: there is another way on."""
+
+    root: Unit
+    unit: Unit
+    node: FlowNode
+    topics: frozenset[str]
+    escape: bool
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far they get: the elements that are reached, the topics that are thrown, and where tokens wait."""
+
+    reached: set[tuple[Unit, str]] = field(default_factory=set)
+    thrown: set[str] = field(default_factory=set)
+    waits: list[Wait] = field(default_factory=list)
+
+
+def progress(roots: Iterable[Unit], topics: Table, passes: Passes = lambda node: True) -> Progress:
+    """How far the tokens of processes that begin by themselves get.
+
+    `topics` are those that are thrown by these processes alone; any other may come at any time.
+    """
+    roots = list(roots)
+    throws: dict[tuple[Unit, str], set[str]] = defaultdict(set)
+    for name, ends in topics.items():
+        for end in ends:
+            if end.throws:
+                throws[end.unit, end.node.id].add(name)
+    thrown: set[str] = set()
+    while True:
+        found = Progress(thrown=set(thrown))
+        for root in roots:
+            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).enter(root, root.process.body)
+        if found.thrown == thrown:
+            return found
+        thrown = found.thrown
+
+
+@dataclass(slots=True)
+class _Walk:
+    """One walk through a process and all that it calls."""
+
+    root: Unit
+    topics: Iterable[str]
+    throws: Mapping[tuple[Unit, str], set[str]]
+    passes: Passes
+    thrown: frozenset[str]
+    found: Progress
+    ended: dict[tuple[Unit, int], bool] = field(default_factory=dict)
+
+    def enter(self, unit: Unit, body: Body) -> bool:
+        """Walk through a body. Returns whether a token may get to its end."""
+        key = (unit, id(body))
+        if key in self.ended:
+            return self.ended[key]
+        self.ended[key] = False  # of a process that calls itself, until it is known
+        scope = graph(body)
+        pending = [*scope.beginnings(), *filter(is_handler, body.nodes)]
+        seen: set[str] = set()
+        while pending:
+            node = pending.pop()
+            if node.id not in seen:
+                seen.add(node.id)
+                ways = self._ways(unit, scope, node)
+                pending += ways
+                if not ways and not is_handler(node) and self._goes_on(unit, node):
+                    self.ended[key] = True
+        return self.ended[key]
+
+    def _ways(self, unit: Unit, scope: Graph, node: FlowNode) -> list[FlowNode]:
+        """Where a token may get to from a node that it has reached."""
+        self.found.reached.add((unit, node.id))
+        self.found.thrown |= self.throws.get((unit, node.id), set())
+        ways = [scope.nodes[id] for id in scope.following[node.id]]
+        boundary = [way for way in ways if is_event(way, "boundary")]
+        if self._goes_on(unit, node):
+            return ways
+        waited = self._waited(node)
+        if waited:
+            choice = [scope.nodes[scope.flows[flow].source] for flow in node.incoming]
+            escape = bool(boundary) or any(getattr(one, "kind", "") == "event" for one in choice)
+            inside = is_event(node, "start") and scope.body is not self.root.process.body
+            escape |= inside or is_event(node, "boundary")
+            self.found.waits.append(Wait(self.root, unit, node, waited, escape))
+        return boundary
+
+    def _goes_on(self, unit: Unit, node: FlowNode) -> bool:
+        """Whether a token may pass a node."""
+        waited = self._waited(node)
+        if not self.passes(node) or (waited and not waited & self.thrown):
+            return False
+        if isinstance(node, SubProcess):
+            return self.enter(unit, node.body) or node.kind == "adhoc"
+        if isinstance(node, CallActivity):
+            callee = next((callee for call, callee in unit.calls if call is node), None)
+            return callee is None or self.enter(callee, callee.process.body)
+        return True
+
+    def _waited(self, node: FlowNode) -> frozenset[str]:
+        """The topics one of which has to be thrown before a token passes; none if something else may let it pass."""
+        names = frozenset(topic.qualified for topic, throws in topics_of(node) if not throws)
+        others = isinstance(node, Event) and not all(
+            isinstance(one, SignalDefinition | MessageDefinition) for one in node.definitions
+        )
+        return frozenset() if others or not names <= set(self.topics) else names

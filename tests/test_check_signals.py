@@ -1,0 +1,126 @@
+"""What `fame check` says of who waits for whom: robots that wait for each other, signals too early or too many."""
+
+from __future__ import annotations
+
+import pytest
+from check_drawing import START, alone, catch, choice, ends, event, flow, flows, row, script, team, throw, timer, told
+
+PAUSE = timer("intermediateCatchEvent", "timeDuration", "PT5S")
+GATE = '<eventBasedGateway id="g"/>'
+
+
+def two(first: list[str], second: list[str]) -> tuple[str, str]:
+    """Two processes, each a row of elements."""
+    return row(*first), row(*second, mark="2")
+
+
+KEPT = "a signal is not kept, unless the catching event has a queue"
+WARNINGS = {
+    "two robots that wait for each other": (
+        two([catch("a"), throw("b", "found")], [catch("c", "found"), throw("d")]),
+        "a: waits for /done, but DINGO, which throws it, waits for /found before: they wait for each other",
+    ),
+    "a robot that waits for itself": (
+        two([catch("a"), throw("b")], [script("x = 1")]),
+        "a: waits for /done, which only REX itself throws, later: it waits for ever",
+    ),
+    "a robot that begins with what it throws later": (
+        (row(script("x = 1")), event("startEvent", "s2", "done") + throw("b") + ends("e2") + flows("s2 b e2")),
+        "s2: waits for /done, which only DINGO itself throws, later: it waits for ever",
+    ),
+    "a signal that comes before its catcher": (
+        two([throw("a")], [PAUSE, catch("c")]),
+        f"a: throws /done as the mission begins, before done can wait for it: {KEPT}",
+    ),
+    "the same by a script": (
+        two([throw("a")], [script("await sleep(1)"), catch("c")]),
+        f"a: throws /done as the mission begins, before done can wait for it: {KEPT}",
+    ),
+    "signals in the wrong order": (
+        two([throw("a"), throw("b", "found")], [catch("c", "found"), catch("d")]),
+        f"a: throws /done as the mission begins, before done can wait for it: {KEPT}",
+    ),
+    "a throw and then a catch of the same": (
+        two([throw("a"), script("x = 1"), catch("b")], [catch("c")]),
+        f"b: waits for /done, which only done throws, just before: {KEPT}",
+    ),
+    "a queue beyond the depth": (
+        two([script("await sleep(1)"), throw("a")], [catch("c", queue="101")]),
+        "c: keeps up to 101 messages of /done, but its qos.depth is 100: more of them at once get lost; "
+        "qos.depth=101 keeps them",
+    ),
+    "a queue beyond the depth that the throw has": (
+        two([script("await sleep(1)"), throw("a", qos_depth="5")], [catch("c", queue="6", qos_depth="10")]),
+        "c: keeps up to 6 messages of /done, but its qos.depth is 5: more of them at once get lost; "
+        "qos.depth=6 keeps them",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("contents", "expected"), WARNINGS.values(), ids=WARNINGS.keys())
+def test_it_is_a_warning(contents: tuple[str, str], expected: str) -> None:
+    assert expected in told(team(*contents), "warning")
+
+
+FINE = {
+    "a question and its answer": two([throw("a"), catch("b", "found")], [catch("c"), throw("d", "found")]),
+    "a wait with another way on": (
+        START + GATE + catch("a") + PAUSE + throw("b", "found") + ends("e", "f") + flows("s g a e", "g w b f"),
+        row(catch("c", "found"), throw("d"), mark="2"),
+    ),
+    "a choice that may throw first": (
+        START + choice("g", 'default="g-a"') + script("x = 1") + catch("a") + throw("b", "found") + ends("e")
+        + flows("s t g a b e") + flow("g", "b", "x > 1"),
+        row(catch("c", "found"), throw("d"), mark="2"),
+    ),
+    "a signal for which somebody waits at once": two([throw("a")], [script("x = 1"), catch("c")]),
+    "a signal that a queue keeps": two([throw("a")], [PAUSE, catch("c", queue="1")]),
+    "a signal that comes later": two([script("await sleep(9)"), throw("a")], [PAUSE, catch("c")]),
+    "a signal that is repeated": (
+        START + throw("a") + script("await sleep(1)") + flows("s a t a"), row(PAUSE, catch("c"), mark="2"),
+    ),
+    "a signal that starts another robot": (
+        row(throw("a")), event("startEvent", "s2", "done") + ends("e2") + flows("s2 e2"),
+    ),
+    "a wait that may be over at once": two([throw("a")], [script("await until(lambda: True)"), catch("c")]),
+    "a throw and a catch of what others throw too": two([throw("a"), catch("b")], [throw("c"), catch("d")]),
+    "a throw and a catch with a queue": two([throw("a"), catch("b", queue="1")], [catch("c")]),
+    "a throw and a catch after a pause": two([PAUSE.replace("w", "v", 1), throw("a"), script("await sleep(1)"),
+                                              catch("b", queue="1")], [catch("c")]),
+    "a queue as long as the depth": two([script("await sleep(1)"), throw("a")], [catch("c", queue="100")]),
+    "a queue of all": two(
+        [script("await sleep(1)"), throw("a", qos_history="keep_all")], [catch("c", queue="500")]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("contents", FINE.values(), ids=FINE.keys())
+def test_it_is_not_blamed(contents: tuple[str, str]) -> None:
+    assert told(team(*contents)) == []
+
+
+def test_robots_of_one_pool_may_answer_each_other() -> None:
+    text = team(row(throw("a"), catch("b")), row(catch("c"), mark="2"))
+    many = text.replace('processRef="P1"/>', 'processRef="P1"><participantMultiplicity minimum="2"/></participant>')
+    assert many != text
+    assert told(many) == []
+
+
+def test_it_is_a_note_where_others_may_throw_it() -> None:
+    text = alone(row(throw("a"), catch("b")))
+    assert told(text) == []
+    assert f"b: waits for /done, which only done throws, just before: {KEPT}" in told(text, "note")
+    waiting = alone(row(catch("a"), throw("b")))
+    assert told(waiting) == []
+    assert "a: waits for /done, which only P itself throws, later: it waits for ever" in told(waiting, "note")
+
+
+def test_a_script_that_computes_what_it_throws_may_throw_anything() -> None:
+    def texts(name: str) -> list[str]:
+        told_of = told(
+            team(*two([catch("a"), script(f"x = 'done'; signal({name})")], [catch("c", "found"), throw("d")]))
+        )
+        return [text for text in told_of if "each other" in text]
+
+    assert len(texts("'found'")) == 2
+    assert texts("x") == []
