@@ -129,6 +129,7 @@ def _may_pass_before(throw: FlowNode, node: FlowNode) -> bool:
 def _lasts(timer: TimerDefinition) -> bool:
     """Whether a timer takes its time for certain."""
     try:
-        return timer.kind == "duration" and parse_duration(timer.expression.text) != parse_duration("PT0S")
+        text = timer.expression.text if timer.expression is not None else "PT0S"
+        return timer.kind == "duration" and parse_duration(text) != parse_duration("PT0S")
     except ValueError:
         return False
