@@ -1,5 +1,6 @@
 # make demo    run the ground-vehicle mission, with a picture, a film and logs under out/
 # make test    run the tests
+# make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
@@ -15,7 +16,7 @@ ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_engine_processes.py \
 	test_ros.py test_ros_parameters.py test_ros_package.py test_gazebo.py)
 
-.PHONY: demo test test-ros lint clean
+.PHONY: demo test attack test-ros lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -24,6 +25,9 @@ demo: $(VENV)/sim.installed
 
 test: $(VENV)/dev.installed
 	$(BIN)/python -m pytest
+
+attack: $(VENV)/dev.installed
+	$(BIN)/python benchmarks/attack.py
 
 test-ros: $(ROS_PYTHON)
 	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install

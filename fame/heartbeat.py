@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from fame.processor_time import processor_alarm
+
 BUDGET = "__budget__"
 """The name of the budget in a script's builtins."""
 
@@ -40,18 +42,19 @@ def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[Non
     """End by the wall clock what the budget does not see: a step at work at three beats in a row, half of that apart.
 
     Acts in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
-    engine. With `last_resort` a process whose main thread hears no beat while it computes so long (s of processor time,
-    so that one which was stopped lives on) is killed by SIGVTALRM; where it was stands on stderr.
+    engine. With `last_resort` a process whose main thread hears no beat while it computes so long (s of its processor
+    time, so that one which was stopped lives on) is killed by SIGVTALRM; where it was stands on stderr.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     seen: tuple[FrameType, int] | None = None
     times = 0
+    arm = processor_alarm() if last_resort else lambda seconds: None
 
     def beat(_number: int, frame: FrameType | None) -> None:
         nonlocal seen, times
-        signal.setitimer(signal.ITIMER_VIRTUAL, last_resort)
+        arm(last_resort)
         script = script_frame(frame)
         now = (script, script.f_builtins[BUDGET].steps) if script is not None else None
         same = now is not None and seen is not None and now[0] is seen[0] and now[1] == seen[1]
@@ -62,12 +65,12 @@ def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[Non
     former = signal.signal(signal.SIGALRM, beat)
     if last_resort and sys.__stderr__ is not None:
         faulthandler.register(signal.SIGVTALRM, file=sys.__stderr__, chain=True)
-    signal.setitimer(signal.ITIMER_VIRTUAL, last_resort)
+    arm(last_resort)
     signal.setitimer(signal.ITIMER_REAL, seconds / 2, seconds / 2)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        arm(0)
         faulthandler.unregister(signal.SIGVTALRM)
         signal.signal(signal.SIGALRM, former)

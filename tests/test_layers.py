@@ -19,6 +19,7 @@ FLOORS = (
         "fame.iso8601",
         "fame.errors",
         "fame.heartbeat",
+        "fame.processor_time",
         "fame.lazy",
         "fame.purposes",
         "fame.documents",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
     from fame.node import Event
 
-STUCK = 20.0
+STUCK = 10.0
 """How long one call that nothing can interrupt may compute before it ends the engine (s of processor time)."""
 _OPEN = f"{OPEN}: give --trust FILE.pub, or --insecure to take what anybody sends"
 

@@ -1,0 +1,104 @@
+"""Attacks on live engines, on real processes over DDS on loopback: each line says whether it held.
+
+``python benchmarks/attack.py [NAME ...]`` makes all of them, or those that are named; exit code 1 if one had its
+effect. Each is a function of a `Field` (`attacks.field`), in a process and a DDS domain of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from attacks import deployment, engines, people
+from attacks.field import Fell, Field
+
+ATTACKS: tuple[Callable[[Field], None], ...] = (
+    engines.uninterruptible,  # the longest first
+    deployment.silent_other,
+    engines.large_model,
+    deployment.sender_dies,
+    deployment.bad_fields,
+    deployment.forged_birth,
+    deployment.forged_answers,
+    engines.blanks,
+    engines.computes_in_c,
+    engines.endless_feel,
+    engines.thread,
+    engines.full_disk,
+    engines.closed_pipe,
+    engines.garbage,
+    engines.large_tasks,
+    engines.large_samples,
+    people.odd_reports,
+    people.stopped_engine,
+    people.model_bomb,
+)
+PATIENCE = 100
+"""How long an attack may take (s)."""
+DOMAINS = 232
+
+
+def main() -> int:
+    """Make attacks, some at a time; the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(attack.__name__ for attack in ATTACKS))
+    parser.add_argument("--jobs", type=int, default=3, metavar="N", help="how many at a time (3)")
+    parser.add_argument("--here", type=int, metavar="DOMAIN", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    chosen = [attack for attack in ATTACKS if not arguments.names or attack.__name__ in arguments.names]
+    if not chosen or len(chosen) < len(set(arguments.names)):
+        parser.error("no such attack")
+    if arguments.here is not None:
+        return here(chosen[0], arguments.here)
+    begun = time.monotonic()
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        fell = sum(pool.map(apart, chosen, range(len(chosen))))
+    print(f"{len(chosen) - fell} held, {fell} fell, in {time.monotonic() - begun:.0f} s")
+    return min(fell, 1)
+
+
+def apart(attack: Callable[[Field], None], number: int) -> bool:
+    """Make one in a process of its own and print how it went; whether it had its effect."""
+    domain = 1 + (os.getpid() * 37 + number) % DOMAINS
+    command = [sys.executable, __file__, attack.__name__, "--here", str(domain)]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[1])}
+    begun = time.monotonic()
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        out, err = process.communicate(timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.terminate()  # its engines are its children, which it ends
+        out, err = process.communicate()
+        out = out or f"not over within {PATIENCE} s"
+    what = str(attack.__doc__).splitlines()[0]
+    reason = "" if process.returncode == 0 else out.strip() or err.strip()[-500:] or f"exit code {process.returncode}"
+    took = f"{time.monotonic() - begun:5.1f} s"
+    print(
+        f"{'fell' if reason else 'held'}  {took}  {attack.__name__:16} {what}{reason and f' >> {reason}'}", flush=True
+    )
+    return bool(reason)
+
+
+def here(attack: Callable[[Field], None], domain: int) -> int:
+    """Make one in this process; the exit code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its engines are ended
+    field = Field(domain)
+    try:
+        attack(field)
+    except Fell as effect:
+        print(effect)
+        return 1
+    finally:
+        field.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
