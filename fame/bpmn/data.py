@@ -166,6 +166,22 @@ def read_moves(context: Context, data: Mapping[str, str], variables: Mapping[str
     )
 
 
+def required_outputs(parts: Parts) -> tuple[str, ...]:
+    """The names of the data outputs of an activity that belong to each of its output sets, and are not optional."""
+    found: list[str] = []
+    for specification in parts.get("ioSpecification", ()):
+        sets = [_references(one, "dataOutputRefs") - _references(one, "optionalOutputRefs")
+                for one in children(specification, "outputSet")]  # fmt: skip
+        wanted = set.intersection(*sets) if sets else set()
+        names = [one.get("name", "") for one in children(specification, "dataOutput") if one.get("id") in wanted]
+        found += [name for name in names if is_name(name) and name != _PLACEHOLDER]
+    return tuple(found)
+
+
+def _references(element: Node, tag: str) -> set[str]:
+    return {text_of(one).strip() for one in children(element, tag)}
+
+
 def _copies(context: Context, variables: Mapping[str, str], associations: Iterable[Node]) -> Iterable[Assignment]:
     """From one variable to another, perhaps through a transformation; what has assignments says all by itself."""
     for association in associations:

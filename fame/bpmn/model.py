@@ -243,7 +243,7 @@ class FlowNode(Element):
 
     `incoming`, `outgoing`: ids of sequence flows, in document order. `data_inputs`, `data_outputs`: ids of the data
     objects that it reads when it starts and writes when it ends; `copies_in`, `copies_out`: what is moved then between
-    variables and its own data inputs and outputs.
+    variables and its own data inputs and outputs. `required`: its data outputs without which it has not ended well.
     """
 
     incoming: tuple[str, ...] = ()
@@ -252,6 +252,7 @@ class FlowNode(Element):
     data_outputs: tuple[str, ...] = ()
     copies_in: tuple[Assignment, ...] = ()
     copies_out: tuple[Assignment, ...] = ()
+    required: tuple[str, ...] = ()
 
 
 Place = Literal["start", "catch", "throw", "end", "boundary"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn.context import Context, boolean
-from fame.bpmn.data import Moves, read_moves
+from fame.bpmn.data import Moves, read_moves, required_outputs
 from fame.bpmn.dialects import extensions_of
 from fame.bpmn.dialects.extensions import Extensions
 from fame.bpmn.xml import Node, Parts, children, line_of, parts_of, text_of
@@ -82,6 +82,7 @@ def half_read(around: Surroundings, element: Node, wiring: Wiring) -> HalfRead:
         "data_outputs": moves.outputs,
         "copies_in": moves.copied_in,
         "copies_out": moves.copied_out,
+        "required": required_outputs(parts),
     }
     return HalfRead(context, around, element, parts, extensions_of(context, element), moves, common)
 

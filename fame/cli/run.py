@@ -75,7 +75,9 @@ def add(commands: Commands) -> None:
         "--semantics", choices=("standard", "original"),
         help="of interrupting event sub-processes; original: they suspend and resume",
     )  # fmt: skip
-    parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
+    parser.add_argument(
+        "--strict", action="store_true", help="an undefined name in a payload, and an output never set, are errors"
+    )
     parser.add_argument(
         "--log", action="append", default=[], type=Path, metavar="FILE",
         help="write the events to a new .jsonl, .csv or .xes file, in place of an old one; may be given several times",

@@ -47,6 +47,9 @@ def assign(engine: Engine, scope: Scope, node: Node) -> Node | None:
             value = source(variables)
             if value is not UNDEFINED:
                 variables[name] = value
+        for name in node.required:
+            if name not in variables:
+                engine.host.lacks(node.id, name)
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return None

@@ -246,13 +246,19 @@ class Wiring:
             first = self.compiler.node(element, activities.assign, self.file, part="/inputs")
             first.inputs = self.compiler.assignments(before, element, self.file)
             first.next, first.guard, self.entries[element.id] = node, node, first
-        if after and self.exits[element.id]:
+        required = self.required(element) if isinstance(element, model.Activity) else ()
+        if (after or required) and self.exits[element.id]:
             last = self.compiler.node(element, activities.assign, self.file, part="/outputs")
-            last.inputs = self.compiler.assignments(after, element, self.file)
+            last.inputs, last.required = self.compiler.assignments(after, element, self.file), required
             last.guard = node
             for exit in self.exits[element.id]:
                 exit.next = last
             self.exits[element.id] = [last]
+
+    def required(self, activity: model.Activity) -> tuple[str, ...]:
+        """The variables that an activity has to set: its own outputs, and those of the data objects it writes."""
+        objects = (self.objects[id] for id in activity.data_outputs if id in self.objects)
+        return tuple(dict.fromkeys([*activity.required, *(name for item in objects for name in item.names)]))
 
     def values(self, objects: Iterable[str]) -> list[tuple[str, model.Expression]]:
         """The assignments of data objects, by their ids; inner bodies see the objects of outer ones."""

@@ -72,6 +72,9 @@ class Host(Protocol):
     def report(self, element: str, text: str) -> None:
         """Something a person should know that stops nothing: a dropped trigger, an escalation nobody caught."""
 
+    def lacks(self, element: str, output: str) -> None:
+        """An activity has ended, and nothing has set an output that it declares. Raises NameError to let it fail."""
+
     def begun(self, instance: Any) -> None:
         """An instance begins."""
 

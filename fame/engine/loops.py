@@ -10,6 +10,7 @@ instance of a standard loop has none; ``loopCounter`` is known to its condition.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -90,10 +91,18 @@ def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int
         return values, len(values)
     if loop.cardinality is None:
         return None, 0
-    total = int(loop.cardinality(variables))
-    if total < 0:
-        raise ValueError(f"{total} instances: no or more would be right")
-    return None, total
+    return None, whole_number(loop.cardinality(variables))
+
+
+def whole_number(found: Any) -> int:
+    """The number of instances that a cardinality gives, also as a text. Raises ValueError for any other value."""
+    number = float(found) if isinstance(found, str) and found.strip().isdecimal() else found
+    try:
+        if not isinstance(number, bool) and number >= 0 and int(number) == number:
+            return int(number)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError(f"the cardinality is {reprlib.repr(found)}: a whole number from 0 on would be right")
 
 
 def begin_instance(engine: Engine, whole: Scope, node: Node) -> None:

@@ -79,6 +79,7 @@ class Node:
         self.loop: Any = None  # of a multi-instance activity or loop: how it repeats
 
     timer = variable = ""
+    required: tuple[str, ...] = ()  # variables that have to be set when an activity has ended
     to: Any = None  # of a message that is thrown: the robot that it is for, compiled
     keys: tuple[tuple[str, Any], ...] = ()  # what correlates a message: variable, expression over `msg`
     shares = True  # whether the variables of its body are chained to those outside

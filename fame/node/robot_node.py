@@ -97,6 +97,7 @@ class RobotNode:
         self.gaps = Gaps()
         self._timers = Timers(scheduler, epoch, self._fire)
         self._until, self._told_late = until, set[str]()
+        self._lacking: set[tuple[str, str]] = set()
         self._ends = Ends(self.node, mission.types, middleware, scheduler)
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
         self.scripts = Scripts(self, self._ends)
@@ -339,6 +340,14 @@ class RobotNode:
 
     def report(self, element: str, text: str) -> None:
         self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
+
+    def lacks(self, element: str, output: str) -> None:
+        text = f"has ended, and nothing has set its output {output}"
+        if self.strict:
+            raise NameError(text)
+        if (element, output) not in self._lacking:
+            self._lacking.add((element, output))
+            self.report(element, text)
 
     def ended(self, instance: Instance) -> None:
         """Say of a failed instance which robot it was, and the line of the script."""

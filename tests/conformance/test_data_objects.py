@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import pytest
 from conftest import Play
 from engine_models import (
     boundary,
     call,
     catch,
     element,
+    end,
     error,
+    flow,
+    gateway,
     model,
     path,
     process,
@@ -76,3 +80,26 @@ def test_a_call_with_shared_variables_assigns_its_input_data_there(play: Play) -
     called = process(start("t") + script("k", "y = x") + path("t k"), id="Q")
     content = data(x="4") + start() + call("c", "Q", READS.format("", "d")) + path("s c")
     assert play(model(content, called)).run().variables == {"x": 4, "y": 4}
+
+
+OUTPUT = (
+    '<ioSpecification><dataOutput id="o" name="y"/><dataOutput id="p" name="z"/><inputSet/><outputSet>'
+    "<dataOutputRefs>o</dataOutputRefs><dataOutputRefs>p</dataOutputRefs><optionalOutputRefs>p</optionalOutputRefs>"
+    "</outputSet></ioSpecification>"
+)
+
+
+@pytest.mark.parametrize(("content", "inside"), [("", OUTPUT), (data(y=""), WRITES.format("", "d"))])
+def test_an_output_that_nothing_has_set_is_reported_once(play: Play, content: str, inside: str) -> None:
+    activity = content + start() + script("a", "n = n + 1", inside) + gateway("exclusive", "g", default="g_a") + end()
+    flows = path("s a g a") + flow("g", "e", "n > 2")
+    run = play(activity + flows, {"n": 0}).run()
+    assert run.status == "completed"
+    assert run.reports == ["has ended, and nothing has set its output y"]
+    assert play(activity + flows, {"n": 0, "y": 1}).run().reports == []
+
+
+def test_with_strict_it_is_an_error_of_the_activity(play: Play) -> None:
+    content = start() + script("a", "n = 1", OUTPUT) + boundary("b", "a", error()) + path("s a")
+    assert play(content, strict=True).run().log == "s a a!script b =completed"
+    assert play(content.replace("n = 1", "y = 1"), strict=True).run().log == "s a =completed"

@@ -60,6 +60,20 @@ def test_it_runs_as_often_as_its_cardinality_says(play: Play, sequential: bool) 
     assert run.variables == {"n": 10}
 
 
+@pytest.mark.parametrize("text", ["2.5", "None", "-1", "'many'", "True", "1e400", "[3]"])
+def test_a_cardinality_that_is_no_number_of_instances_is_an_error(play: Play, text: str) -> None:
+    run = play(around(script("a", "pass", many(times(text))))).run()
+    assert run.instance.error is not None
+    assert (run.log, run.instance.error.element) == ("s =failed", "a")
+    shown = text.replace("1e400", "inf")
+    assert f"the cardinality is {shown}: a whole number from 0 on would be right" in run.instance.error.text
+
+
+@pytest.mark.parametrize("text", ["2.0", "'2'", "0 + 2"])
+def test_one_that_is_a_whole_number_in_another_form_counts(play: Play, text: str) -> None:
+    assert play(around(script("a", "pass", many(times(text))))).run().log == "s a a e =completed"
+
+
 def test_parallel_instances_run_beside_each_other(play: Play) -> None:
     run = play(around(user("a", many(times(3))))).run()
     assert run.waiting == ["a", "a", "a"]
