@@ -41,13 +41,15 @@ class Dialect:
 class Parser:
     """A walk over the tokens of one expression.
 
-    `names` collects the variables that it reads; `counts`: it has loops or calls, which count against the budget.
+    `names` collects the variables that it reads; `counts`: it has loops or calls, which count against the budget;
+    `after` is what becomes of the value, if it does not stay what it is.
     """
 
     def __init__(self, text: str, dialect: Dialect) -> None:
         self.dialect, self.names, self.counts = dialect, dict[str, None](), False
         self._tokens, self._index, self._depth = tokenize(text), 0, 0
         self._bound: list[str] = []
+        self.after: Callable[[Any], Any] | None = None
 
     def whole(self) -> Evaluate:
         """The expression that all of the text is. Raises ExpressionError."""
@@ -56,6 +58,7 @@ class Parser:
         evaluate = self.expression()
         if not self._at_end():
             raise self.unexpected("an operator or the end")
+        evaluate = evaluate if self.after is None else _then(evaluate, self.after)
         return metered(evaluate) if self.counts else evaluate
 
     def expression(self, power: int = 0) -> Evaluate:
@@ -201,6 +204,10 @@ class Parser:
         if self.dialect.undefined_is_null:
             return constant(None)
         raise ExpressionError(f"`{name}` cannot be called with these arguments", place)
+
+
+def _then(evaluate: Evaluate, after: Callable[[Any], Any]) -> Evaluate:
+    return lambda variables: after(evaluate(variables))
 
 
 def constant(value: Any) -> Evaluate:

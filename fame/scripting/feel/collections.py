@@ -170,6 +170,10 @@ def _get(context: Any, keys: Any) -> Any:
     return reduce(_get, plain(keys), context) if len(keys) else None
 
 
+def _entries(context: Any) -> list[dict[str, Any]]:
+    return [{"key": key, "value": value} for key, value in fields_of(context).items()]
+
+
 def _put(context: Any, keys: Any, value: Any) -> dict[str, Any]:
     """The context with another value under a key, or under a path of keys (DMN 1.5, table 81); null is an empty one."""
     first, *rest = plain(keys) if is_list(keys) else [keys]
@@ -232,9 +236,9 @@ COLLECTIONS = functions(
         "is empty(list: value)": _is_empty,
         "partition(list: list, size: number)": _partition,
         "get value(context: value, key: value)": _get,
-        "get entries(context: value)": lambda context: [
-            {"key": key, "value": value} for key, value in fields_of(context).items()
-        ],
+        "get value(m: value, key: value)": _get,
+        "get entries(context: value)": _entries,
+        "get entries(m: value)": _entries,
         "context put(context: any, key: value, value: any)": _put,
         "put(context: any, key: value, value: any)": _put,
         "context merge(contexts: list)": _merge,

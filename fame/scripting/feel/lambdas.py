@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from fame.scripting.data import Evaluate
@@ -12,20 +11,20 @@ from fame.scripting.grammar import Parser
 from fame.scripting.metering import spend
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Lambda:
-    """A function, with the variables that it sees."""
+    """A function, with the variables that it sees. It has no fields: nothing of it can be looked into."""
 
-    names: tuple[str, ...]
-    body: Evaluate
-    variables: Mapping[str, Any]
+    __slots__ = ("_body", "_variables", "names")
+
+    def __init__(self, names: tuple[str, ...], body: Evaluate, variables: Mapping[str, Any]) -> None:
+        self.names, self._body, self._variables = names, body, variables
 
     def apply(self, *values: Any) -> Any:
         """Its result. Raises TypeError for another number of arguments."""
         spend()
         if len(values) != len(self.names):
             raise TypeError(f"a function of {len(self.names)} arguments was given {len(values)}")
-        return self.body(scope(self.variables, dict(zip(self.names, values, strict=True))))
+        return self._body(scope(self._variables, dict(zip(self.names, values, strict=True))))
 
 
 def definition(parser: Parser) -> Evaluate:
@@ -36,8 +35,18 @@ def definition(parser: Parser) -> Evaluate:
         names.append(parser.name())
         if not parser.at(")"):
             parser.expect(",")
+    parser.after = _data
     body = parser.inside(names)
     return lambda variables: Lambda(tuple(names), body, variables)
+
+
+def _data(value: Any) -> Any:
+    """What leaves the expression: functions do not."""
+    if isinstance(value, dict):
+        return {key: _data(item) for key, item in value.items() if not isinstance(item, Lambda)}
+    if isinstance(value, list):
+        return [_data(item) for item in value]
+    return None if isinstance(value, Lambda) else value
 
 
 def invocation(parser: Parser, left: Evaluate) -> Evaluate:

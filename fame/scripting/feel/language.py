@@ -158,10 +158,14 @@ def _test(parser: Parser) -> Evaluate:
     return value if sign is None else lambda variables: Bound(_BOUNDS[sign], value(variables))
 
 
+_SECOND = {"time": "offset", "start": "included", "end": "included"}
+"""Properties of two words."""
+
+
 def _path(parser: Parser, left: Evaluate) -> Evaluate:
     name = parser.name()
-    if name == "time" and parser.take("offset"):
-        name = "time offset"
+    if name in _SECOND and parser.take(_SECOND[name]):
+        name = f"{name} {_SECOND[name]}"
     return lambda variables: field_of(left(variables), name)
 
 

@@ -26,11 +26,16 @@ def index_or_filter(parser: Parser, left: Evaluate) -> Evaluate:
         items = list(plain(value)) if is_list(value) else [] if value is None else [value]
         place = inner(_item_scope(variables, items[0] if items else None))
         if is_number(place):
-            place = int(place)
-            return items[place - 1 if place > 0 else place] if place and -len(items) <= place <= len(items) else None
+            return _at(items, place)
         return [item for item in items if inner(_item_scope(variables, item)) is True]
 
     return evaluate
+
+
+def _at(items: list[Any], place: Any) -> Any:
+    if not 1 <= abs(place) <= len(items):
+        return None
+    return items[int(place) - 1 if place > 0 else int(place)]
 
 
 def _item_scope(variables: Mapping[str, Any], item: Any) -> Variables:

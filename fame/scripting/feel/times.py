@@ -107,7 +107,9 @@ def moment(value: Any, *kinds: str) -> Moment:
 
 
 def told(value: Moment | Duration) -> Temporal:
-    """The text of a moment or duration."""
+    """The text of a moment or duration. Raises ValueError for one that is forward and back at once."""
+    if isinstance(value, Duration) and value.months * value.rest < 0:
+        raise ValueError("months and days of unlike signs are no duration")
     if isinstance(value, Duration) and (value.months or value.rest) < 0:
         return Temporal(f"-{-1 * value}")
     return Temporal(value)

@@ -80,6 +80,9 @@ def field_of(value: Any, name: str) -> Any:
         return [field_of(item, name) for item in value]
     if value.__class__ is Temporal:
         return property_of(value, name)
+    if isinstance(value, Range):
+        ends = {"start": value.low, "end": value.high}
+        return ends.get(name, {"start included": value.with_low, "end included": value.with_high}.get(name))
     try:
         return field(value, name)
     except Undefined:
@@ -94,7 +97,7 @@ def within(value: Any, test: Any) -> bool | None:
         return order(test.compare, value, test.value)
     if is_list(test):
         spend(len(test))
-        return (is_list(value) and equal(value, test)) or any(within(value, one) for one in test)
+        return (is_list(value) and equal(value, test)) or any(within(value, one) for one in plain(test))
     return equal(value, test)
 
 
