@@ -302,6 +302,8 @@ def test_feel_finds_no_python_behind_the_data_either() -> None:
         ("${}", "juel", "empty"),
         ("${x @ y}", "juel", "`@` was not expected"),
         ("${'abc}", "juel", "no closing brace"),
+        ("${round(1, 2, 3)}", "juel", r"`round` takes \(n, scale\?\)"),
+        ("${append()}", "juel", r"`append` takes \(list, items\.\.\.\)"),
         ("'abc", "feel", "text without an end"),
         ("if x then 1", "feel", "expected `else`"),
         ("substr(x)", "feel", "there is no function `substr` here; is it substring?"),

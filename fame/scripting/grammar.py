@@ -203,7 +203,8 @@ class Parser:
             return called(found[0], name, found[1], self.dialect.undefined_is_null)
         if self.dialect.undefined_is_null:
             return constant(None)
-        raise ExpressionError(f"`{name}` cannot be called with these arguments", place)
+        takes = " or ".join(map(str, self.dialect.functions[name]))
+        raise ExpressionError(f"`{name}` takes {takes}", place)
 
 
 def _then(evaluate: Evaluate, after: Callable[[Any], Any]) -> Evaluate:

@@ -43,6 +43,11 @@ class Function:
         fits = self.required <= len(values) and (self.rest or len(values) <= len(self.parameters))
         return values if fits else None
 
+    def __str__(self) -> str:
+        names = [name for name, _ in self.parameters]
+        names = names[: self.required] + [f"{name}?" for name in names[self.required :]]
+        return f"({', '.join(names)})" if not self.rest else f"({', '.join(names).rstrip('?')}...)"
+
     def types(self, count: int) -> list[str]:
         """The types of so many arguments."""
         types = [type for _, type in self.parameters]

@@ -7,7 +7,8 @@ types                              ``instance of``
 values, times                      what values are: comparisons; dates and durations
 functions                          the table of all functions, from the modules below
 numbers, texts, collections,       the functions, by what they are about; `patterns` are
-moments, ranges, patterns          the regular expressions of those about texts
+contexts, moments, ranges,         the regular expressions of those about texts
+patterns
 =================================  ==================================================
 """
 

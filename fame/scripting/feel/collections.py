@@ -1,4 +1,4 @@
-"""The functions of FEEL about lists and contexts, and about null."""
+"""The functions of FEEL about lists."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from functools import cmp_to_key, reduce
 from typing import Any
 
 from fame.scripting.arithmetic import product, quotient
-from fame.scripting.data import fields_of, is_list, is_number, plain
+from fame.scripting.data import is_list, is_number, plain
 from fame.scripting.feel.lambdas import Lambda
-from fame.scripting.feel.values import equal, field_of, identity, order
+from fame.scripting.feel.values import equal, identity, order
 from fame.scripting.metering import spend
 from fame.scripting.signatures import functions
 
@@ -160,47 +160,6 @@ def _is_empty(value: Any) -> bool:
     return len(value) == 0
 
 
-# ---- contexts --------------------------------------------------------------------------------------------------------
-
-
-def _get(context: Any, keys: Any) -> Any:
-    """The entry at a key, or at a path of keys."""
-    if not is_list(keys):
-        return None if is_list(context) else field_of(context, keys)
-    return reduce(_get, plain(keys), context) if len(keys) else None
-
-
-def _entries(context: Any) -> list[dict[str, Any]]:
-    return [{"key": key, "value": value} for key, value in fields_of(context).items()]
-
-
-def _put(context: Any, keys: Any, value: Any) -> dict[str, Any]:
-    """The context with another value under a key, or under a path of keys (DMN 1.5, table 81); null is an empty one."""
-    first, *rest = plain(keys) if is_list(keys) else [keys]
-    entries = fields_of(context)
-    if not isinstance(first, str):
-        raise TypeError(f"{first!r} is no key")
-    return {**entries, first: _put(entries.get(first), rest, value) if rest else value}
-
-
-def _merge(contexts: list[Any]) -> dict[str, Any]:
-    return {key: value for context in contexts for key, value in fields_of(context).items()}
-
-
-def _made(entries: list[Any]) -> dict[str, Any]:
-    """Of a list of contexts with `key` and `value`."""
-    found = {entry["key"]: entry["value"] for entry in map(fields_of, entries)}
-    if not all(isinstance(key, str) for key in found):
-        raise TypeError("a key is no text")
-    return found
-
-
-def _assert(value: Any, condition: Any, cause: Any = "the condition is not met") -> Any:
-    if condition is not True:
-        raise AssertionError(str(cause))
-    return value
-
-
 _ANY_OF_ALL: dict[str, Callable[..., Any]] = {"all": _all, "and": _all, "any": _any, "or": _any}
 _OF_NUMBERS: dict[str, Callable[[list[Any]], Any]] = {
     "sum": sum,
@@ -235,18 +194,6 @@ COLLECTIONS = functions(
         "string join(list: list, delimiter?: any, prefix?: any, suffix?: any)": _join,
         "is empty(list: value)": _is_empty,
         "partition(list: list, size: number)": _partition,
-        "get value(context: value, key: value)": _get,
-        "get value(m: value, key: value)": _get,
-        "get entries(context: value)": _entries,
-        "get entries(m: value)": _entries,
-        "context put(context: any, key: value, value: any)": _put,
-        "put(context: any, key: value, value: any)": _put,
-        "context merge(contexts: list)": _merge,
-        "put all(contexts...: value)": lambda *contexts: _merge(_items(contexts)),
-        "context(entries: list)": _made,
-        "is defined(value: any)": lambda value: value is not None,
-        "get or else(value: any, default: any)": lambda value, default: default if value is None else value,
-        "assert(value: any, condition: any, cause?: any)": _assert,
     }
 )
 """Name -> its signatures."""

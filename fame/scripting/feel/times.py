@@ -29,6 +29,9 @@ _DATE = r"(?P<date>\d{4}-\d\d-\d\d)"
 _TIME = r"T?(?P<time>\d\d:\d\d(?::\d\d(?:\.\d{1,30})?)?)"
 _ZONE = r"(?P<offset>Z|[+-]\d\d:\d\d(?::\d\d)?)?(?:@(?P<named>[\w/+-]+)|\[(?P<bracketed>[\w/+-]+)\])?"
 _MOMENT = re.compile(rf"(?:{_DATE}(?=T|$))?(?:{_TIME}{_ZONE})?")
+_LONGEST = 10**15
+"""Years or days of a duration."""
+
 _SUMS = (operator.add, operator.sub)
 _ONLY_MONTHS = re.compile(r"P[0-9YM]+")
 
@@ -107,12 +110,12 @@ def moment(value: Any, *kinds: str) -> Moment:
 
 
 def told(value: Moment | Duration) -> Temporal:
-    """The text of a moment or duration. Raises ValueError for one that is forward and back at once."""
-    if isinstance(value, Duration) and value.months * value.rest < 0:
-        raise ValueError("months and days of unlike signs are no duration")
-    if isinstance(value, Duration) and (value.months or value.rest) < 0:
-        return Temporal(f"-{-1 * value}")
-    return Temporal(value)
+    """The text of a moment or duration. Raises ValueError for one that no text has: too long, or forward and back."""
+    if not isinstance(value, Duration):
+        return Temporal(value)
+    if value.months * value.rest < 0 or abs(value.months) >= _LONGEST * 12 or abs(value.rest) >= _LONGEST * DAY:
+        raise ValueError("no text has this duration")
+    return Temporal(f"-{-1 * value}" if (value.months or value.rest) < 0 else value)
 
 
 def kind_of(value: Any) -> str:
