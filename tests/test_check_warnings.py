@@ -282,7 +282,20 @@ def test_a_language_that_is_not_installed_is_a_warning(monkeypatch: pytest.Monke
     assert told(alone(row(script("next()", format="javascript")))) == [expected]
 
 
+HEAR = script("node.createSubscription('std_msgs/msg/Bool', 'go', () => {}); next()", format="javascript")
+ROUND = choice("g") + flow("g", "s1", "more") + flow("g", "e") + flows("s s1 t g")
+AGAIN = "t: subscribes anew each time round: end the subscription before with node.destroySubscription(...)"
+
 NOTES = {
+    "a subscription that is made in a loop": (
+        START + script("more = False", "s1") + HEAR + ends("e") + ROUND, AGAIN
+    ),
+    "a subscription that is made in a task that repeats": (
+        row(HEAR.replace("</scriptTask>", "<standardLoopCharacteristics/></scriptTask>")), AGAIN
+    ),
+    "a subscription that is made in a sub-process that repeats": (
+        row(f'<subProcess id="p">{row(HEAR, mark="2")}<standardLoopCharacteristics/></subProcess>'), AGAIN
+    ),
     "a script task without a script": (row('<scriptTask id="t"/>'), "t: has no script: it completes at once"),
     "a plain task": (row('<task id="t"/>'), "t: a plain task does nothing: it completes at once"),
     "a user task": (
@@ -402,6 +415,11 @@ FINE = {
     "a time that is an expression": row(script("v = 'PT1S'"), timer("intermediateCatchEvent", "timeDuration", "${v}")),
     "a type on one event alone": row(throw("a", payload="true"), catch("b", type=BOOL)),
     "a script that takes a topic as it is": row(script('x = robot.latest("odom")')),
+    "a subscription that is made once": row(HEAR),
+    "a subscription that another script destroys": (
+        START + script("node.destroySubscription(s); next()", "s1", "javascript") + HEAR + ends("e")
+        + choice("g", 'default="g-e"') + flow("g", "s1", "True") + flows("s s1 t g", "g e")
+    ),
     "a script that hides a builtin": row(catch("a", "found"), script("range = 3")),
 }  # fmt: skip
 

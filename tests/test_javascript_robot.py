@@ -10,6 +10,7 @@ from javascript_models import Peer, definitions, error_of, flows, run, simulate,
 import fame
 from fame.bpmn.model import Expression
 from fame.scripting import script_topics
+from fame.scripting.javascript import values
 
 NODE = "const node = this.environment.variables.ros_node; "
 VECTOR = "geometry_msgs/msg/Vector3"
@@ -304,6 +305,16 @@ def test_a_callback_runs_until_another_script_destroys_its_subscription() -> Non
     simulation = simulate(COUNT, "setTimeout(next, 3500)", destroy, "setTimeout(next, 3000)")
     Peer(simulation).say("odom", ODOMETRY, *odometry(*range(8)))
     assert simulation.run().instances[0].variables == {"count": 3}
+
+
+def test_a_message_is_put_into_text_once_for_all_subscriptions(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Any] = []
+    monkeypatch.setattr(values, "encode", lambda value, encode=values.encode: told.append(value) or encode(value))
+    simulation = simulate("this.environment.variables.count = 0; next()", *[COUNT.replace("v.count = 0;", "")] * 5,
+                          "setTimeout(next, 3500)")  # fmt: skip
+    Peer(simulation).say("odom", ODOMETRY, *odometry(*range(8)))
+    assert simulation.run().instances[0].variables == {"count": 15}
+    assert len([value for value in told if hasattr(value, "__msgtype__")]) == 3
 
 
 def test_callbacks_and_timers_end_with_their_process() -> None:

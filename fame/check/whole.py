@@ -25,6 +25,7 @@ from fame.check.script_mistakes import script_findings
 from fame.check.slips import slip_findings
 from fame.check.start_end import start_end_findings
 from fame.check.subject import Subject, subject
+from fame.check.subscriptions import subscription_findings
 from fame.check.timers import timer_findings
 from fame.check.topics import topic_findings, types_of
 from fame.check.variables import variable_findings
@@ -75,6 +76,7 @@ def check(
         *slip_findings(about),
         *guideline_findings(about),
         *unfinished_findings(about),
+        *subscription_findings(about),
     ]
     told = (finding for finding in found if finding.level != "note" or finding.file == definitions.file)
     return arranged(told, [definitions.file, *(unit.home.file for unit in about.units)])

@@ -59,7 +59,7 @@ def subscribe(realm: Realm, run: Run, number: int, type: str, topic: str) -> Non
 
     def hand_over() -> None:
         if queue.messages:
-            realm.call_back(number, encode(queue.messages.popleft()), again=True)
+            realm.call_back(number, realm.robot.encoded(queue.messages.popleft()), again=True)
 
     queue.waiting[partial(realm.robot.scheduler.soon, hand_over, Kind.MESSAGE)] = None
     realm.expect(number, run, lambda: _silence(queue))

@@ -37,7 +37,7 @@ from fame.scripting.javascript.orders import carry_out
 from fame.scripting.javascript.run import Run, Suspended
 from fame.scripting.javascript.source import Script
 from fame.scripting.javascript.surroundings import REALM, Surroundings
-from fame.scripting.javascript.values import decode, encode
+from fame.scripting.javascript.values import Digits, decode, encode
 
 _PROMISING = frozenset(
     {"Function", "Promise", "async", "constructor", "eval", "fromAsync", "import", "queueMicrotask", "waitForService"}
@@ -76,6 +76,7 @@ class Realm:
         self._react = self._context.execute_pending_job
         self._loaded: dict[Script, Any] = {}
         self._environments: dict[int, Environment] = {}
+        self._digits = Digits()
         self._runs: dict[int, Run] = {}
         self._expected: dict[int, tuple[Run, Callable[[], object]]] = {}
         self._reacts, self._instant, self._calls = False, -1, 0
@@ -198,6 +199,9 @@ class Realm:
         for name in kept:
             with suppress(ValueError):  # it is of another realm
                 self._keep(environment.shown, name, environment.variables[name])
+        for text in (changes, given):
+            if text.__class__ is str:
+                self._digits.learn(text)
         robot = self.surroundings
         time = robot.epoch + robot.scheduler.now / 1e6 if robot is not None else 0.0
         try:
@@ -233,6 +237,7 @@ class Realm:
         try:
             for text in texts:
                 said = decode(text) if text.__class__ is str and text else {}
+                said = self._digits.restored(said, {"set": environment.variables})
                 environment.read_back(said, self._kept)
                 if "number" in said:
                     outcome = self._learn(script, environment, said, outcome.error)

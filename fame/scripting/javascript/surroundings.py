@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import Scheduler
 from fame.scripting.inbox import Inbox
+from fame.scripting.javascript.values import Encoded
 
 if TYPE_CHECKING:
     from fame.scripting.javascript.realm import Realm
@@ -34,6 +35,7 @@ class Surroundings:
     failed     (variables, element, error): a callback of a script that is over has failed
     alive      (variables): whether they are those of a scope that still is
     realms     those that are open; `numbers` count all there have been
+    encoded    the text of a message for all its subscriptions
     """
 
     name: str
@@ -50,6 +52,7 @@ class Surroundings:
     alive: Callable[[dict[str, Any]], bool]
     realms: list[Realm] = field(default_factory=list)
     numbers: Iterator[int] = field(default_factory=count)
+    encoded: Encoded = field(default_factory=Encoded)
 
     def sweep(self) -> None:
         """A process instance has ended: end the realms whose variables are no longer in use."""

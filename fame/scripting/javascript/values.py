@@ -6,6 +6,8 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from decimal import Decimal
+from itertools import zip_longest
 from typing import Any
 
 ATOMS = frozenset({int, float, str, bool, type(None)})
@@ -14,6 +16,68 @@ ATOMS = frozenset({int, float, str, bool, type(None)})
 _SPECIAL = "\0"
 _SPELLED = {math.inf: "Infinity", -math.inf: "-Infinity"}
 _HIDDEN = re.compile(r"NaN|-?Infinity|-?[0-9]{1,400}n")
+
+
+_WHOLE = 2**53
+"""Whole numbers up to here are exact in JavaScript."""
+
+_FAR = 10**300
+_LARGE = re.compile(r"(?<![\d.])-?[1-9][0-9]{15,299}(?![\d.eE])")
+_REMEMBERED = 1000
+
+
+class Digits:
+    """The digits of large whole numbers, which a number of JavaScript has not: what was told comes back as it was."""
+
+    __slots__ = ("_told",)
+
+    def __init__(self) -> None:
+        self._told: dict[float, int] = {}
+
+    def learn(self, text: str) -> None:
+        """JavaScript is told this text."""
+        for found in _LARGE.findall(text):
+            if abs(number := int(found)) > _WHOLE:
+                self._told[float(number)] = number
+        while len(self._told) > _REMEMBERED:
+            del self._told[next(iter(self._told))]
+
+    def restored(self, value: Any, before: Any) -> Any:
+        """What JavaScript said, with those digits: of the value that stood there `before`, else of the last such."""
+        return self._restored(value, before) if self._told else value
+
+    def _restored(self, value: Any, before: Any) -> Any:
+        if value.__class__ is dict:
+            named = before if isinstance(before, dict) else {}
+            return {name: self._restored(item, named.get(name)) for name, item in value.items()}
+        if value.__class__ is list:
+            listed = before[: len(value)] if isinstance(before, list) else []
+            return [self._restored(item, old) for item, old in zip_longest(value, listed)]
+        if value.__class__ not in (int, float) or not _WHOLE < abs(value) < _FAR or not _is_rounded(value):
+            return value
+        if before.__class__ is int and abs(before) < _FAR and float(before) == float(value):
+            return before
+        return self._told.get(float(value), value)
+
+
+def _is_rounded(value: float) -> bool:
+    """Whether it has the digits that a number of JavaScript shows; a BigInt has all of its own."""
+    return value == Decimal(repr(float(value)))
+
+
+class Encoded:
+    """The text of the last value that was asked for: a message is told to all its subscriptions in a row."""
+
+    __slots__ = ("_text", "_value")
+
+    def __init__(self) -> None:
+        self._value: Any = self
+        self._text = ""
+
+    def __call__(self, value: Any) -> str:
+        if value is not self._value:
+            self._value, self._text = value, encode(value)
+        return self._text
 
 
 def encode(value: Any) -> str:

@@ -24,13 +24,18 @@ _NODES = ("ros_node", "node")
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """`open`: it may read and set other variables too. `next`: it names next. `node`: it says node for ros_node."""
+    """`open`: it may read and set other variables too. `next`: it names next. `node`: it says node for ros_node.
+
+    `subscribes`, `destroys`: it makes a subscription, ends one.
+    """
 
     reads: frozenset[str]
     writes: frozenset[str]
     open: bool
     next: bool
     node: bool
+    subscribes: bool
+    destroys: bool
 
 
 def words_of(text: str) -> Words:
@@ -67,6 +72,8 @@ def words_of(text: str) -> Words:
         is_open,
         re.search(r"\bnext\b", code) is not None,
         said_node,
+        "createSubscription" in code,
+        "destroySubscription" in code,
     )
 
 
