@@ -89,6 +89,18 @@ def test_all_faults_are_told_at_once_and_the_first_of_them_refuses_a_run() -> No
         fame.Simulation(definitions)
 
 
+def test_nothing_doubtful_is_said_of_an_element_that_has_a_fault() -> None:
+    condition = '<conditionExpression language="groovy">q</conditionExpression></sequenceFlow>'
+    text = process(
+        f"""<startEvent id="s"/><exclusiveGateway id="g"/><userTask id="a"/><scriptTask id="b" scriptFormat="ruby">
+        <script>x</script></scriptTask><sequenceFlow id="f" sourceRef="s" targetRef="g"/>
+        <sequenceFlow id="x" sourceRef="g" targetRef="a">{condition}
+        <sequenceFlow id="y" sourceRef="g" targetRef="b">{condition}"""
+    )
+    found = [(finding.level, finding.element) for finding in check(read_text(text))]
+    assert [pair for pair in found if pair[1] in "xyb"] == [("error", "b"), ("error", "x"), ("error", "y")]
+
+
 # ---- names -----------------------------------------------------------------------------------------------------------
 
 

@@ -78,8 +78,18 @@ def check(
         *unfinished_findings(about),
         *subscription_findings(about),
     ]
-    told = (finding for finding in found if finding.level != "note" or finding.file == definitions.file)
-    return arranged(told, [definitions.file, *(unit.home.file for unit in about.units)])
+    return arranged(_told(about, found), [definitions.file, *(unit.home.file for unit in about.units)])
+
+
+def _told(about: Subject, found: Iterable[Finding]) -> Iterator[Finding]:
+    """All errors, and what is doubtful; not of an element with a fault, since the model has half of it, and of other
+    files no notes."""
+    faulty = {(unit.home.file, fault.element) for unit in about.units for fault in unit.process.faults}
+    for finding in found:
+        whole = (finding.file, finding.element) not in faulty
+        here = finding.level == "warning" or finding.file == about.definitions.file
+        if finding.level == "error" or (whole and here):
+            yield finding
 
 
 def parts_of_one_mission(files: Iterable[Definitions]) -> list[list[Definitions]]:
