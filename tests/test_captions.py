@@ -18,9 +18,9 @@ SIGNAL, TIMER = (
 )
 
 
-def told(content: str, until: float = 10.0) -> list[str]:
-    """The captions of a run of a process, one after the other."""
-    definitions = read_text(process(content, SIGNALS), file="caption.bpmn")
+def told(content: str, until: float = 10.0, beside: str = "") -> list[str]:
+    """The captions of a run of a process, one after the other; others stand `beside` it."""
+    definitions = read_text(process(content, SIGNALS + beside), file="caption.bpmn")
     captions = Captions([definitions], {"REX": definitions.processes[0]})
     fame.Simulation(definitions, observer=captions.add, robot="REX").run(until)
     return [text for _, robot, text in captions.labels if robot == "REX"]
@@ -79,5 +79,18 @@ def test_what_goes_on_in_an_activity_stands_after_its_name() -> None:
     ]
 
 
+def test_what_a_called_process_waits_for_is_not_told_but_what_it_does() -> None:
+    task = '<scriptTask id="u" name="Steer"><script>await sleep(1)</script></scriptTask>'
+    inside = f'<startEvent id="i"/>{task}{catch("c", "odom", SIGNAL.format("go"))}{chain("i", "u", "c")}'
+    called = f'<process id="GoTo">{inside}</process>'
+    call = '<callActivity id="t" name="Go To" calledElement="GoTo"/>'
+    assert told(f"{START}{call}{chain('s', 't')}", beside=called) == ["Go To", "Go To: Steer"]
+
+
 def test_at_the_end_it_says_how_it_ended() -> None:
     assert told(f'{START}<task id="t" name="Look"/>{chain("s", "t")}') == ["Look", "(completed)"]
+
+
+def test_a_process_that_can_start_again_says_at_the_end_what_it_waits_for() -> None:
+    start = f'<startEvent id="s" name="0.5 s">{TIMER.format(0.5)}</startEvent>'
+    assert told(f'{start}<task id="t" name="Look"/>{chain("s", "t")}')[-1] == "(completed), waits: 0.5 s"

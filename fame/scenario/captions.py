@@ -9,7 +9,6 @@ from typing import NamedTuple
 from fame.bpmn.model import (
     Activity,
     Body,
-    CallActivity,
     Definitions,
     FlowNode,
     Gateway,
@@ -41,7 +40,8 @@ class _Phrase(NamedTuple):
 class Captions:
     """What each robot's process is at, told from events: its outermost activity, and what it does or waits for in it.
 
-    `cast` are the processes of the robots, by name: until one starts, it says what it waits for.
+    `cast` are the processes of the robots, by name: until one starts, it says what it waits for. What a called process
+    waits for is not told: a robot that goes somewhere waits for its odometry all the time.
     """
 
     def __init__(self, files: Sequence[Definitions], cast: Mapping[str, Process]) -> None:
@@ -50,12 +50,14 @@ class Captions:
             for file in reversed(files)
             for process in file.processes
             for id, phrase in _phrases(process.body)
+            if phrase.rank is not _Rank.WAIT or process in cast.values()
         }
+        self._starts = {robot: _start(process) for robot, process in cast.items()}
         self._active: dict[str, dict[tuple[int, int, str], None]] = {}
         self.now: dict[str, str] = {}
         self.labels: list[tuple[float, str, str]] = []
-        for robot, process in cast.items():
-            self._say(0, robot, _start(process))
+        for robot, text in self._starts.items():
+            self._say(0, robot, text)
 
     def add(self, event: Event) -> None:
         """Take note of an event."""
@@ -69,7 +71,8 @@ class Captions:
             for other in [other for other in active if other[0] == event.instance]:
                 del active[other]
             if not active:
-                self._say(event.time, event.robot, f"({event.detail})")
+                again = self._starts.get(event.robot)
+                self._say(event.time, event.robot, f"({event.detail})" + (f", {again}" if again else ""))
         else:
             return
         if active:
@@ -106,7 +109,7 @@ def _phrases(body: Body) -> Iterator[tuple[str, _Phrase]]:
 
 def _phrase(node: FlowNode, targets: Sequence[FlowNode]) -> _Phrase | None:
     match node:
-        case SubProcess() | CallActivity():
+        case SubProcess():
             return _Phrase(_Rank.CONTAINER, node.label)
         case Task(kind="user" | "manual"):
             return _Phrase(_Rank.TASK, f"{node.label}, waits for somebody")
