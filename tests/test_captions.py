@@ -22,7 +22,7 @@ def told(content: str, until: float = 10.0, beside: str = "") -> list[str]:
     """The captions of a run of a process, one after the other; others stand `beside` it."""
     definitions = read_text(process(content, SIGNALS + beside), file="caption.bpmn")
     captions = Captions([definitions], {"REX": definitions.processes[0]})
-    fame.Simulation(definitions, observer=captions.add, robot="REX").run(until)
+    fame.Simulation(definitions, "P", observer=captions.add, robot="REX").run(until)
     return [text for _, robot, text in captions.labels if robot == "REX"]
 
 
@@ -84,7 +84,7 @@ def test_what_a_called_process_waits_for_is_not_told_but_what_it_does() -> None:
     inside = f'<startEvent id="i"/>{task}{catch("c", "odom", SIGNAL.format("go"))}{chain("i", "u", "c")}'
     called = f'<process id="GoTo">{inside}</process>'
     call = '<callActivity id="t" name="Go To" calledElement="GoTo"/>'
-    assert told(f"{START}{call}{chain('s', 't')}", beside=called) == ["Go To", "Go To: Steer"]
+    assert told(f"{START}{call}{chain('s', 't')}", beside=called) == ["Go To", "Go To: Steer", "Go To"]
 
 
 def test_at_the_end_it_says_how_it_ended() -> None:
