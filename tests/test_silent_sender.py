@@ -239,6 +239,19 @@ def test_what_runs_is_suspended_in_the_safe_state_while_the_robot_holds_and_goes
     assert field.variables("B")["ticks"] > ticks
 
 
+def test_what_runs_is_not_touched_where_the_others_answer_at_once():
+    field = Field("A", "B")
+    for name in "AB":
+        field.send(name, DRIVES.replace("globals().get", "{**globals()}.get"))
+    field.pass_time(1)
+    dead = made(field, TEAM, "d1", 1)
+    for standing in dead.standings.values():
+        field.send(standing.robot, standing.envelope.to_json())
+    field.pass_time(10)
+    assert [report.answer for report in field.said if report.answer][-2:] == ["aborted", "aborted"]
+    assert [field.variables(name)["begun"] for name in "AB"] == [1, 1]
+
+
 def test_the_safe_state_is_taken_up_when_the_robot_begins_to_hold():
     field = Field()
     safe = [("stopped", "std_msgs/msg/Empty", {})]
@@ -253,5 +266,5 @@ def test_the_safe_state_is_taken_up_when_the_robot_begins_to_hold():
     field.send("A", replace(envelope, promises={}).to_json())
     field.pass_time(4)
     assert (field.engines["A"].state, len(stops)) == ("ready", 0)
-    field.pass_time(2)
+    field.pass_time(3)
     assert (field.engines["A"].state, len(stops)) == ("holding", 1)

@@ -93,6 +93,9 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
         counts = ", ".join(str(count) for count in wait.get("topics", {}).values())
         yield (*head, wait.get("element", ""), since, wait.get("for", ""), counts)
         head = ("", "", "", "")
+    if report.state == "holding":
+        yield (*head, "", "", f"its sender and the others for {report.candidate}; fame abort {robot} ends that", "")
+        head = ("", "", "", "")
     if report.offers:
         yield (*head, "", "", f"fame activate {robot}: {', '.join(report.offers)}", "")
     elif head[0]:

@@ -51,13 +51,13 @@ class Aborting:
         report = self._voice.hear(message.data)
         if report is None:
             return
-        if self._next is None:
+        if self._deployment and report.deployment == self._deployment and report.answer in ("aborted", "refused"):
+            self._end(report.answer, report.reason)
+        elif not report.candidate:
+            self._end("aborted" if self._deployment else "idle", "")
+        elif self._next is None:
             self._deployment = report.candidate
             self._say(report)
-        elif report.deployment == self._deployment and report.answer in ("aborted", "refused"):
-            self._end(report.answer, report.reason)
-        if not report.candidate:
-            self._end("aborted" if self._deployment else "idle", "")
 
     def _say(self, report: Report) -> None:
         envelope = Envelope(deployment=self._deployment, sequence=0, robot=self._robot, phase="abort")

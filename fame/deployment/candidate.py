@@ -53,7 +53,7 @@ class Robot(Protocol):
 
     def drop(self, answer: str, reason: str) -> None: ...
 
-    def hold(self, candidate: Candidate, again: bool) -> None: ...
+    def hold(self, candidate: Candidate, first: bool) -> None: ...
 
     def report(self, candidate: Candidate) -> None: ...
 
@@ -76,6 +76,7 @@ class Candidate:
         self._next: Entry | None = None
         self._inquiry: Inquiry | None = None
         self.commit: Ready | None = None  # once it is ready
+        self._held = False
 
     @property
     def deployment(self) -> str:
@@ -132,13 +133,17 @@ class Candidate:
                 self._robot.drop("aborted", reason)
 
     def _ask(self) -> None:
+        """Others that are there answer at once, so that only who asks again has to hold."""
         again = self._inquiry is not None
         if self._inquiry is None and self.commit is not None:
             self._inquiry = Inquiry(self.envelope, sorted(self.commit.others), self._node, self.happen)
         if self._inquiry is not None:
             self._inquiry.ask()
         self._wait(ASKING)
-        self._robot.hold(self, again)
+        self._robot.report(self)
+        if again:
+            self._robot.hold(self, first=not self._held)
+            self._held = True
 
     def _wait(self, seconds: float) -> None:
         if self._next is not None:

@@ -284,17 +284,16 @@ class EngineNode:
         """It gives its word."""
         self.status.answer("ready", candidate.deployment)
 
-    def hold(self, candidate: Candidate, again: bool) -> None:
-        """The sender fell silent, and the others are asked: hold in the safe state, and let no newer one wait."""
-        self.report(candidate)
-        if not again:
+    def hold(self, candidate: Candidate, first: bool) -> None:
+        """The sender fell silent, and so did others: hold in the safe state, and let no newer one wait."""
+        why = f"holds deployment {candidate.deployment}: {candidate.why}"
+        if first:
             if self.running is not None:
                 self.running.hold()
-            self._note(f"holds deployment {candidate.deployment}: {candidate.why}")
-        elif self._next is not None:
+            self._note(why)
+        if self._next is not None:
             waiting, self._next = self._next, None
-            reason = f"holds deployment {candidate.deployment}: {candidate.why}; fame abort {self.robot} ends that"
-            self.status.answer("refused", waiting.deployment, reason)
+            self.status.answer("refused", waiting.deployment, f"{why}; fame abort {self.robot} ends that")
 
     def report(self, candidate: Candidate) -> None:
         """Say that it holds, and why."""
