@@ -219,9 +219,13 @@ class WireMiddleware(ABC):
         return [end.topic for end in node.publishers if end.subscribers() < self.hearers(end)]
 
     def losses(self) -> list[str]:
-        """Which own ends have lost messages, and how many each, in words."""
-        ends = (end for node in list(self.nodes) for end in (*node.subscriptions, *node.publishers))
-        return [text for end in ends if (text := end.losses())]
+        """Which own ends have lost messages, and how many each, in words: of several at one place the one with most."""
+        most: dict[tuple[str, str, type], tuple[int, str]] = {}
+        for node in list(self.nodes):
+            for end in (*node.subscriptions, *node.publishers):
+                text, place = end.losses(), (end.topic, node.full_name, type(end))
+                most[place] = max(most.get(place, (0, "")), (end.lost, text))
+        return [text for _, text in most.values() if text]
 
     def wait_matched(self, topics: Iterable[str], timeout: float) -> list[str]:
         """Block until each own end on the topics (full names) is connected to one of another node.
