@@ -14,7 +14,7 @@ from bpmn_text import process
 from fame.bpmn import read_text
 from fame.bpmn.model import Expression, Language
 from fame.clock import EPOCH
-from fame.scripting import BudgetExceeded, compile_expression, interface
+from fame.scripting import BudgetExceeded, compile_expression, interface, script_names
 from fame.scripting.feel.functions import FUNCTIONS
 from fame.simulation import Simulation
 
@@ -96,6 +96,22 @@ def test_fields_of_messages_are_entries_too() -> None:
     assert feel('get value(robot, "battery")', robot=robot) == 0.5
     assert feel("get entries(robot).key", robot=robot) == ["name", "battery"]
     assert feel('robots[name = "REX"].battery', robots=[robot]) == [0.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "reads"),
+    [
+        ("sort(robots, function(a, b) a.battery < b.battery)", {"robots"}),
+        ("robots[battery > 0.2].name", {"robots"}),
+        ("robots[item.battery > 0.2]", {"robots"}),
+        ("substring(string: s, start position: n)", {"s", "n"}),
+        ("{f: function(x) x + k, r: f(1)}.r", {"k"}),
+        ("for r in robots return r.x + partial[-1]", {"robots"}),
+        ("now() < due", {"due"}),
+    ],
+)
+def test_it_reads_variables_but_no_fields_and_parameters(text: str, reads: set[str]) -> None:
+    assert script_names(Expression(text, "feel", 1)) == (reads, frozenset())
 
 
 # ---- what it costs ---------------------------------------------------------------------------------------------------

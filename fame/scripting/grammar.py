@@ -49,6 +49,7 @@ class Parser:
         self.dialect, self.names, self.counts = dialect, dict[str, None](), False
         self._tokens, self._index, self._depth = tokenize(text), 0, 0
         self._bound: list[str] = []
+        self._fields = 0
         self.after: Callable[[Any], Any] | None = None
 
     def whole(self) -> Evaluate:
@@ -151,10 +152,15 @@ class Parser:
         self._index = index + 1
         return " ".join(str(word.value) for word in words)
 
-    def inside(self, names: list[str], power: int = 0) -> Evaluate:
-        """An expression in which these names are bound by the expression around it."""
+    def inside(self, names: list[str], power: int = 0, *, fields: bool = False) -> Evaluate:
+        """An expression in which these names are bound by the expression around it.
+
+        `fields`: any other name may be bound, too: that of a field.
+        """
         self._bound += names
+        self._fields += fields
         evaluate = self.expression(power)
+        self._fields -= fields
         del self._bound[len(self._bound) - len(names) :]
         return evaluate
 
@@ -177,7 +183,7 @@ class Parser:
         if self.at("(") and name not in self._bound:
             python = " (plain Python has it)" if hasattr(builtins, name) else ""
             raise ExpressionError(f"there is no function `{name}` here{python}{self._likely(name)}", place)
-        if name not in self._bound:
+        if name not in self._bound and not self._fields:
             self.names[name] = None
         return variable(name, self.dialect.undefined_is_null)
 

@@ -18,7 +18,7 @@ COMPARE = 3
 def index_or_filter(parser: Parser, left: Evaluate) -> Evaluate:
     """After ``[``: a place, counted from 1 or from -1 at the end; or a condition on `item`."""
     parser.counts = True
-    inner = parser.inside(["item"])
+    inner = parser.inside(["item"], fields=True)
     parser.expect("]")
 
     def evaluate(variables: Mapping[str, Any]) -> Any:
