@@ -14,6 +14,7 @@ from fame.bpmn.reader import read_text
 from fame.cli import main
 from fame.deployment import STATUS_QOS, STRING, Deployment, EngineNode, Keeper, Report
 from fame.deployment.diagrams import Diagram
+from fame.deployment.role import Role
 from fame.deployment.splitting import SplitterNode
 from fame.deployment.tasks import Asking, Done
 from fame.deployment.voice import GONE, Voice
@@ -347,6 +348,31 @@ def test_a_splitter_with_keys_takes_signed_diagrams_alone_and_each_once(keys, tm
     field.pass_time(1)
     assert json.loads(latched[0].data)["purpose"] == "deployed"
     splitter.close()
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_splitter_with_keys_leaves_the_role_to_an_older_one_that_signs(keys, signed):
+    field = Guarded(keys)
+    options = {"trusted": keys[1], "key": keys[0], "scheduler": field.scheduler, "middleware": field.middleware}
+    splitter = SplitterNode(wall_time=field.time, **options)
+    end = field.middleware.node("other").publisher("/fame_splitter", STRING, LATCHED)
+    for _ in range(6):
+        role = Role(born=1, state="idle").signed(keys[0] if signed else None, field.time())
+        end.publish(messages.create(STRING, role.to_json()))
+        field.pass_time(1)
+    assert (splitter.state == "standby") is signed
+    for _ in range(40):  # recorded, and said again
+        end.publish(messages.create(STRING, role.to_json()))
+        field.pass_time(1)
+    assert splitter.state == "idle"
+    splitter.close()
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "null", '{"born": 1}', '{"born": 1, "state": []}', '{"born": 1e400}', "[" * 9999]
+)
+def test_what_is_no_word_of_a_splitter_is_none(text):
+    assert Role.from_json(text) is None
 
 
 # ---- the commands ----------------------------------------------------------------------------------------------------

@@ -62,7 +62,7 @@ class SplitterNode:
         self.born = round(wall_time() * SECOND)
         self._desk = Desk(trusted)
         self._sequence = 0
-        self._others = Others(self.born, scheduler)
+        self._others = Others(self.born, scheduler, trusted=trusted, wall_time=wall_time)
         self._beaten = scheduler.now
         self._diagram: tuple[str, Definitions] | None = None  # hash and model, the newest
         self._deployed = ""  # the hash of the diagram that the team has
@@ -252,6 +252,7 @@ class SplitterNode:
 
     def _publish(self) -> None:
         role = Role(born=self.born, state=self.state, deployed=self._deployed, text=self._text)
+        role = role.signed(self._options["key"], self._wall_time())
         self._status.publish(messages.create(STRING, role.to_json()))
 
     def stop(self) -> bool:
