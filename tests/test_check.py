@@ -24,6 +24,7 @@ from check_drawing import (
 from gallery import gallery
 from test_check_errors import ERRORS
 from test_check_flow import WARNINGS as OF_FLOWS
+from test_check_kinds import WARNINGS as OF_KINDS
 from test_check_scripts import WARNINGS as OF_SCRIPTS
 from test_check_signals import WARNINGS as OF_SIGNALS
 from test_check_warnings import NOTES, WARNINGS
@@ -68,7 +69,11 @@ def test_a_finding_is_one_line() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [text for table in (ERRORS, WARNINGS, NOTES, OF_FLOWS, OF_SCRIPTS, OF_SIGNALS) for _, text in table.values()],
+    [
+        text
+        for table in (ERRORS, WARNINGS, NOTES, OF_FLOWS, OF_KINDS, OF_SCRIPTS, OF_SIGNALS)
+        for _, text in table.values()
+    ],
 )
 def test_the_documentation_shows_it(text: str) -> None:
     assert text.partition(": ")[2] in (ROOT / "docs" / "checks.md").read_text("utf-8")

@@ -19,6 +19,7 @@
     delivery     signals thrown just before the only catch, queues beyond the depth
     texts        what each text reads and writes
     variables    what is read and never set
+    kinds        variables that two elements use otherwise, payloads whose values do not fit
     guidelines   the guidelines of the FaMe paper, as notes
     script_mistakes  requests without await, misspelt methods
     slips        a decimal comma, an arrow the wrong way round

@@ -30,7 +30,7 @@ def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: s
         value = UNDEFINED
     if value is UNDEFINED and is_text(expression.text) and _has_fields(type):
         value = expression.text
-    errors = [_misfit(type, value)] if value is not UNDEFINED else []
+    errors = [misfit(type, value)] if value is not UNDEFINED else []
     for error in (*(_unknown_field(type, path) for path in computed), *errors):
         if error is not None:
             yield unit.finding("error", f"the payload does not fit: {error}", node, expression.line)
@@ -65,7 +65,7 @@ def _publish(unit: Unit, node: FlowNode, call: ast.Call, level: Level) -> Iterat
         return
     for keyword in call.keywords:
         try:
-            error = _misfit(type.value, {str(keyword.arg): ast.literal_eval(keyword.value)})
+            error = misfit(type.value, {str(keyword.arg): ast.literal_eval(keyword.value)})
         except ValueError:  # not a literal
             error = _unknown_field(type.value, keyword.arg or "")
         if error is not None:
@@ -80,7 +80,7 @@ def _has_fields(type: str) -> bool:
         return False
 
 
-def _misfit(type: str, value: object) -> MessageError | None:
+def misfit(type: str, value: object) -> MessageError | None:
     """Why the value makes no message of the type; None if it does, or if there is no such type."""
     try:
         messages.fields(type)

@@ -71,7 +71,7 @@ def variable_findings(subject: Subject, types: Mapping[str, str], *, strict: boo
     for root in subject.roots:
         given = set[str]()
         if not subject.has_pool(root) and uses[root].declared:  # whoever calls it sets what its data objects declare
-            given = {name for unit in _sharing(root) for name in uses[unit].declared}
+            given = {name for unit in sharing(root) for name in uses[unit].declared}
         for space in _spaces(root, given, uses):
             yield from _unset(space, uses, strict)
 
@@ -81,7 +81,7 @@ def variable_findings(subject: Subject, types: Mapping[str, str], *, strict: boo
 
 def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
     """What a process does to variables."""
-    uses, assigned = Uses(), _assigned(unit)
+    uses, assigned = Uses(), assigned_objects(unit)
     for body in unit.bodies():
         uses.declared |= {name for item in body.data_objects for name in item.names}
         objects = {item.id: item for item in body.data_objects}
@@ -92,7 +92,7 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
             uses.code |= text.code
             uses.opaque |= text.expression.language == "javascript" and words_of(text.expression.text).open
         for node in body.nodes:
-            for name in (*_set_by(node), *_caught(unit, node, objects, types)):
+            for name in (*named_by(node), *_caught(unit, node, objects, types)):
                 uses.sets.setdefault(name, node)
             if isinstance(node, Task) and node.kind == "service" and node.operation in NEEDS:
                 uses.needs += [(node, name) for name in NEEDS[node.operation]]
@@ -105,7 +105,7 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
     return uses
 
 
-def _set_by(node: FlowNode) -> Iterator[str]:
+def named_by(node: FlowNode) -> Iterator[str]:
     """The variables that an element names as those that it sets."""
     for definition in node.definitions if isinstance(node, Event) else ():
         if isinstance(definition, ErrorDefinition | EscalationDefinition):
@@ -146,7 +146,7 @@ def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], type
         yield variable_name(topic.name)
 
 
-def _assigned(unit: Unit) -> set[str]:
+def assigned_objects(unit: Unit) -> set[str]:
     """The data objects (ids) whose values are assigned when an element starts or ends; a caught message has its own."""
     found: set[str] = set()
     for node in unit.process.body.walk():
@@ -196,7 +196,7 @@ class _Space:
     call: tuple[Unit, CallActivity] | None = None
 
 
-def _sharing(root: Unit) -> dict[Unit, CallActivity | None]:
+def sharing(root: Unit) -> dict[Unit, CallActivity | None]:
     """The units that have the variables of `root`."""
     found: dict[Unit, CallActivity | None] = {root: None}
     pending = [root]
@@ -229,7 +229,7 @@ def _spaces(root: Unit, given: set[str], uses: Mapping[Unit, Uses]) -> Iterator[
 def _space(
     root: Unit, given: set[str], opaque: bool, call: tuple[Unit, CallActivity] | None, uses: Mapping[Unit, Uses]
 ) -> _Space:
-    members = _sharing(root)
+    members = sharing(root)
     setting = list(members)
     for unit in members:
         for inner, callee in unit.calls:

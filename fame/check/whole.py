@@ -16,6 +16,7 @@ from fame.check.findings import Finding, arranged, of_error
 from fame.check.flow import flow_findings
 from fame.check.guidelines import guideline_findings
 from fame.check.joins import join_findings
+from fame.check.kinds import kind_findings
 from fame.check.loops import loop_findings
 from fame.check.names import name_findings
 from fame.check.order import order_findings
@@ -72,6 +73,7 @@ def check(
         *delivery_findings(about, all_of_them or [about]),
         *name_findings(about),
         *variable_findings(about, types_of(about), strict=strict),
+        *kind_findings(about, types_of(about)),
         *script_findings(about),
         *slip_findings(about),
         *guideline_findings(about),

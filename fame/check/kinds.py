@@ -1,0 +1,297 @@
+"""What kind of value variables have, where the model tells: what scripts and data objects assign, what messages carry.
+
+A kind is shown by a sample: a value that a variable may have. Whatever is computed in a way that is not understood has
+no sample, and then nothing is said of its variable.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fame.bpmn.model import Activity, Element, Expression, FlowNode
+from fame.bpmn.topics import EMPTY_TYPE, topics_of
+from fame.check.coverage import python_tree
+from fame.check.findings import Finding
+from fame.check.payloads import misfit
+from fame.check.subject import Subject, Unit
+from fame.check.texts import Text, names_of, texts_of
+from fame.check.topics import End, message_fields, table
+from fame.check.variables import assigned_objects, named_by, sharing, uses_of
+from fame.engine.data import variable_name
+from fame.errors import MessageError, ModelError
+from fame.middleware import messages
+from fame.scripting import UNDEFINED, compile_expression
+from fame.scripting.lexer import ExpressionError
+from fame.scripting.python import parse_python
+from fame.scripting.substitution import payload
+
+_MOST = 16
+"""Combinations of samples with which a payload is tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A value that an element gives a variable. `exact`: that very value, or one that fits wherever it does.
+
+    `whole`: a caught message that fills the variable named like its topic, which nobody asked for.
+    """
+
+    unit: Unit
+    element: Element
+    value: Any
+    exact: bool = True
+    whole: bool = False
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        if isinstance(self.value, bool):
+            return "true or false"
+        names = {int: "a number", float: "a number", str: "a text", list: "a list", tuple: "a list", dict: "a mapping"}
+        value = self.value
+        return f"a {messages.type_name(value)}" if is_message(value) else names.get(type(value), "")
+
+
+def is_message(value: Any) -> bool:
+    """Whether it is a message, or a part of one that is a message itself."""
+    return hasattr(value, "__msgtype__")
+
+
+Samples = Mapping[str, Sequence[Sample]]
+"""The samples of each variable; one without a kind stands for what is not understood."""
+
+
+def kind_findings(subject: Subject, types: Mapping[str, str]) -> Iterator[Finding]:
+    """Variables that a message fills and something else has otherwise, and payloads whose values do not fit."""
+    own = {unit: list(_samples(unit, types)) for unit in subject.units}
+    for root in subject.roots:
+        shared = list(sharing(root))
+        samples = _by_name(own, shared)
+        for name, found in samples.items():
+            for one in found:
+                if one.whole:
+                    yield from _overwritten(one, name, found, shared)
+        closure = root.closure()
+        uses = [uses_of(unit, types) for unit in closure]
+        if not any(one.opaque for one in uses):
+            given = set().union(*(one.declared for one in uses)) if not subject.has_pool(root) else set()
+            known = {name: found for name, found in _by_name(own, closure).items() if name not in given}
+            for ends in table(closure).values():
+                yield from (one for end in ends for one in _misfits(end, known, types))
+
+
+def _by_name(own: Mapping[Unit, list[tuple[str, Sample]]], units: Sequence[Unit]) -> dict[str, list[Sample]]:
+    found: dict[str, list[Sample]] = {}
+    for unit in units:
+        for name, sample in own[unit]:
+            found.setdefault(name, []).append(sample)
+    return found
+
+
+# ---- samples ---------------------------------------------------------------------------------------------------------
+
+
+def _samples(unit: Unit, types: Mapping[str, str]) -> Iterator[tuple[str, Sample]]:
+    assigned = assigned_objects(unit)
+    for body in unit.bodies():
+        for text in texts_of(body):
+            if text.use == "script":
+                yield from ((name, Sample(unit, text.element, *value)) for name, value in _of_script(text))
+        for node in body.nodes:
+            inputs = node.io.inputs if isinstance(node, Activity) and node.io is not None else ()
+            for name in (*named_by(node), *(item.target for item in inputs)):
+                yield name, Sample(unit, node, None)
+            objects = [item for item in body.data_objects if item.id in node.data_outputs]
+            names = [name for item in objects for name in item.names]
+            yield from _of_messages(unit, node, names, types)
+        for item in body.data_objects:
+            for name, expression in item.values if item.id in assigned else ():
+                if expression.text.strip():
+                    yield name, Sample(unit, item, _constant(expression))
+
+
+def _of_messages(
+    unit: Unit, node: FlowNode, names: Sequence[str], types: Mapping[str, str]
+) -> Iterator[tuple[str, Sample]]:
+    """What caught messages set: the variables of data objects, else the one named like the topic."""
+    for topic, throws in topics_of(node):
+        type = types.get(topic.qualified, EMPTY_TYPE if topic.qualified.startswith("/") else "")
+        if throws or not type:
+            continue
+        if topic.takes:
+            yield from ((item.target, Sample(unit, node, None)) for item in topic.takes)
+        elif names:
+            fields = message_fields(names, topic, type)
+            yield from ((name, Sample(unit, node, *_field(type, fields.get(name, "")))) for name in names)
+        else:
+            try:
+                message = messages.create(type)
+            except MessageError:  # which is told as an error
+                continue
+            value = messages.bare(message)
+            exact = not isinstance(value, str | list | tuple)
+            yield variable_name(topic.name), Sample(unit, node, _plain(value), exact, whole=True)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value
+
+
+def _field(type: str, path: str) -> tuple[Any, bool]:
+    """A sample of a field of a message, ``pose.position.x``, and whether it is exact."""
+    if not path:
+        return None, True
+    value: Any = messages.create(type)
+    for name in path.split("."):
+        value = getattr(value, name, None)
+    return _plain(value), isinstance(value, bool | int | float)
+
+
+def _constant(expression: Expression) -> Any:
+    """The value of an expression that reads nothing; else None."""
+    try:
+        return None if names_of(expression)[0] else compile_expression(expression)({})
+    except Exception:  # which the compiler tells, or the element when it is reached
+        return None
+
+
+def _of_script(text: Text) -> Iterator[tuple[str, tuple[Any, bool]]]:
+    """(variable, (value, whether it is exact)) of each assignment of a script; of other ways to set one, no value."""
+    left = set(text.writes)
+    if text.expression.language == "python":
+        try:
+            tree = parse_python(text.expression)
+        except ModelError:  # the compiler tells
+            return
+        for target, value in _assignments(tree):
+            if target in text.writes:
+                left.discard(target)
+                yield target, _value(value)
+    yield from ((name, (None, True)) for name in sorted(left))
+
+
+def _assignments(tree: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                yield from _named(target, node.value)
+        elif isinstance(node, ast.AugAssign | ast.AnnAssign | ast.NamedExpr):
+            yield from _named(node.target, node.value)
+        elif isinstance(node, ast.For | ast.AsyncFor):
+            yield from _named(node.target, None)
+
+
+def _named(target: ast.expr, value: ast.expr | None) -> Iterator[tuple[str, ast.expr | None]]:
+    """(variable, its value) of one target; of several names without as many values, none."""
+    if isinstance(target, ast.Name):
+        yield target.id, value
+    elif isinstance(target, ast.Tuple | ast.List):
+        found = value.elts if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts) else ()
+        for one, given in itertools.zip_longest(target.elts, found):
+            yield from _named(one, given)
+
+
+def _value(tree: ast.expr | None) -> tuple[Any, bool]:
+    """A sample of what an expression of Python gives, and whether it is exact; None if that is not understood."""
+    if isinstance(tree, ast.Compare) or (isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not)):
+        return True, True
+    called = ast.unparse(tree.func) if isinstance(tree, ast.Call) else ""
+    if called in _GIVES:
+        return _GIVES[called], _GIVES[called] != []
+    if isinstance(tree, ast.ListComp | ast.List | ast.Dict | ast.DictComp):
+        with_items: Any = {} if isinstance(tree, ast.Dict | ast.DictComp) else []
+        try:
+            return ast.literal_eval(tree), True
+        except ValueError:
+            return with_items, False
+    try:
+        return (ast.literal_eval(tree), True) if tree is not None else (None, True)
+    except (ValueError, SyntaxError):
+        return None, True
+
+
+_GIVES: Mapping[str, Any] = {"float": 1.0, "int": 1, "len": 1, "round": 1, "bool": True, "list": [], "sorted": []}
+"""Functions of Python -> a sample of what they give."""
+
+
+# ---- a message that overwrites something else ------------------------------------------------------------------------
+
+
+def _overwritten(sample: Sample, name: str, others: Sequence[Sample], units: Sequence[Unit]) -> Iterator[Finding]:
+    does = f"fills `{name}` with {sample.kind}, but "
+    right = "give the event a mapping, or the signal another name"
+    for other in others:
+        if not other.whole and other.kind and sample.kind and other.kind != sample.kind:
+            yield sample.unit.finding(
+                "warning", f"{does}{other.element.label} sets it to {other.kind}: {right}", sample.element
+            )
+            return
+    for unit in units if is_message(sample.value) else ():
+        for text in (text for body in unit.bodies() for text in texts_of(body) if name in text.reads):
+            if _computes(text, name):
+                found = f"{does}{text.element.label} computes with it as a number: {right}"
+                yield sample.unit.finding("warning", found, sample.element)
+                return
+
+
+def _computes(text: Text, name: str) -> bool:
+    """Whether a text adds, orders or negates the variable itself."""
+    try:
+        script = text.use == "script" and text.expression.language == "python"
+        tree = parse_python(text.expression) if script else python_tree(text.expression)
+    except ModelError:  # the compiler tells
+        return False
+    for node in ast.walk(tree) if tree is not None else ():
+        operands: list[ast.expr] = []
+        if isinstance(node, ast.BinOp):
+            operands = [node.left, node.right]
+        elif isinstance(node, ast.AugAssign):
+            operands = [node.target]
+        elif isinstance(node, ast.Compare) and all(
+            isinstance(op, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for op in node.ops
+        ):
+            operands = [node.left, *node.comparators]
+        if any(isinstance(one, ast.Name) and one.id == name for one in operands):
+            return True
+    return False
+
+
+# ---- payloads --------------------------------------------------------------------------------------------------------
+
+
+def _misfits(end: End, known: Samples, types: Mapping[str, str]) -> Iterator[Finding]:
+    """A payload that fits its type with none of the values that its variables may have."""
+    type, expression = types.get(end.name), end.payload
+    if type is None or expression is None or expression.language != "payload" or expression.text.lstrip()[:1] == "=":
+        return
+    names = sorted(name for name in names_of(expression)[0] if _all_known(known.get(name, ()), name, expression))
+    values = [[sample.value for sample in known[name]] for name in names]
+    if not names or math.prod(map(len, values)) > _MOST:
+        return
+    try:
+        evaluate = payload(expression.text, lambda path, error: None)[0]
+        if _error(evaluate({}), type) is not None:  # which is told as an error
+            return
+        errors = [_error(evaluate(dict(zip(names, case, strict=True))), type) for case in itertools.product(*values)]
+    except ExpressionError:  # the compiler tells
+        return
+    except Exception:  # it fails with a sample: no telling
+        return
+    if all(error is not None for error in errors):
+        yield end.unit.finding("warning", f"the payload does not fit: {errors[0]}", end.node, expression.line)
+
+
+def _error(value: Any, type: str) -> MessageError | None:
+    return None if value is UNDEFINED else misfit(type, value)
+
+
+def _all_known(samples: Sequence[Sample], name: str, expression: Expression) -> bool:
+    """Whether all samples are exact; of messages, as long as nothing is taken out of them."""
+    taken = re.search(rf"\b{re.escape(name)}\s*[.\[]", expression.text) is not None
+    return bool(samples) and all(one.kind and one.exact and not (taken and is_message(one.value)) for one in samples)
