@@ -7,6 +7,7 @@ its process of that id or, if it has just one, that. A file is read once.
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -63,7 +64,7 @@ class Library:
         looked = []
         for folder in self.path(caller.file):
             path = folder / f"{call.called}.bpmn"
-            if path.is_file() and "/" not in call.called:
+            if os.path.isfile(path) and "/" not in call.called:  # pathlib raises for a name that is too long
                 definitions = self.read(path)
                 found = definitions.process(call.called)
                 if found is None and len(definitions.processes) == 1:
@@ -86,28 +87,35 @@ class Library:
         return "".join(f"; did you mean {name!r}?" for name in sorted(known) if [name.lower()] == similar)
 
     def closure(self, definitions: Definitions, process: Process) -> list[tuple[Definitions, Process]]:
-        """A process and all that it calls, at any depth, each once, in the order of meeting. Raises ModelError."""
+        """A process and all that it calls, at any depth, each once, in the order of meeting.
+
+        A call that names nothing is for the compiler to refuse. Raises ModelError for one whose process is nowhere.
+        """
         found = [(definitions, process)]
         keys = {(definitions.file, process.id)}
         for home, item in found:
-            for node in item.body.walk():
-                if isinstance(node, CallActivity):
-                    called = self.find(home, node)
-                    key = (called[0].file, called[1].id)
-                    if key not in keys:
-                        keys.add(key)
-                        found.append(called)
+            for node in _calls(item):
+                called = self.find(home, node)
+                key = (called[0].file, called[1].id)
+                if key not in keys:
+                    keys.add(key)
+                    found.append(called)
         return found
 
     def called(self, definitions: Definitions, process: Process) -> dict[str, tuple[Definitions, str]]:
         """What each call in a closure names: for `fame.bpmn.extract_process`."""
         names: dict[str, tuple[Definitions, str]] = {}
         for home, item in self.closure(definitions, process):
-            for node in item.body.walk():
-                if isinstance(node, CallActivity):
-                    there, target = self.find(home, node)
-                    names[node.called] = (there, target.id)
+            for node in _calls(item):
+                there, target = self.find(home, node)
+                names[node.called] = (there, target.id)
         return names
+
+
+def _calls(process: Process) -> Iterator[CallActivity]:
+    """The call activities of a process that name what they call."""
+    nodes = (node for node in process.body.walk() if isinstance(node, CallActivity))
+    return (node for node in nodes if node.called and not node.refused)
 
 
 def _short(path: Path) -> str:

@@ -149,6 +149,11 @@ def test_a_call_that_leads_nowhere_is_an_error_that_says_where_it_was_looked_for
     assert error.text == f"called element 'Jump' is no process of this file, nor Jump.bpmn in {places}"
 
 
+def test_a_called_element_with_a_name_that_no_file_can_have_is_nowhere_too() -> None:
+    (error,) = told(alone('<callActivity id="c" calledElement="' + 300 * "x" + '"/>'), "error")
+    assert "is no process of this file" in error
+
+
 def test_folders_below_the_working_directory_are_told_from_there_on(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").mkdir()

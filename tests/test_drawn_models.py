@@ -89,6 +89,20 @@ def test_all_faults_are_told_at_once_and_the_first_of_them_refuses_a_run() -> No
         fame.Simulation(definitions)
 
 
+@pytest.mark.parametrize("name", FEATURES)
+def test_whatever_is_drawn_can_be_split(name: str) -> None:
+    pools = '<participant id="a" name="A" processRef="P"/><participant id="b" name="B" processRef="Q"/>'
+    feature = FEATURES[name]
+    text = document(
+        f'<collaboration id="C">{pools}</collaboration>{feature.root}<process id="P">{feature.content}</process>'
+        '<process id="Q"><startEvent id="s"/></process>'
+    )
+    definitions = read_text(text.replace("{n}", "0"), file="drawn.bpmn")
+    parts = split(definitions)
+    assert [part.name for part in parts] == ["A", "B"]
+    assert errors_of(read_bytes(parts[0].source)) == errors_of(definitions)
+
+
 def test_nothing_doubtful_is_said_of_an_element_that_has_a_fault() -> None:
     condition = '<conditionExpression language="groovy">q</conditionExpression></sequenceFlow>'
     text = process(

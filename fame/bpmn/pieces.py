@@ -192,7 +192,7 @@ def whole_tree(definitions: Definitions) -> Node:
 
 def _references(element: Node) -> Iterator[str]:
     for name, value in element.items():
-        if is_reference(str(name)):
+        if is_reference(str(name)) or name == "calledElement":  # a global task stands at the root
             yield str(value)
     if element.tag.endswith(("Ref", "Refs")):
         yield text_of(element)
