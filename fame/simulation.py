@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from fame.bpmn.model import Definitions, Process
+from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
 from fame.errors import ModelError, expect
@@ -64,10 +66,10 @@ class Simulation:
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
         self.reports: list[Event] = []
-        chosen = choose_process(definitions, process)
+        chosen = choose_process(definitions, process, "; fame.Scenario.load(path).run() runs all of them")
         self.node = RobotNode(
             robot,
-            mission(definitions, chosen, library=Library(library), services=services),
+            mission(definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)),
             units=UNITS,
             scheduler=self.scheduler,
             middleware=self.middleware,
@@ -102,10 +104,11 @@ class Simulation:
         return self
 
     def signal(self, name: str, payload: Any = None) -> Simulation:
-        """A message on the topic `name` from outside (``~/odom``: the robot's own), then run on.
+        """A message on the topic `name` from outside (``~/odom`` or ``/robot/odom``: the robot's own), then run on.
 
         Running on goes as far as the last `run` did: to where nothing can move, or, if that had an `until`, no further
-        than the present instant. Raises MessageError if the payload does not fit the type of the topic.
+        than the present instant. Raises MessageError if the payload does not fit the type of the topic,
+        and for a topic that no event or script of the model names; that nobody listens just now is no error.
         """
         expect(isinstance(name, str), "name", name, "the name of a topic")
         self._begin()
@@ -165,21 +168,31 @@ def _expect_values(argument: str, values: object) -> None:
     expect(names, argument, values, "a mapping of names to values")
 
 
-def choose_process(definitions: Definitions, name: str | None) -> Process:
+def _declared(definitions: Definitions) -> dict[str, TopicUse]:
+    """The topics whose type some process of the file says: it holds for the process that is run, too."""
+    found: dict[str, TopicUse] = {}
+    for process in definitions.processes:
+        with suppress(ModelError):  # told if it is the one that is run
+            table = topic_table(definitions, [process.id])
+            found.update((name, use) for name, use in table.items() if use.declared)
+    return found
+
+
+def choose_process(definitions: Definitions, name: str | None, advice: str = "") -> Process:
     """A process by id, or by the name of its pool; without a name the only one, or the only executable one.
 
-    Raises ModelError if there is no such process, or more than one.
+    Raises ModelError if there is no such process, or more than one: then with `advice`.
     """
     processes = definitions.processes
+    has = ", ".join(process.id for process in processes) or "none"
     if name is not None:
-        pools = [pool.process for pool in definitions.participants if name in (pool.name, pool.label)]
+        pools = [pool.process for pool in definitions.participants if pool.name == name]
         found = definitions.process(name) or (definitions.process(pools[0]) if pools else None)
         if found is None:
-            has = ", ".join(process.id for process in processes) or "none"
             raise ModelError(f"has no process or pool {name!r}; it has {has}", file=definitions.file)
         return found
     candidates = [process for process in processes if process.executable] if len(processes) > 1 else list(processes)
     if len(candidates) != 1:
-        has = ", ".join(process.id for process in processes) or "none"
-        raise ModelError(f"name the process to run: the file has {has}", file=definitions.file)
+        text = f"name the process to run: the file has {has}"
+        raise ModelError(text + (advice if len(processes) > 1 else ""), file=definitions.file)
     return candidates[0]

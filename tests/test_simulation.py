@@ -94,8 +94,17 @@ def test_simulated_time_jumps_to_what_is_due_and_stops_where_it_is_told():
     assert (simulation.now, simulation.instances[0].status) == (90.0, "completed")
 
 
+TIMED = model(
+    '<startEvent id="s"/><intermediateCatchEvent id="c"><timerEventDefinition><timeDuration>PT60S</timeDuration>'
+    "</timerEventDefinition></intermediateCatchEvent>"
+    '<endEvent id="e"><signalEventDefinition signalRef="S"/></endEvent>',
+    ("s", "c"),
+    ("c", "e"),
+)
+
+
 def test_a_signal_after_a_bounded_run_does_not_move_time():
-    simulation = fame.Simulation(TIMER).run(until=30)
+    simulation = fame.Simulation(TIMED).run(until=30)
     simulation.signal("weed_found")
     assert simulation.now == 30.0
 
@@ -148,6 +157,61 @@ def test_a_service_task_calls_the_function_it_names():
 def test_a_file_with_several_processes_wants_the_name_of_one():
     two = read_text(f'{HEAD}<startEvent id="a"/></process><process id="other" isExecutable="true">'
                     '<startEvent id="b"/></process></definitions>')  # fmt: skip
-    with pytest.raises(fame.ModelError, match="main, other"):
+    with pytest.raises(fame.ModelError, match=r"main, other; fame.Scenario.load\(path\).run\(\) runs all of them"):
         fame.Simulation(two)
     assert fame.Simulation(two, "other").run().instances[0].visits == {"b": 1}
+
+
+def test_a_process_that_is_named_runs_with_the_types_that_the_others_say():
+    payload = TYPED.replace('"type" value="geometry_msgs/msg/Vector3"', '"payload" value="{x: 1}"')
+    two = read_text(
+        f'{HEAD}<startEvent id="a"/><endEvent id="b">{payload}<signalEventDefinition signalRef="S"/></endEvent>'
+        '<sequenceFlow id="f" sourceRef="a" targetRef="b"/></process><process id="other" isExecutable="true">'
+        f'<startEvent id="c">{TYPED}<signalEventDefinition signalRef="S"/></startEvent></process></definitions>'
+    )
+    assert fame.Simulation(two, "main").run().instances[0].status == "completed"
+    with pytest.raises(fame.ModelError, match="has a payload and no type"):
+        fame.Simulation(read_text(two.source.decode().replace(TYPED, "")), "main")
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+PRIVATE = TYPED.replace("</camunda:properties>", '<camunda:property name="scope" value="robot"/></camunda:properties>')
+
+
+@pytest.mark.parametrize("name", ["~/weed_found", "/SCOUT/weed_found"])
+def test_a_topic_may_be_named_as_error_messages_do(name: str):
+    catch = (
+        f'<startEvent id="s"/><intermediateCatchEvent id="c">{PRIVATE}<signalEventDefinition signalRef="S"/>'
+        '</intermediateCatchEvent><endEvent id="e"/>'
+    )
+    simulation = fame.Simulation(model(catch, ("s", "c"), ("c", "e")), robot="SCOUT").run()
+    assert simulation.signal(name, {"x": 2.0}).instances[0].variables["weed_found"].x == 2.0
+
+
+def test_a_script_gets_what_is_signalled_too():
+    simulation = fame.Simulation(script('m = (await receive("/news", "std_msgs/msg/String")).data')).run()
+    assert simulation.signal("news", "rain").instances[0].variables == {"m": "rain"}
+
+
+@pytest.mark.parametrize("name", ["weed_fonud", "~/weed_found", "/other/weed_found"])
+def test_a_topic_that_nothing_of_the_model_names_is_an_error(name: str):
+    simulation = fame.Simulation(WEED).run()
+    with pytest.raises(fame.MessageError, match=r"no event or script of the model names topic .*: /weed_found"):
+        simulation.signal(name, {"x": 1.0})
+    assert simulation.instances[0].waiting == ["c"]
+
+
+def test_that_nobody_listens_at_the_moment_is_none():
+    simulation = fame.Simulation(WEED).run().signal("weed_found", {"x": 1.0})
+    assert simulation.signal("weed_found", {"x": 2.0}).instances[0].variables["weed_found"].x == 1.0
+    late = fame.Simulation(script('await sleep(1)\nm = await receive("/news", "std_msgs/msg/String")')).run(0)
+    assert late.signal("/news", "too early").instances[0].status == "running"
+
+
+def test_what_waits_for_a_condition_names_it_and_its_values():
+    text = "<conditionalEventDefinition><condition>full and level &gt; 3</condition></conditionalEventDefinition>"
+    catch = f'<startEvent id="s"/><intermediateCatchEvent id="Ca_Full">{text}</intermediateCatchEvent>'
+    simulation = fame.Simulation(model(catch, ("s", "Ca_Full")), variables={"level": 2}).run()
+    (wait,) = simulation.node.waits()
+    assert (wait.element, wait.text) == ("Ca_Full", "condition full and level > 3 (full is not set, level = 2)")

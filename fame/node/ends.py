@@ -33,6 +33,7 @@ class Ends:
         self._publishers: dict[str, Publisher] = {}  # by full name
         self._throws: dict[str, Publisher] = {}  # of events, by qualified name
         self.caught: dict[str, str] = {}
+        self._names = {resolve(name, node.namespace): name for name in types}
 
     def open(self, heard: Callable[[str, Any], object]) -> None:
         """Make those that events name; `heard` gets the qualified name and the message. Raises ModelError."""
@@ -56,6 +57,10 @@ class Ends:
         message = messages.create(publisher.type, value)
         publisher.publish(message)
         return publisher.topic, message
+
+    def qualified(self, full: str) -> str | None:
+        """The qualified name of a topic that events throw or catch, None if they do neither."""
+        return self._names.get(full)
 
     def publisher(self, full: str, type: str, profile: QoS = SIGNAL) -> Publisher:
         """The publisher on a topic: the one that is there, or a new one. Raises MessageError."""

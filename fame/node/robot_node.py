@@ -7,20 +7,22 @@ the robot publishes itself is heard by its own catchers inside the engine, since
 
 from __future__ import annotations
 
+import difflib
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from datetime import datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
+from fame.bpmn import model
 from fame.bpmn.model import CallActivity, Expression, Process, Task
 from fame.clock import EPOCH, SECOND, Kind, Scheduler, WallScheduler, date_at, date_text
 from fame.engine import Engine, Instance, Program, compile_program
 from fame.engine.host import Compiled
 from fame.engine.state import Trail
-from fame.errors import MissionError, ModelError
+from fame.errors import MessageError, MissionError, ModelError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, resolve
 from fame.node.asking import ask, asking_task
@@ -35,6 +37,7 @@ from fame.scripting import (
     compile_expression,
     compile_script,
     error_line,
+    script_topics,
 )
 from fame.units import Around, Make, living
 
@@ -203,6 +206,19 @@ class RobotNode:
         """How many elements have been completed."""
         return self._elements + sum(sum(instance.counts[1:]) for instance in self.engine.instances.values())
 
+    @cached_property
+    def conditions(self) -> dict[tuple[str, str], Expression]:
+        """What conditional events wait for, by file and id."""
+        mission = self.mission
+        return {
+            (home.file, node.id): definition.condition
+            for home, process in mission.library.closure(mission.definitions, mission.process)
+            for node in process.body.walk()
+            if isinstance(node, model.Event)
+            for definition in node.definitions
+            if isinstance(definition, model.ConditionalDefinition) and definition.condition is not None
+        }
+
     def starts_due(self) -> dict[int, int]:
         """The timers of start events that are still to fire, by key, and when they are due next (ns)."""
         times = {key: self._timers.due(key) for key in self.engine.armed_starts}
@@ -227,9 +243,27 @@ class RobotNode:
         return self.engine.offers()
 
     def deliver(self, topic: str, value: Any) -> None:
-        """A message from outside on a qualified topic, as if it had come over the middleware. Raises MessageError."""
-        use = self.mission.types.get(topic)
-        self._heard(topic, messages.create(use.declared, value) if use is not None and use.declared else value)
+        """A message from outside on a topic, as if it had come over the middleware.
+
+        Raises MessageError if it does not fit the type, and for a topic that no event or script of the model names.
+        """
+        full = resolve(topic, self.namespace)
+        name, heard = self._ends.qualified(full), self.runner.inbox.types
+        if name is None and full not in heard:
+            self._expect_topic(full)
+        type = (self.mission.types[name].declared if name is not None else None) or heard.get(full)
+        message = messages.create(type, value) if type is not None else value
+        if name is not None:
+            self._heard(name, message)
+        self.runner.inbox.deliver(full, message)
+
+    def _expect_topic(self, full: str) -> None:
+        scripts = (topic for script in self._all_scripts() for topic in script_topics(script))
+        named = {resolve(topic.name, self.namespace) for topic in scripts if topic.direction not in ("call", "act")}
+        if full not in named:
+            known = sorted({*named, *(resolve(name, self.namespace) for name in self.mission.types)})
+            similar = difflib.get_close_matches(full, known, 1) or known
+            raise MessageError(f"no event or script of the model names topic {full}; known are: {', '.join(similar)}")
 
     # ---- stimuli -------------------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from fame.clock import SECOND
 from fame.engine.state import Node, joins_reached
 from fame.middleware.interface import resolve
 from fame.node.gaps import gap_text
+from fame.scripting import script_names
 
 if TYPE_CHECKING:
     from fame.node.robot_node import RobotNode
@@ -87,21 +89,36 @@ def _awaited(robot: RobotNode, rest: Any) -> list[str]:
 
 
 def _wait_text(robot: RobotNode, rest: Any, heard: Mapping[str, int]) -> str:
-    node = rest.node
-    if node.topic:
-        return _catch_text(robot, node.topic, heard)
+    node, variables = rest.node, rest.scope.variables
     if node.kind == "timer":
         return f"{node.timer} timer"
     if node.kind == "user":
         return SOMEBODY
     if node.alternatives:
-        return " or ".join(
-            _catch_text(robot, item.topic, heard) if item.topic else item.kind for item in node.alternatives
-        )
+        return " or ".join(_trigger_text(robot, item, variables, heard) for item in node.alternatives)
     awaited = robot.runner.awaited_topic(rest.key)
     if awaited is not None:
         return f"receive on {_topic_text(resolve(awaited, robot.namespace), heard)}"
-    return robot.runner.waits(rest.key) or node.kind
+    return robot.runner.waits(rest.key) or _trigger_text(robot, node, variables, heard)
+
+
+def _trigger_text(robot: RobotNode, node: Node, variables: Mapping[str, Any], heard: Mapping[str, int]) -> str:
+    """What an event waits for."""
+    if node.topic:
+        return _catch_text(robot, node.topic, heard)
+    return _condition_text(robot, node, variables) if node.kind == "condition" else node.kind
+
+
+def _condition_text(robot: RobotNode, node: Node, variables: Mapping[str, Any]) -> str:
+    """The condition, and the values that it has to do with."""
+    condition = robot.conditions.get((node.file, node.id))
+    if condition is None:
+        return node.kind
+    names = sorted(script_names(condition, script=False)[0])
+    values = [
+        f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
+    ]
+    return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
 
 
 def _catch_text(robot: RobotNode, topic: str, heard: Mapping[str, int]) -> str:

@@ -81,6 +81,11 @@ class Inbox:
         self._ears[name] = ear
         return ear
 
+    @property
+    def types(self) -> dict[str, str]:
+        """The topics that scripts hear by now, by full name, each with its type."""
+        return {topic: ear.type for topic, ear in self._ears.items()}
+
     def latest(self, topic: str, type: str | None = None) -> Message | None:
         """The latest message since the topic was subscribed, None if there was none. Errors as `listen`."""
         return self.listen(topic, type).latest

@@ -83,7 +83,8 @@ def test_a_multiple_event_gets_one_delivery_once(play: Play) -> None:
 
 
 def test_signals_of_other_names_wake_nobody(play: Play) -> None:
-    run = play(start() + catch("c", signal("A")) + path("s c")).run().signal("B").signal("AA")
+    content = start() + catch("c", signal("A")) + catch("d", signal("B")) + catch("e", signal("AA"))
+    run = play(content + path("s c d e")).run().signal("B").signal("AA")
     assert run.waiting == ["c"]
 
 
