@@ -16,13 +16,17 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from attacks import deployment, engines, people
+from attacks import deployment, engines, network, people
 from attacks.field import Fell, Field
 
 ATTACKS: tuple[Callable[[Field], None], ...] = (
     engines.uninterruptible,  # the longest first
     deployment.silent_other,
     engines.large_model,
+    network.signals_at_full_rate,
+    network.cut_off_while_it_waits,
+    network.clock_begins_anew,
+    network.clock_far_ahead,
     deployment.sender_dies,
     deployment.bad_fields,
     deployment.forged_birth,
@@ -40,7 +44,7 @@ ATTACKS: tuple[Callable[[Field], None], ...] = (
     people.stopped_engine,
     people.model_bomb,
 )
-PATIENCE = 100
+PATIENCE = 180
 """How long an attack may take (s)."""
 DOMAINS = 232
 
