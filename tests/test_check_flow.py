@@ -187,3 +187,12 @@ def test_conditions_that_cover_all_cases_leave_a_way_out(conditions: tuple[str, 
 )
 def test_conditions_that_leave_a_case_out_are_blamed(conditions: tuple[str, ...]) -> None:
     assert told(choosing(*conditions)) == [NO_WAY_OUT]
+
+
+@pytest.mark.parametrize(
+    "conditions",
+    [("not " * 900 + "x", "x"), ("x == 1" + "0" * 400, "x == 2"), (" and ".join(f"x == {n}" for n in range(99)), "y")],
+    ids=["nested deeply", "a large number", "many cases"],
+)
+def test_conditions_that_cannot_be_judged_are_blamed(conditions: tuple[str, ...]) -> None:
+    assert NO_WAY_OUT in told(choosing(*conditions))

@@ -114,3 +114,8 @@ def test_a_condition_in_javascript_is_told_as_that() -> None:
     assert told(alone(text), "error") == [
         'g: not Python: invalid syntax: `x === 1`; if it is JavaScript, say language="javascript"'
     ]
+
+
+@pytest.mark.parametrize("text", ["robot" + ".name" * 900, "receive" + "()" * 900, "v = " + "-" * 900 + "1"])
+def test_scripts_that_are_nested_deeply_are_checked_as_far_as_can_be(text: str) -> None:
+    assert all("not Python: RecursionError" in found for found in told(alone(row(script(text)))))

@@ -15,9 +15,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fame.bpmn.model import Expression
+from fame.scripting.python import called_name
 
 _MOST = 4096
 """Combinations of values that are tried."""
+
+_LARGEST = 1e300
+"""Numbers beyond are not computed with."""
 
 _SPELLINGS = (
     (r"!==", "!="), (r"===", "=="), (r"&&", " and "), (r"\|\|", " or "), (r"!(?!=)", " not "),
@@ -39,17 +43,21 @@ Value = bool | float
 def cover_all(conditions: Sequence[Expression]) -> bool:
     """Whether one of the conditions is true whatever the variables are. False where that cannot be told."""
     trees = [_tree(condition) for condition in conditions]
-    if any(tree is None for tree in trees):
+    try:
+        return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False
+    except RecursionError:  # nested too deeply
         return False
+
+
+def _cover_all(trees: Sequence[ast.expr]) -> bool:
     made = _Parts()
-    known = [tree for tree in trees if tree is not None]
-    for tree in known:
+    for tree in trees:
         made.collect(tree)
     values = made.values()
     if math.prod(map(len, values.values())) > _MOST:
         return False
     cases = (dict(zip(values, case, strict=True)) for case in itertools.product(*values.values()))
-    return all(any(_is_true(tree, case) for tree in known) for case in cases)
+    return all(any(_is_true(tree, case) for tree in trees) for case in cases)
 
 
 def python_tree(expression: Expression) -> ast.expr | None:
@@ -68,7 +76,7 @@ def python_tree(expression: Expression) -> ast.expr | None:
 def _tree(condition: Expression) -> ast.expr | None:
     """The same of a condition that gives the same result whenever it is asked."""
     tree = python_tree(condition)
-    if isinstance(tree, ast.Call) and ast.unparse(tree.func) == "next" and len(tree.args) == 2:
+    if isinstance(tree, ast.Call) and called_name(tree) == "next" and len(tree.args) == 2:
         tree = tree.args[1]  # next(null, x > 3), the condition of the original FaMe
     return None if tree is None or "random" in condition.text else tree
 
@@ -142,7 +150,9 @@ def _number(tree: ast.expr) -> float | None:
     sign = -1 if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub) else 1
     inner = tree.operand if isinstance(tree, ast.UnaryOp) and sign < 0 else tree
     value = inner.value if isinstance(inner, ast.Constant) else None
-    return sign * float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > _LARGEST:
+        return None
+    return sign * float(value)
 
 
 def _pair(left: ast.expr, right: ast.expr) -> str:

@@ -28,7 +28,7 @@ from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import UNDEFINED, compile_expression
 from fame.scripting.lexer import ExpressionError
-from fame.scripting.python import parse_python
+from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import payload
 
 _MOST = 16
@@ -201,18 +201,18 @@ def _value(tree: ast.expr | None) -> tuple[Any, bool]:
     """A sample of what an expression of Python gives, and whether it is exact; None if that is not understood."""
     if isinstance(tree, ast.Compare) or (isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not)):
         return True, True
-    called = ast.unparse(tree.func) if isinstance(tree, ast.Call) else ""
+    called = called_name(tree) if isinstance(tree, ast.Call) else ""
     if called in _GIVES:
         return _GIVES[called], _GIVES[called] != []
     if isinstance(tree, ast.ListComp | ast.List | ast.Dict | ast.DictComp):
         with_items: Any = {} if isinstance(tree, ast.Dict | ast.DictComp) else []
         try:
             return ast.literal_eval(tree), True
-        except ValueError:
+        except (ValueError, RecursionError):
             return with_items, False
     try:
         return (ast.literal_eval(tree), True) if tree is not None else (None, True)
-    except (ValueError, SyntaxError):
+    except (ValueError, SyntaxError, RecursionError):
         return None, True
 
 

@@ -13,7 +13,7 @@ from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import UNDEFINED
 from fame.scripting.lexer import ExpressionError
-from fame.scripting.python import parse_python
+from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import is_text, payload
 
 
@@ -46,7 +46,7 @@ def publish_findings(unit: Unit) -> Iterator[Finding]:
                 continue
             caught = {id(one) for tried in ast.walk(tree) if isinstance(tried, ast.Try) for one in _inside(tried)}
             for call in ast.walk(tree):
-                if isinstance(call, ast.Call) and ast.unparse(call.func) == "robot.publish" and len(call.args) == 2:
+                if isinstance(call, ast.Call) and called_name(call) == "robot.publish" and len(call.args) == 2:
                     yield from _publish(unit, node, call, "warning" if id(call) in caught else "error")
 
 

@@ -13,7 +13,7 @@ from fame.check.subject import Subject, Unit
 from fame.check.texts import Text, texts_of
 from fame.errors import ModelError
 from fame.scripting.interface import Log, Robot
-from fame.scripting.python import parse_python
+from fame.scripting.python import called_name, parse_python
 
 _REQUESTS = ("sleep", "receive", "until", "robot.call", "robot.act")
 _HAVE: Mapping[str, tuple[str, ...]] = {
@@ -86,7 +86,7 @@ def _unknown(name: str, method: str, have: Sequence[str]) -> str:
 def _not_awaited(unit: Unit, element: Element, tree: ast.AST, bound: set[str]) -> Iterator[Finding]:
     parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
     for node in ast.walk(tree):
-        called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+        called = called_name(node) if isinstance(node, ast.Call) else ""
         if called not in _REQUESTS or called.partition(".")[0] in bound:
             continue
         target = _target(parents[node])

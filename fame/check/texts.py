@@ -69,14 +69,14 @@ def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[st
     """The names that a text reads and writes; none if it is wrong, which the compiler tells."""
     try:
         return script_names(expression, script=script)
-    except ModelError:
+    except (ModelError, RecursionError):  # the one is told by the compiler, the other is nested too deeply
         return frozenset(), frozenset()
 
 
 def _code_of(script: Expression) -> frozenset[str]:
     try:
         return code_names(script)
-    except ModelError:  # the compiler tells
+    except (ModelError, RecursionError):
         return frozenset()
 
 

@@ -177,6 +177,14 @@ def _hint(text: str, line: str, condition: bool) -> str:
     return "; `==` compares" if re.search(r"[^=!<>:]=[^=]", line) else ""
 
 
+def called_name(call: ast.Call) -> str:
+    """What a call calls, if it is a name or a method of one: ``receive``, ``robot.call``; else nothing."""
+    function = call.func
+    if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
+        return f"{function.value.id}.{function.attr}"
+    return function.id if isinstance(function, ast.Name) else ""
+
+
 def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
     """The first statement that makes a request and drops it: (what it calls, line)."""
     bound = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
@@ -185,7 +193,7 @@ def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
     bound |= {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))}
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            called = ast.unparse(node.value.func)
+            called = called_name(node.value)
             if (called in _AWAITED and called not in bound) or (called == "robot.call" and "robot" not in bound):
                 return called, node.lineno
     return None

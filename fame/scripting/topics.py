@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Literal
 
 from fame.bpmn.model import Expression
-from fame.scripting.python import parse_python
+from fame.scripting.python import called_name, parse_python
 
 Direction = Literal["publish", "subscribe", "call", "act"]
 
@@ -76,7 +76,7 @@ def _endpoints(expression: Expression) -> Iterator[ScriptTopic]:
 
 
 def _topic(call: ast.Call) -> ScriptTopic | None:
-    called = ast.unparse(call.func)
+    called = called_name(call)
     direction = _CALLS.get(called)
     name = _argument(call, 0, "name" if called == "signal" else "topic")
     if direction is None or name is None:
