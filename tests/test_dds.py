@@ -249,6 +249,13 @@ def test_bytes_that_are_no_message_are_dropped_and_reported(here: WallWorld) -> 
     assert [message.data for message in seen] == ["good"]
     (warning,) = here.warnings
     assert warning.startswith("/x: dropped a message: std_msgs/msg/String: cannot read 12 bytes of CDR")
+    assert here.middlewares[0].losses() == []
+    for _ in range(3):
+        writer.write(writer.data_type(b"\0\1\0\0\5\0\0\0\xff\xfe\xfd\xfc\0\0\0\0"))
+    publisher.publish(create(TEXT, "again"))
+    here.until(lambda: len(seen) == 2)
+    assert here.warnings == [warning]
+    assert here.middlewares[0].losses() == ["/x: /a could not read 3 more messages"]
 
 
 @pytest.mark.parametrize("name", ["/weed found", "/2fast", "/a//b", "/ümlaut"])

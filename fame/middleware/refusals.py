@@ -66,3 +66,8 @@ def unanswered(name: str, node: str) -> str:
 def loss(topic: str, node: str, count: int) -> str:
     """What is said when a subscription of a node has lost messages."""
     return f"{topic}: {node} lost {count} messages or more, which came faster than it takes them or not at all"
+
+
+def unread(topic: str, node: str, count: int) -> str:
+    """What is said when a subscription of a node got more than one message that it could not read."""
+    return f"{topic}: {node} could not read {count} more messages"

@@ -26,6 +26,7 @@ from fame.middleware.refusals import (
     unanswered,
     unavailable,
     unpublishable,
+    unread,
 )
 
 NAMING = SECOND // 5
@@ -119,7 +120,8 @@ class TopicEnd(WireEnd):
         super().__init__(node)
         self.topic, self.qos, self.limit = topic, qos, LARGEST
         self.lost = 0  # messages, as far as this end knows
-        self.dropped: Callable[[str], object] = node.middleware.warn
+        self.unread = 0  # messages that were none, or too large
+        self.dropped: Callable[[str], object] = self._warn_once
         self.message_class = messages.message_type(type)
         self.type: str = self.message_class.__msgtype__
         if users := [end for end in _ends(node.middleware.nodes, topic) if end.type != self.type]:
@@ -132,8 +134,15 @@ class TopicEnd(WireEnd):
         return codec.serialize(message)
 
     def losses(self) -> str:
-        """How many messages it has lost, in words; empty if it does not know of any."""
-        return loss(self.topic, self.node.full_name, self.lost) if self.lost else ""
+        """How many messages it has lost or could not read, in words; empty if it does not know of any."""
+        name, counts = self.node.full_name, ((loss, self.lost), (unread, self.unread - 1))
+        return "; ".join(text(self.topic, name, count) for text, count in counts if count > 0)
+
+    def _warn_once(self, text: str) -> None:
+        """A flood of garbage is one warning; what follows is counted."""
+        self.unread += 1
+        if self.unread == 1:
+            self.node.middleware.warn(text)
 
     def unpack(self, data: bytes, callback: Callable[[Message], object]) -> None:
         """Call back with what a subscription has got, unless it is closed, or the data are no message."""
