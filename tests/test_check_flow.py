@@ -37,7 +37,7 @@ WARNINGS = {
     ),
     "a flow into a start event": (
         row(script("x = 1")) + flows("t s"),
-        "t-s: leads into the start event s, which has no incoming flows: lead it to what follows",
+        "t-s: leads into the start event s, but start events take no flows: lead it to what follows",
     ),
     "an end event without a start event": (
         script("x = 1") + ends("e") + flows("t e"),

@@ -31,7 +31,7 @@ def _wrong_way(unit: Unit, scope: Graph) -> Iterator[Finding]:
             text = f"leaves the end event {source.label}, where every token ends: this flow is never taken"
             yield unit.finding("warning", text, flow)
         elif is_event(target, "start"):
-            text = f"leads into the start event {target.label}, which has no incoming flows: lead it to what follows"
+            text = f"leads into the start event {target.label}, but start events take no flows: lead it to what follows"
             yield unit.finding("warning", text, flow)
 
 
