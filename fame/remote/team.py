@@ -107,7 +107,7 @@ class Team:
             status=status,
             seed=self.scenario.seed,
             robots=robots,
-            simulated=self._time if self.world is not None else max(0.0, self._time - self._began),
+            simulated=max(0.0, self._time - self._began),
             wall=wall,
             reports=tuple(self._events),
             ending="not over" if status == "timeout" else "",
