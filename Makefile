@@ -52,4 +52,4 @@ $(BIN)/python:
 
 $(ROS_PYTHON):
 	python3 -m venv --system-site-packages .venv-ros
-	.venv-ros/bin/pip install --quiet --editable '.[sim]' cryptography 'pytest>=8'
+	.venv-ros/bin/pip install --quiet --editable '.[sim]' 'cryptography>=42' 'pytest>=8'

@@ -84,14 +84,14 @@ def run(example: str, *words: str) -> tuple[str, str]:
 @needs("rclpy")
 def test_the_ground_vehicles_complete_their_mission_on_ros() -> None:
     out, err = run("ground_vehicles")
-    assert re.search(r"DINGO +1 +idle\nREX +1 +idle\n\ncompleted: ", out), (out, err)
+    assert re.search(r"REX +1 +\d+ +completed\nDINGO +1 +\d+ +completed\n\ncompleted: ", out), (out, err)
 
 
 @pytest.mark.ros
 @needs("rclpy")
 def test_drone_and_tractors_work_on_ros_where_the_type_of_a_service_is_missing() -> None:
     out, err = run("agriculture", "--duration", "60")
-    assert "fame: not over after 60 s" in err, (out, err)
-    assert re.search(r"Drone +1 +running\n(Tractor_. .*\n)*Tractor_. +[1-9] +(running|idle)\n", out), (out, err)
+    assert re.search(r"Drone +1 +\d+ +running\n(Tractor_. .*\n)*Tractor_. +[1-9] ", out), (out, err)
+    assert "fame: not over after " in err
     missing = importlib.util.find_spec("tello_msgs") is None
     assert ("Drone offers no service tello_action: tello_msgs/srv/TelloAction: this ROS" in err) == missing
