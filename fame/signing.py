@@ -88,7 +88,9 @@ class Identity:
     @property
     def key(self) -> str:
         """The public key as text."""
-        return base64.b64encode(self.private.public_key().public_bytes_raw()).decode()
+        _, serialization = _cryptography()
+        raw = serialization.Encoding.Raw, serialization.PublicFormat.Raw  # Debian 12's cryptography has no shorter way
+        return base64.b64encode(self.private.public_key().public_bytes(*raw)).decode()
 
 
 def new_identity(robot: str, team: Ed25519PrivateKey, path: Path) -> None:
