@@ -186,7 +186,7 @@ def choose_process(definitions: Definitions, name: str | None, advice: str = "")
     processes = definitions.processes
     has = ", ".join(process.id for process in processes) or "none"
     if name is not None:
-        pools = [pool.process for pool in definitions.participants if pool.name == name]
+        pools = [pool.process for pool in definitions.participants if name in (pool.name, pool.label)]
         found = definitions.process(name) or (definitions.process(pools[0]) if pools else None)
         if found is None:
             raise ModelError(f"has no process or pool {name!r}; it has {has}", file=definitions.file)
