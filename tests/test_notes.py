@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from deployment_field import definitions, process
 
 from fame.cli.output import Notes
 
@@ -57,3 +58,17 @@ def test_a_closed_pipe_ends_no_process():
         assert subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, stderr=writing, check=False).returncode == 2
     finally:
         os.close(writing)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_a_mission_is_completed_though_nobody_can_read_its_log(tmp_path):
+    model = tmp_path / "m.bpmn"
+    script = '<scriptTask id="t"><script>log("hello")</script></scriptTask>'
+    model.write_text(definitions(process("p", f'<startEvent id="s"/>{script}', ("s", "t"))))
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "fame", "run", str(model)],
+            cwd=ROOT, stdout=subprocess.PIPE, stderr=full, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0
+    assert "completed" in done.stdout

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
-from fame.cli.output import live_table, print_json, progress_line, table, table_within
+from fame.cli.output import live_table, note, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
 from fame.text import printable
 
@@ -266,12 +266,12 @@ def _tell(result: Result, *, quiet: bool, reports: bool) -> None:
     if not quiet:
         for event in result.reports if reports else ():
             place = f"{event.robot}: {event.element}" if event.element else event.robot
-            print(f"{event.time / 1e9:7.1f} s   {place}: {printable(event.detail)}", file=sys.stderr)
+            note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}")
         rows = [(robot.name, robot.instances, robot.elements, printable(_standing(robot))) for robot in result.robots]
         print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
         print(f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}", flush=True)
     for message in result.messages:
-        print(f"fame: {printable(message)}", file=sys.stderr)
+        note(f"fame: {message}")
 
 
 def _speed(result: Result) -> str:
