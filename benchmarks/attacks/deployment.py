@@ -53,7 +53,8 @@ def silent_other(field: Field) -> None:
         held(not decided, f"B decided alone: {field.last('B').state}")
     finally:
         engines[0].tell(signal.SIGCONT)
-    held(field.until(lambda: field.last("B").deployed == "d1", 15), "B did not start when it heard A again")
+    # Participants that took each other for dead may find each other only after half a minute.
+    held(field.until(lambda: field.last("B").deployed == "d1", 60), "B did not start when it heard A again")
 
 
 def bad_fields(field: Field) -> None:

@@ -107,4 +107,4 @@ def cut_off_while_it_waits(field: Field) -> None:
     field.pass_time(8)
     sender.tell(signal.SIGCONT)
     gap = lambda: any("was gone" in str(wait) for report in field.reports["B"] for wait in report.waits)  # noqa: E731
-    held(field.until(gap, 15), "nobody says that a signal may be lost")
+    held(field.until(gap, 60), "nobody says that a signal may be lost")
