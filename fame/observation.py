@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from fame.engine.state import Mark, Trail
+from fame.engine.program import Mark
+from fame.engine.state import Trail
 
 Observer = Callable[["Event"], object]
 TakeTrail = Callable[[int, str, Trail], object]

@@ -13,7 +13,7 @@ from fame.check.coverage import cover_all
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, is_event, link_of
 from fame.check.subject import Subject, Unit
-from fame.engine.compiler import is_handler
+from fame.engine.structure import is_handler
 
 
 def flow_findings(subject: Subject) -> Iterator[Finding]:

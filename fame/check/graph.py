@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow
-from fame.engine.compiler import begins, instantiates
+from fame.engine.structure import begins, instantiates
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding
 from fame.check.subject import Subject, Unit
 from fame.check.texts import texts_of
-from fame.engine import gateways, loops
+from fame.engine import joins, loops
 from fame.monitoring import UNITS
 
 _SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
@@ -149,7 +149,7 @@ def _undeclared(unit: Unit) -> Iterator[Finding]:
     for body in unit.bodies():
         for text in texts_of(body):
             if text.use in ("condition", "payload"):
-                for name in sorted(text.reads - declared - {*loops.NAMES, *gateways.NAMES}):
+                for name in sorted(text.reads - declared - {*loops.NAMES, *joins.NAMES}):
                     does = "decides by" if text.use == "condition" else "sends"
                     found = f"{does} `{name}`, which no data object declares (G4)"
                     yield unit.finding("note", found, text.element, text.expression.line)

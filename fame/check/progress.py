@@ -16,7 +16,7 @@ from fame.bpmn.topics import topics_of
 from fame.check.graph import Graph, graph, is_event
 from fame.check.subject import Unit
 from fame.check.topics import Table
-from fame.engine.compiler import is_handler
+from fame.engine.structure import is_handler
 
 Passes = Callable[[FlowNode], bool]
 """Whether a token may pass a node that waits for no topic."""

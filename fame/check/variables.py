@@ -33,7 +33,7 @@ from fame.check.findings import Finding, Level
 from fame.check.subject import Subject, Unit
 from fame.check.texts import Text, names_of, texts_of
 from fame.check.topics import fields_taken, taken_by_prefix
-from fame.engine import gateways, loops
+from fame.engine import joins, loops
 from fame.engine.data import variable_name
 from fame.monitoring import GIVES, NEEDS
 from fame.scripting.interface import NAMES
@@ -114,7 +114,7 @@ def named_by(node: FlowNode) -> Iterator[str]:
     if isinstance(node, Event) and node.io is not None:
         yield from (item.target for item in (*node.io.inputs, *node.io.outputs))
     if isinstance(node, Gateway) and node.kind == "complex":
-        yield from gateways.NAMES
+        yield from joins.NAMES
     if isinstance(node, Activity):
         if node.loop is not None:
             yield from loops.NAMES

@@ -18,11 +18,13 @@ end     the instance ended; the detail is its status
 ======  ==========================================================================
 """
 
-from fame.engine.compiler import Library, compile_program
+from fame.engine.compiler import compile_program
 from fame.engine.host import BpmnError, Cancelled, Host
 from fame.engine.interpreter import MOVES, Engine
+from fame.engine.program import Program
+from fame.engine.scope_compiler import Library
 from fame.engine.snapshot import restore, snapshot
-from fame.engine.state import DEPTH, Instance, Program
+from fame.engine.state import DEPTH, Instance
 from fame.engine.variables import UNDEFINED, Variables, plain
 
 __all__ = [

@@ -16,17 +16,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fame.bpmn import model
-from fame.engine import faults, scopes, steps
+from fame.engine import faults, scopes, steps, subprocesses
+from fame.engine.engine_state import EngineState
+from fame.engine.handlers import reaction_of
 from fame.engine.host import Compiled
-from fame.engine.state import Node, Rest, Scope, scopes_of
+from fame.engine.program import Node
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import Scope, Wait, scopes_of
 from fame.errors import MissionError
-
-if TYPE_CHECKING:
-    from fame.engine.compiler import Wiring
-    from fame.engine.interpreter import Engine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,46 +44,53 @@ class AdHoc:
 # ---- compiling -----------------------------------------------------------------------------------
 
 
-def supervise(wiring: Wiring) -> None:
+def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
+    """An ad-hoc sub-process."""
+    node = subprocesses.opening(context, element)
+    inner = ScopeCompiler(context.compiler, element, context.file, context)
+    node.body = inner.compile(_supervise)
+    first = inner.without_start("an ad-hoc sub-process has no start event: what no flow leads to begins")
+    inner.open_with(_begin(inner, element, first) if first else inner.nothing())
+    return node
+
+
+def _supervise(context: ScopeCompiler) -> None:
     """Put the nodes around the activities of such a body, before its flows are linked."""
     interrupting: dict[str, list[model.Event]] = {}
-    for event in wiring.content.nodes:
-        node = wiring.main.get(event.id)
-        if isinstance(event, model.Event) and event.place == "boundary" and node is not None and node.interrupting:
+    for event in context.content.nodes:
+        node = context.main.get(event.id)
+        if isinstance(event, model.Event) and event.place == "boundary" and node and reaction_of(node).interrupting:
             interrupting.setdefault(event.attached_to, []).append(event)
-    for activity in activities_of(wiring):
-        before = wiring.compiler.node(activity, admit, wiring.file, part="/admit")
-        before.next, wiring.entries[activity.id] = wiring.entries[activity.id], before
+    for activity in _activities_of(context):
+        before = context.node(activity, admit, "/admit")
+        before.next, context.entries[activity.id] = context.entries[activity.id], before
         for end in (activity, *interrupting.get(activity.id, ())):
-            after = wiring.compiler.node(activity, completed, wiring.file, part=f"/completed@{end.id}")
-            wiring.link(wiring.exits[end.id], after)
-            wiring.exits[end.id] = [after]
+            context.append(end.id, context.node(activity, completed, f"/completed@{end.id}"))
 
 
-def activities_of(wiring: Wiring) -> list[model.Activity]:
+def _activities_of(context: ScopeCompiler) -> list[model.Activity]:
     """Those that the sub-process is there for: no handlers."""
-    return [node for node in wiring.content.nodes if isinstance(node, model.Activity) and node.id in wiring.exits
-            and not node.for_compensation]  # fmt: skip
+    activities = (node for node in context.content.nodes if isinstance(node, model.Activity))
+    return [node for node in activities if node.id in context.exits and not node.for_compensation]
 
 
-def open_with(wiring: Wiring, element: model.SubProcess, beginning: list[model.FlowNode]) -> tuple[AdHoc, Node]:
+def _begin(context: ScopeCompiler, element: model.SubProcess, first: list[model.FlowNode]) -> Node:
     """What such a body knows of itself, and its first node."""
-    compiled = wiring.compiler.optional
-    how = AdHoc(
-        entries={node.id: wiring.entries[node.id] for node in beginning},
-        activities=frozenset(activity.id for activity in activities_of(wiring)),
-        chosen=compiled(element.active, element, wiring.file),
-        condition=compiled(element.completion, element, wiring.file),
+    context.body.adhoc = AdHoc(
+        entries={node.id: context.entries[node.id] for node in first},
+        activities=frozenset(activity.id for activity in _activities_of(context)),
+        chosen=context.optional(element.active, element),
+        condition=context.optional(element.completion, element),
         sequential=element.sequential,
         cancels=element.cancel_remaining,
     )
-    return how, wiring.compiler.node(element, begin, wiring.file, part="/begin")
+    return context.node(element, begin, "/begin")
 
 
 # ---- steps ---------------------------------------------------------------------------------------
 
 
-def begin(engine: Engine, scope: Scope, node: Node) -> Node | None:
+def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     """The first token of such a scope becomes one for each element that begins."""
     scope.items = {"busy": "", "todo": [], "over": False}
     try:
@@ -117,7 +124,7 @@ def how_of(scope: Scope) -> AdHoc:
     return how
 
 
-def admit(engine: Engine, scope: Scope, node: Node) -> Node | None:
+def admit(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     """A token comes to an activity."""
     state = scope.items
     if state["over"]:
@@ -131,7 +138,7 @@ def admit(engine: Engine, scope: Scope, node: Node) -> Node | None:
     return node.next
 
 
-def completed(engine: Engine, scope: Scope, node: Node) -> Node | None:
+def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     """An activity has completed, or was interrupted."""
     state, how = scope.items, how_of(scope)
     if state["busy"] == node.id:
@@ -152,30 +159,30 @@ def completed(engine: Engine, scope: Scope, node: Node) -> Node | None:
     return node.next
 
 
-def take_next(engine: Engine, scope: Scope, node: Node) -> Node | None:
+def take_next(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     """Behind what the last activity led to, the token that waits longest."""
     state = scope.items
     return engine.program.by_key[state["todo"].pop(0)] if state["todo"] and not state["busy"] else None
 
 
-def conclude(engine: Engine, scope: Scope, how: AdHoc) -> None:
+def conclude(engine: EngineState, scope: Scope, how: AdHoc) -> None:
     """Enough has been done: the rest is cancelled, or may end."""
     if how.cancels:
-        scopes.proceed(engine, steps.FINISH, scopes.replace(engine, scope, scope.handles))
+        scopes.proceed(engine, steps.FINISH, *scopes.replace(engine, scope, scope.handles))
     else:
         scope.items["over"] = True
         engine.ready.append((SWEEP, scope))
 
 
-def sweep(engine: Engine, scope: Scope, node: Node) -> None:
+def sweep(engine: EngineState, scope: Scope, node: Node) -> None:
     """The token that was enough ends last; so do those that wait for anything but the end of an activity."""
     for child in tuple(scope.children):
-        if isinstance(child, Rest) and child.token and child.node.id not in how_of(scope).activities:
+        if isinstance(child, Wait) and child.token and child.node.id not in how_of(scope).activities:
             scope.children.pop(child)
-            scopes.cancel_rest(engine, child)
+            scopes.cancel_wait(engine, child)
             scope.tokens -= 1
     for join, counts in (scope.joins or {}).items():
-        scope.tokens -= sum(counts[: join.need])
+        scope.tokens -= sum(counts[: join.spec.need])
     scope.joins = None
     scope.tokens -= len(scope.items["todo"])
     scope.items["todo"] = []
@@ -189,7 +196,7 @@ SWEEP = Node("", "(sweep)", sweep)
 # ---- from outside --------------------------------------------------------------------------------
 
 
-def activate(engine: Engine, element: str) -> None:
+def activate(engine: EngineState, element: str) -> None:
     """Let an element of an ad-hoc sub-process begin. Raises MissionError if none is open that could."""
     for scope, entries in _open(engine):
         if element in entries:
@@ -201,12 +208,12 @@ def activate(engine: Engine, element: str) -> None:
     raise MissionError(text, element=element)
 
 
-def offers(engine: Engine) -> list[str]:
+def offers(engine: EngineState) -> list[str]:
     """The elements that could be activated now, each once."""
     return list(dict.fromkeys(id for _, entries in _open(engine) for id in entries))
 
 
-def _open(engine: Engine) -> Iterator[tuple[Scope, dict[str, Node]]]:
+def _open(engine: EngineState) -> Iterator[tuple[Scope, dict[str, Node]]]:
     """The ad-hoc scopes in which something may begin, and what."""
     for instance in engine.instances.values():
         for scope in scopes_of(instance.root):

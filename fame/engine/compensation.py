@@ -9,19 +9,31 @@ it for the scope that it handles.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from functools import partial
 
-from fame.engine import faults, scopes, steps
+from fame.bpmn import model
+from fame.engine import faults, handlers, scopes, steps
+from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError
-from fame.engine.state import Node, Record, Scope
+from fame.engine.program import Handler, LoopInstance, Node, Step
+from fame.engine.scope_compiler import ScopeCompiler, boundary_of
+from fame.engine.state import Record, Scope
 
-if TYPE_CHECKING:
-    from fame.engine.interpreter import Engine
+
+@dataclass(slots=True)
+class Compensate:
+    """Spec of what throws compensation; `activity`: of that one alone. Its scope is the undoing."""
+
+    activity: str | None
 
 
-def completed(engine: Engine, scope: Scope, node: Node) -> Node | None:
+# ---- steps ---------------------------------------------------------------------------------------
+
+
+def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     """What follows a task that can be compensated."""
-    remember(scope, Record(node.guard, scope.variables, []))
+    remember(scope, Record(node.part_of, scope.variables, []))
     return node.next
 
 
@@ -32,33 +44,33 @@ def remember(scope: Scope, *records: Record) -> None:
     scope.done.extend(records)
 
 
-def compensate(engine: Engine, scope: Scope, node: Node) -> Node | None:
-    """A compensation event: undo what completed in its scope, or (`code`) one activity of it."""
+def compensate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
+    """A compensation event: undo what completed in its scope, or one activity of it."""
+    spec: Compensate = node.spec
     homes, chosen = [scope], list[Record]()
-    if scope.node is not None and scope.node.kind == "handler" and scope.parent is not None:
+    if scope.node is not None and isinstance(scope.node.spec, Handler) and scope.parent is not None:
         homes.append(scope.parent)
     for home in homes:
         done = home.done or []
-        chosen += unrolled([record for record in done if node.code in (None, record.node.id)])
-        home.done = [record for record in done if node.code not in (None, record.node.id)] or None
+        chosen += _unrolled([record for record in done if spec.activity in (None, record.node.id)])
+        home.done = [record for record in done if spec.activity not in (None, record.node.id)] or None
     if not chosen:
         scope.counts[node.slot] += 1
         return node.next
-    undoing = scopes.child(engine, scope, node, None, scope.variables)
+    undoing = scopes.open_child(engine, scope, node, None, scope.variables)
     undoing.done = chosen
-    undo_next(engine, undoing)
+    _undo_next(engine, undoing)
     return None
 
 
-def beside(engine: Engine, scope: Scope, node: Node) -> Node | None:
-    """Compensation that its thrower does not wait for: another token sees to it (standard, waitForCompletion)."""
-    assert node.join is not None
+def beside(engine: EngineState, scope: Scope, node: Node) -> Node | None:
+    """The thrower does not wait: another token, at the node in `spec`, sees to it (standard, waitForCompletion)."""
     scope.tokens += 1
-    engine.ready.append((node.join, scope))
+    engine.ready.append((node.spec, scope))
     return node.next
 
 
-def unrolled(records: list[Record]) -> list[Record]:
+def _unrolled(records: list[Record]) -> list[Record]:
     """Those to undo, in the order of undoing: of an activity without a handler, what was completed in it."""
     found, stack = [], list(records)
     while stack:
@@ -72,10 +84,12 @@ def unrolled(records: list[Record]) -> list[Record]:
 
 def handler_of(node: Node) -> Node | None:
     """Where the token goes that undoes an activity."""
-    return node.undo or (node.body.undo if node.body is not None else None)
+    if node.boundary is not None and node.boundary.compensation is not None:
+        return node.boundary.compensation
+    return node.body.compensation if node.body is not None else None
 
 
-def undo_next(engine: Engine, undoing: Scope) -> None:
+def _undo_next(engine: EngineState, undoing: Scope) -> None:
     """Undo one more activity; after the last one the thrower goes on."""
     if not undoing.done:
         scopes.finish(engine, undoing)
@@ -83,30 +97,43 @@ def undo_next(engine: Engine, undoing: Scope) -> None:
     record = undoing.done.pop(0)
     entry = handler_of(record.node)
     assert entry is not None
-    inner = scopes.child(engine, undoing, UNDO, None, record.variables)
+    inner = scopes.open_child(engine, undoing, UNDO, None, record.variables)
     inner.done = record.inner or None
     engine.ready.append((entry, inner))
-    if record.node.undo is None:  # the event sub-process for compensation inside it
-        if entry.guard.act is not None:
-            engine.tell(undoing, entry.guard.entered)
-        inner.body, inner.handles = entry.guard.body, (entry.guard,)
-        scopes.open_scope(engine, inner)
+    handler = entry.part_of
+    if isinstance(handler.spec, Handler):  # the event sub-process for compensation inside it
+        if handler.plain_step is not None:
+            engine.notify(undoing, handler.entered)
+        inner.body, inner.handles = handler.body, (handler,)
+        scopes.arm_scope(engine, inner)
 
 
-def cancel(engine: Engine, scope: Scope, node: Node) -> None:
+def _one_undone(engine: EngineState, undoing: Scope, inner: Scope) -> None:
+    """One activity has been undone."""
+    _undo_next(engine, undoing)
+
+
+def _undone(engine: EngineState, scope: Scope, undoing: Scope) -> None:
+    """All has been undone."""
+    assert undoing.node is not None
+    scopes.complete(engine, scope, undoing.node)
+
+
+def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
     """A cancel end event: its transaction is cancelled and undone, then leaves by its cancel boundary event."""
     place = scope
     while place.parent is not None and not (place.node and place.node.body and place.node.body.transaction):
         place = place.parent
-    if place.parent is not None and place.parent.node is not None and place.parent.node.kind == "instance":
-        place = whole_of(place.parent)
-    if place.node is None or not place.node.cancels:
+    around = place.parent.node if place.parent is not None else None
+    if place.parent is not None and around is not None and isinstance(around.spec, LoopInstance):
+        place = _whole_of(place.parent)
+    if place.node is None or place.node.boundary is None or not place.node.boundary.cancels:
         faults.fail(engine, scope, node, BpmnError("cancel", "no cancel boundary event is around it"))
     else:
-        scopes.proceed(engine, ROLL_BACK, scopes.replace(engine, place, place.handles))
+        scopes.proceed(engine, ROLL_BACK, *scopes.replace(engine, place, place.handles))
 
 
-def whole_of(instance: Scope) -> Scope:
+def _whole_of(instance: Scope) -> Scope:
     """A transaction that repeats is cancelled as one: what completed in its instances at work is undone, too."""
     whole = instance.parent
     assert whole is not None
@@ -117,16 +144,55 @@ def whole_of(instance: Scope) -> Scope:
     return whole
 
 
-def cancelled(engine: Engine, scope: Scope, node: Node) -> None:
+def _rolled_back(engine: EngineState, scope: Scope, node: Node) -> None:
     """A transaction has been undone."""
     assert scope.parent is not None
     assert scope.node is not None
-    steps.take_boundary(engine, scope.parent, scope.node.cancels[0], scope)
+    assert scope.node.boundary is not None
+    handlers.take_boundary(engine, scope.parent, scope.node.boundary.cancels[0], scope)
 
 
 UNDO = Node("", "(undo)", completed)
-UNDO.kind = "undo"
-ROLL_BACK = Node("", "(roll back)", compensate)
-ROLL_BACK.kind = "scope"
-CANCELLED = Node("", "(cancelled)", cancelled)
+UNDO.ended = _one_undone
+ROLL_BACK = Node("", "(roll back)", compensate, spec=Compensate(None))
+ROLL_BACK.ended = _undone
+CANCELLED = Node("", "(cancelled)", _rolled_back)
 ROLL_BACK.next = CANCELLED
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def thrown(
+    context: ScopeCompiler, event: model.Event, definition: model.CompensateDefinition, ends: Step, part: str = ""
+) -> Node:
+    """A throwing compensation event."""
+    undoing = context.node(event, compensate, part if definition.wait else "/beside", Compensate(definition.activity))
+    undoing.ended = _undone
+    if definition.wait:
+        return undoing
+    undoing.next = context.node(event, steps.end, "/undone")
+    return context.node(event, beside, part, undoing)
+
+
+def compensable(context: ScopeCompiler, event: model.Event) -> None:
+    """A compensation event at the boundary of an activity, and the handler associated with it."""
+    targets = [target for source, target in context.content.associations if source == event.id]
+    if len(targets) != 1 or len(event.definitions) > 1:
+        context.refuse(f"a compensation event needs one handler; it has {len(targets)}", event)
+    node = context.counted(context.node(event, steps.pass_on))
+    context.watch(node)
+    context.when_made.append(partial(_attach, context, event.attached_to, node, targets[0]))
+
+
+def _attach(context: ScopeCompiler, activity: str, node: Node, handler: str) -> None:
+    """Let an activity be compensated, or each instance of one that repeats.
+
+    An activity without a scope of its own tells by a node behind it that it has completed.
+    """
+    main = context.main[activity]
+    boundary_of(context.compensated.get(activity, main)).compensation = node
+    node.next = context.entries[handler]
+    if main.body is None:
+        last = context.node(context.model[activity], completed, "/completed")
+        last.part_of = main
+        context.append(activity, last)

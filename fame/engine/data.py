@@ -11,14 +11,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fame.bpmn.model import DataObject, Process, SubProcess, Topic
 from fame.engine.host import Compiled
 from fame.engine.variables import UNDEFINED, Variables
-
-if TYPE_CHECKING:
-    from fame.engine.state import Node
 
 Take = Callable[[dict[str, Any], Any], None]
 Match = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]
@@ -195,16 +192,16 @@ def _descend(message: Any, path: tuple[str, ...]) -> Any:
     return message
 
 
-def correlates(node: Node, variables: dict[str, Any], message: Any) -> bool:
-    """Whether a message is for who waits at `node` with these variables (standard 8.3.2).
+def correlates(keys: Sequence[tuple[str, Compiled]], variables: dict[str, Any], message: Any) -> bool:
+    """Whether a message is for a catching event with these correlation keys and variables (standard 8.3.2).
 
     Each key that has a value already must have that of the message; the others are set by the first message.
     """
-    if not node.keys:
+    if not keys:
         return True
     inner = Variables(variables, {"msg": message})
     try:
-        found = [(name, source(inner)) for name, source in node.keys]
+        found = [(name, source(inner)) for name, source in keys]
     except Exception:  # a message without what is asked for is for somebody else
         return False
     if any(_held(variables, name) not in (UNDEFINED, value) for name, value in found):

@@ -1,290 +1,212 @@
-"""What each event of BPMN becomes: nodes that wait for its triggers, throw its results, or pass a token on."""
+"""Start, intermediate and end events: what they wait for is in `triggers`, what they throw is here."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Any
 
 from fame.bpmn import model
-from fame.engine import compensation, data, gateways, steps
-from fame.engine.state import UNCOUNTED, Node, Step
-from fame.errors import ModelError
+from fame.engine import compensation, data, event_gateways, faults, steps, triggers
+from fame.engine.engine_state import EngineState
+from fame.engine.host import BpmnError, Compiled
+from fame.engine.program import Node, Step
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import Scope
+from fame.engine.structure import links_of
+from fame.engine.variables import UNDEFINED
 
-if TYPE_CHECKING:
-    from fame.engine.compiler import Wiring
-
-OBSERVED: Step = steps.pass_on
-"""The `act` of nodes that no token comes to, to say that observers are told of them."""
-
-
-def make(wiring: Wiring, event: model.Event) -> None:
-    """Make the nodes of one event."""
-    _PLACES[event.place](wiring, event)
+# ---- steps ---------------------------------------------------------------------------------------
 
 
-def refuse(text: str, element: model.Element, wiring: Wiring) -> ModelError:
-    """A refusal, by name."""
-    return ModelError(text, file=wiring.file, line=element.line, element=element.id)
+@dataclass(slots=True)
+class Throw:
+    """Spec of a throwing signal or message event, or a send task.
+
+    topic    the qualified topic
+    payload  what the message carries
+    to       the robot that a message is for; None: all
+    """
+
+    topic: str
+    payload: Compiled | None
+    to: Compiled | None = None
 
 
-def trigger(wiring: Wiring, event: model.Event, definition: model.EventDefinition, part: str = "") -> Node:
-    """A node that waits for what an event definition says."""
-    compiler = wiring.compiler
-    node = compiler.node(event, steps.wait, wiring.file, part=part)
-    node.interrupting = event.interrupting or isinstance(definition, model.ErrorDefinition | model.CancelDefinition)
-    match definition:
-        case model.SignalDefinition(topic=topic):
-            node.kind = "signal"
-            listen(wiring, event, node, topic)
-        case model.MessageDefinition(topic=topic, keys=keys):
-            node.kind, node.keys = "message", compiler.assignments(keys, event, wiring.file)
-            listen(wiring, event, node, topic)
-        case model.TimerDefinition(kind=kind, expression=expression):
-            if expression is None:
-                raise refuse("the timer has no time: expected a duration, date or cycle of ISO 8601", event, wiring)
-            node.kind, node.timer = "timer", kind
-            node.run = compiler.expression(expression, event, wiring.file)
-        case model.ConditionalDefinition(condition=condition):
-            if condition is None:
-                raise refuse("the conditional event has no condition", event, wiring)
-            node.kind, node.run = "condition", compiler.expression(condition, event, wiring.file)
-        case model.ErrorDefinition() | model.EscalationDefinition():
-            node.kind = "error" if isinstance(definition, model.ErrorDefinition) else "escalation"
-            node.code, node.code_variable = definition.code, definition.code_variable or ""
-            node.message_variable = getattr(definition, "message_variable", None) or ""
-        case model.CancelDefinition() | model.CompensateDefinition():
-            node.kind = "cancel" if isinstance(definition, model.CancelDefinition) else "compensate"
-        case _:
-            name = type(definition).__name__.removesuffix("Definition").lower()
-            raise refuse(f"{name} events are not executed by this version", event, wiring)
-    return node
+@dataclass(slots=True)
+class Raise:
+    """Spec of a throwing error or escalation event: its code, fixed or computed."""
+
+    code: str | None
+    computed: Compiled | None
 
 
-def triggers_of(wiring: Wiring, event: model.Event) -> list[Node]:
-    """A node for each trigger of an event; one for all of them if it is a parallel multiple event."""
-    several = len(event.definitions) > 1
-    nodes = [trigger(wiring, event, each, f"/{n}" if several else "") for n, each in enumerate(event.definitions)]
-    if not (several and event.parallel):
-        return nodes
-    for node in nodes:
-        if node.kind in ("error", "escalation", "cancel", "compensate"):
-            raise refuse(f"a parallel multiple event cannot wait for an {node.kind}", event, wiring)
-        node.fire = gateways.fire_part
-    whole = wiring.compiler.node(event, steps.wait, wiring.file)
-    whole.kind, whole.alternatives, whole.interrupting = "all", tuple(nodes), event.interrupting
-    return [whole]
+def throw(engine: EngineState, scope: Scope, node: Node) -> Node | None:
+    """Publish; own catchers are reached once the tokens ahead of this one wait, then this token goes on."""
+    spec: Throw = node.spec
+    try:
+        value = spec.payload(scope.variables) if spec.payload is not None else None
+        message = engine.host.publish(spec.topic, None if value is UNDEFINED else value)
+    except BaseException as error:
+        return steps.fail_step(engine, scope, node, error)
+    ready = engine.ready
+    ready.append((None, (spec.topic, message)))
+    ready.append((node.next, scope))
+    if node.plain_step is not None:
+        engine.notify(scope, node.left)
+    return None
 
 
-def listen(wiring: Wiring, element: model.FlowNode, node: Node, topic: model.Topic) -> None:
-    """Let a node wait for a topic, and take what the message brings."""
-    node.topic, node.queue = topic.qualified, topic.queue
-    objects = [wiring.objects[id] for id in element.data_outputs if id in wiring.objects]
-    takes = [
-        (name, data.seeing_fields(source) if item.source.language == "feel" else source)
-        for item in topic.takes
-        for name, source in wiring.compiler.assignments([(item.target, item.source)], element, wiring.file)
-    ]
-    node.take = data.receiver(topic, objects, takes, wiring.compiler.unfilled)
+def send(engine: EngineState, scope: Scope, node: Node) -> Node | None:
+    """A message for another process: own catchers do not get it."""
+    spec: Throw = node.spec
+    try:
+        value = spec.payload(scope.variables) if spec.payload is not None else None
+        value = None if value is UNDEFINED else value
+        if spec.to is None:
+            engine.host.publish(spec.topic, value)
+        else:
+            engine.host.send(spec.topic, value, spec.to(scope.variables))
+    except BaseException as error:
+        return steps.fail_step(engine, scope, node, error)
+    return node.next
 
 
-def start(wiring: Wiring, event: model.Event) -> None:
+def _code_of(spec: Raise, variables: dict[str, Any]) -> str | None:
+    """The code that is thrown. Raises ValueError for a computed one that is null."""
+    if spec.computed is None:
+        return spec.code
+    code = spec.computed(variables)
+    if code is None or code is UNDEFINED:
+        raise ValueError("the code is computed, and there is none: what it is computed of is not set")
+    return str(code)
+
+
+def raise_error(engine: EngineState, scope: Scope, node: Node) -> None:
+    """An error end event."""
+    try:
+        code = _code_of(node.spec, scope.variables)
+    except BaseException as error:
+        faults.fail(engine, scope, node, error)
+        return
+    faults.fail(engine, scope, node, BpmnError(code or ""))
+
+
+def escalate(engine: EngineState, scope: Scope, node: Node) -> None:
+    """An escalation: the token is first in line, and goes on unless its scope is cancelled or suspended."""
+    try:
+        code = _code_of(node.spec, scope.variables)
+    except BaseException as error:
+        steps.fail_step(engine, scope, node, error)
+        return
+    if node.plain_step is not None:
+        engine.notify(scope, node.left)
+    engine.ready.appendleft((node.next, scope))
+    faults.escalate(engine, scope, node, code)
+
+
+_ENDING = (steps.end, steps.terminate, raise_error, compensation.cancel)
+"""Steps at which a token ends, whatever follows."""
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def start(context: ScopeCompiler, event: model.Event) -> None:
     """A start event: of the process if it has triggers; of an event sub-process it is made with that."""
-    node = wiring.compiler.node(event, steps.pass_on, wiring.file, counted=True)
-    wiring.compiler.watch(node)
-    wiring.place(event, node)
-    triggers = triggers_of(wiring, event)
-    for each in triggers:
+    node = context.counted(context.node(event, steps.pass_on))
+    context.watch(node)
+    context.place(event, node)
+    nodes = triggers.triggers_of(context, event)
+    for each in nodes:
         each.step = steps.pass_on
         if node.next is not None:  # what the event assigns
             each.next = node.next
         else:
-            wiring.exits[event.id].append(each)
+            context.exits[event.id].append(each)
         each.index = each.slot = node.slot
-        wiring.compiler.watch(each)
-    wiring.triggers[event.id] = triggers
+        context.watch(each)
+    context.triggers[event.id] = nodes
 
 
-def catch(wiring: Wiring, event: model.Event) -> None:
+def catch(context: ScopeCompiler, event: model.Event) -> None:
     """An intermediate catching event. Several definitions: the first that comes (a multiple event)."""
-    compiler = wiring.compiler
-    if event.definitions and isinstance(event.definitions[0], model.LinkDefinition):
-        return passing(wiring, event)
-    if not event.definitions:
-        return passing(wiring, event)
-    if len(event.definitions) == 1 or event.parallel:
-        (node,) = triggers_of(wiring, event)
-        node.slot, node.fire = compiler.slot(event.id), steps.fire_catch
-        if node.kind in ("error", "escalation"):
-            raise refuse(f"an intermediate event cannot catch an {node.kind}; use a boundary event", event, wiring)
-        compiler.watch(node)
-        wiring.place(event, node)
-        wiring.queued += [each for each in (node, *node.alternatives) if each.queue]
-        return None
-    choice = compiler.node(event, gateways.choose, wiring.file)
-    choice.slot = compiler.slot(event.id)
-    choice.alternatives = tuple(alternatives(wiring, event, choice, choice.slot))
-    compiler.watch(choice)
-    wiring.place(event, choice, list(choice.alternatives))
-    return None
+    if not event.definitions or isinstance(event.definitions[0], model.LinkDefinition):
+        context.passing(event)
+    elif len(event.definitions) > 1 and not event.parallel:
+        event_gateways.multiple(context, event)
+    else:
+        (node,) = triggers.triggers_of(context, event)
+        if node.catch is None:
+            context.refuse(f"an intermediate event cannot catch an {node.spec.kind}; use a boundary event", event)
+        node.slot = context.slot(event.id)
+        context.watch(node)
+        context.place(event, node)
+        triggers.keep_queue(context, node)
 
 
-def alternatives(wiring: Wiring, event: model.Event, owner: Node, slot: int) -> list[Node]:
-    """One node for each definition of an event; whichever fires is the event."""
-    nodes = [trigger(wiring, event, each, f"/{n}@{owner.id}") for n, each in enumerate(event.definitions)]
-    for node in nodes:
-        node.fire, node.slot, node.guard = gateways.fire_alternative, slot, owner
-        node.act = OBSERVED if wiring.compiler.observed else None
-        if node.queue:
-            wiring.queued.append(node)
-    return nodes
-
-
-def passing(wiring: Wiring, element: model.FlowNode) -> None:
-    """An element that only passes a token on."""
-    node = wiring.compiler.node(element, steps.pass_on, wiring.file, counted=True)
-    wiring.compiler.watch(node)
-    wiring.place(element, node)
-
-
-def throwing(wiring: Wiring, event: model.Event) -> None:
+def throwing(context: ScopeCompiler, event: model.Event) -> None:
     """An intermediate throwing event, or an end event: the same, but for what follows."""
-    compiler = wiring.compiler
     ends: Step = steps.end if event.place == "end" else steps.pass_on
     if len(event.definitions) < 2:
-        node = compiler.node(event, ends, wiring.file, counted=True)
-        if event.definitions:
-            thrown(wiring, event, event.definitions[0], node)
-        compiler.watch(node, ends=node.step in ENDING)
-        wiring.place(event, node)
+        node = _thrown(context, event, event.definitions[0], ends) if event.definitions else None
+        node = node or context.node(event, ends)
+        node.slot = context.slot(event.id)
+        if not isinstance(node.spec, compensation.Compensate):  # which counts when all is undone
+            node.index = node.slot
+        context.watch(node, ends=node.step in _ENDING)
+        context.place(event, node)
         return
-    first = last = compiler.node(event, steps.pass_on, wiring.file, counted=True)
-    compiler.watch(first)
+    first = last = context.counted(context.node(event, steps.pass_on))
+    context.watch(first)
     for number, definition in enumerate(event.definitions):
-        if last.step in ENDING:
-            raise refuse("nothing can be thrown after what ends the token: put it last", event, wiring)
-        last.next = compiler.node(event, steps.pass_on, wiring.file, part=f"/{number}")
+        if last.step in _ENDING:
+            context.refuse("nothing can be thrown after what ends the token: put it last", event)
+        last.next = _thrown(context, event, definition, steps.pass_on, f"/{number}")
         last = last.next
-        last.guard = first
-        thrown(wiring, event, definition, last)
-    wiring.place(event, first, [last])
+        last.part_of = first
+    context.place(event, first, [last])
 
 
-ENDING = (steps.end, steps.terminate, steps.raise_error, compensation.cancel)
-"""Steps at which a token ends, whatever follows."""
-
-
-def thrown(wiring: Wiring, event: model.Event, definition: model.EventDefinition, node: Node) -> None:
-    """Let a node throw what an event definition says."""
+def _thrown(
+    context: ScopeCompiler, event: model.Event, definition: model.EventDefinition, ends: Step, part: str = ""
+) -> Node:
+    """A node that throws what an event definition says. Raises ModelError."""
     match definition:
         case model.SignalDefinition(topic=topic) | model.MessageDefinition(topic=topic):
-            signal = isinstance(definition, model.SignalDefinition)
-            node.step, node.topic = steps.throw if signal else steps.send, topic.qualified
-            node.run = wiring.compiler.optional(topic.payload, event, wiring.file)
-            address(wiring, event, topic, node)
-            if node.run is not None and event.io is not None and event.io.inputs:
+            step = throw if isinstance(definition, model.SignalDefinition) else send
+            payload = context.optional(topic.payload, event)
+            if payload is not None and event.io is not None and event.io.inputs:
                 pairs = ((item.target, item.source) for item in event.io.inputs)
-                node.run = data.with_inputs(wiring.compiler.assignments(pairs, event, wiring.file), node.run)
-        case model.ErrorDefinition(code=code, computed=computed):
-            node.step, node.code = steps.raise_error, code
-            node.run = wiring.compiler.optional(computed, event, wiring.file)
-        case model.EscalationDefinition(code=code, computed=computed):
-            node.step, node.code = steps.escalate, code
-            node.run = wiring.compiler.optional(computed, event, wiring.file)
+                payload = data.with_inputs(context.assignments(pairs, event), payload)
+            return context.node(event, step, part, Throw(topic.qualified, payload, context.optional(topic.to, event)))
+        case (
+            model.ErrorDefinition(code=code, computed=computed)
+            | model.EscalationDefinition(code=code, computed=computed)
+        ):
+            climbs = raise_error if isinstance(definition, model.ErrorDefinition) else escalate
+            return context.node(event, climbs, part, Raise(code, context.optional(computed, event)))
         case model.TerminateDefinition():
-            node.step = steps.terminate
-        case model.CompensateDefinition(activity=activity_id, wait=wait):
-            undoing = node if wait else wiring.compiler.node(event, steps.end, wiring.file, part="/beside")
-            undoing.step, undoing.kind, undoing.code = compensation.compensate, "scope", activity_id
-            undoing.index = UNCOUNTED
-            if not wait:
-                node.step, node.join = compensation.beside, undoing
-                undoing.next = wiring.compiler.node(event, steps.end, wiring.file, part="/undone")
+            return context.node(event, steps.terminate, part)
+        case model.CompensateDefinition():
+            return compensation.thrown(context, event, definition, ends, part)
         case model.CancelDefinition():
-            if not wiring.transaction:
-                raise refuse("a cancel end event ends a transaction, and stands in none", event, wiring)
-            node.step = compensation.cancel
+            if not context.transaction:
+                context.refuse("a cancel end event ends a transaction, and stands in none", event)
+            return context.node(event, compensation.cancel, part)
         case model.LinkDefinition(name=name):
-            link(wiring, event, node, name)
-        case _:
-            raise refuse("cannot be thrown", event, wiring)
+            return _link(context, event, name, part)
+    context.refuse("cannot be thrown", event)
 
 
-def address(wiring: Wiring, element: model.FlowNode, topic: model.Topic, node: Node) -> None:
-    """Let a message be for one robot, if it says for which."""
-    if topic.to is not None:
-        node.to = wiring.compiler.expression(topic.to, element, wiring.file)
-
-
-def link(wiring: Wiring, event: model.Event, node: Node, name: str) -> None:
+def _link(context: ScopeCompiler, event: model.Event, name: str, part: str) -> Node:
     """A link event: a jump to the catching one of the same name in this body (standard 10.5.5)."""
-    events = (other for other in wiring.content.nodes if isinstance(other, model.Event))
+    events = (other for other in context.content.nodes if isinstance(other, model.Event))
     targets = [other for other in events if other.place == "catch" and name in links_of(other)]
     if len(targets) != 1:
-        raise refuse(f"link {name!r} has {len(targets)} catching events in this scope; it needs one", event, wiring)
-    wiring.links.append((node, targets[0].id))
+        context.refuse(f"link {name!r} has {len(targets)} catching events in this scope; it needs one", event)
+    node = context.node(event, steps.end if event.place == "end" else steps.pass_on, part)
 
+    def lead() -> None:
+        node.next = context.entries[targets[0].id]
 
-def links_of(event: model.Event) -> set[str]:
-    """The names of the links that an event throws or catches."""
-    return {each.name for each in event.definitions if isinstance(each, model.LinkDefinition)}
-
-
-def jumping_to(content: model.Body, event: model.Event) -> list[str]:
-    """The ids of the events that jump to a catching one."""
-    others = (other for other in content.nodes if isinstance(other, model.Event) and other.place == "throw")
-    return [other.id for other in others if links_of(event) & links_of(other)]
-
-
-def boundary(wiring: Wiring, event: model.Event) -> None:
-    """A boundary event: one node for each of its definitions, known to its activity once that is made."""
-    compiler = wiring.compiler
-    if not event.definitions:
-        raise refuse("a boundary event needs a trigger", event, wiring)
-    if isinstance(event.definitions[0], model.CompensateDefinition):
-        return compensable(wiring, event)
-    nodes = triggers_of(wiring, event)
-    host = wiring.model[event.attached_to]
-    if any(node.kind == "cancel" for node in nodes) and getattr(host, "kind", "") != "transaction":
-        raise refuse(f"a cancel event guards a transaction, and {host.id} is none", event, wiring)
-    slot = compiler.slot(event.id)
-    for node in nodes:
-        node.slot, node.fire = slot, steps.fire_boundary
-        node.act = OBSERVED if compiler.observed else None
-    wiring.place(event, nodes[0], nodes)
-    wiring.boundaries.setdefault(event.attached_to, []).extend(nodes)
-    return None
-
-
-def compensable(wiring: Wiring, event: model.Event) -> None:
-    """A compensation event at the boundary of an activity, and the handler associated with it."""
-    handlers = [target for source, target in wiring.content.associations if source == event.id]
-    if len(handlers) != 1 or len(event.definitions) > 1:
-        raise refuse(f"a compensation event needs one handler; it has {len(handlers)}", event, wiring)
-    node = wiring.compiler.node(event, steps.pass_on, wiring.file, counted=True)
-    wiring.compiler.watch(node)
-    wiring.undos.append((event.attached_to, node, handlers[0]))
-
-
-def attach_undo(wiring: Wiring, activity: str, node: Node, handler: str) -> None:
-    """Let an activity be compensated, or each instance of one that repeats.
-
-    What is no scope of its own says by a node behind it that it has completed.
-    """
-    main = wiring.main[activity]
-    undone = main if main.loop is None else main.loop.instance
-    undone.undo, node.next = node, wiring.entries[handler]
-    if main.kind != "scope":
-        last = wiring.compiler.node(wiring.model[activity], compensation.completed, wiring.file, part="/completed")
-        last.guard = main
-        wiring.link(wiring.exits[activity], last)
-        wiring.exits[activity] = [last]
-
-
-def attach(activity: Node, nodes: list[Node]) -> None:
-    """Let an activity know its boundary events."""
-    activity.armed = tuple(node for node in nodes if node.kind not in ("error", "escalation", "cancel"))
-    activity.cancels = tuple(node for node in nodes if node.kind == "cancel")
-    activity.errors = tuple(node for node in nodes if node.kind == "error")
-    activity.escalations = tuple(node for node in nodes if node.kind == "escalation")
-
-
-_PLACES = {"start": start, "catch": catch, "throw": throwing, "end": throwing, "boundary": boundary}
+    context.when_linked.append(lead)
+    return node

@@ -7,66 +7,141 @@ scope that it handles.
 
 from __future__ import annotations
 
-import dis
-from typing import TYPE_CHECKING
+from typing import Any
 
-from fame.engine import scopes, steps, waiting
-from fame.engine.host import BpmnError
-from fame.engine.state import Node, Scope
-
-if TYPE_CHECKING:
-    from fame.engine.interpreter import Engine
-
-_RAISE = (dis.opmap["RAISE_VARARGS"], dis.opmap["RERAISE"])
+from fame.bpmn.model import SubProcess
+from fame.engine import handlers, scopes, waiting
+from fame.engine.engine_state import EngineState
+from fame.engine.host import BpmnError, is_from_outside
+from fame.engine.program import FaultCatch, Handler, Node
+from fame.engine.state import Instance, Scope, Wait, scopes_of
+from fame.errors import MissionError
 
 
-def fail(engine: Engine, scope: Scope, node: Node, error: BaseException) -> None:
-    """An element failed: find who catches it, else the instance fails."""
+def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException) -> None:
+    """An element failed: find what catches it, else the instance fails."""
     if isinstance(error, KeyboardInterrupt) and is_from_outside(error):
         raise error
     code = error.code if isinstance(error, BpmnError) else "script"
     text = str(error) or type(error).__name__
-    if node.guard.act is not None:
-        engine.tell(scope, (node.id, "fail", code))
-    failing: Node | None = node.guard
+    if node.part_of.plain_step is not None:
+        engine.notify(scope, (node.id, "fail", code))
+    failing: Node | None = node.part_of
     place: Scope | None = scope
     inner: Scope | None = None  # the scope that the failing activity is, if it is one
-    if node.guard.kind == "handler":  # the trigger of an event sub-process is part of it
-        inner, failing, place = outside(scope)
+    if isinstance(node.part_of.spec, Handler):  # the trigger of an event sub-process is part of it
+        inner, failing, place = _outside(scope)
     while place is not None and failing is not None:
-        catcher = matching(failing.errors, code)
+        catcher = _matching(failing.boundary.errors, code) if failing.boundary is not None else None
         if catcher is not None:
-            note(catcher, place, code, text)
-            scopes.happen(engine, place, catcher)
-            if inner is not None:
-                scopes.kill(engine, inner)
-            assert catcher.next is not None
-            scopes.proceed(engine, catcher.next, place)
+            _set_variables(catcher, place, code, text)
+            handlers.take_boundary(engine, place, catcher, inner)
             break
-        handler = matching(place.body.errors, code) if place.body is not None else None
+        handler = _matching(place.body.errors, code) if place.body is not None else None
         if handler is not None:
-            note(handler, place, code, text)
-            steps.open_handler(engine, scopes.replace(engine, place, (*place.handles, handler.guard)), handler)
+            _set_variables(handler, place, code, text)
+            handlers.replace_by_handler(engine, place, handler)
             break
-        inner, failing, place = outside(place)
+        inner, failing, place = _outside(place)
     else:
-        engine.abandon(scope.instance, node, describe(error, code) + _called_at(scope, node), code, error)
+        abandon(engine, scope.instance, node, _describe(error, code) + _called_at(scope, node), code, error)
     if engine.conditions:
         waiting.check_conditions(engine)
 
 
-def outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
+def give_up(engine: EngineState, wait: Wait, error: BaseException) -> None:
+    """What a token waits for, or the message that came, could not be evaluated: the token leaves as an error."""
+    waiting.withdraw(engine, wait)
+    fail(engine, wait.scope, wait.node, error)
+
+
+def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
+    """The same of an alternative, or of one of several triggers: the event or gateway that it is part of gives up."""
+    assert isinstance(wait.owner, Wait)
+    waiting.withdraw(engine, wait.owner)
+    fail(engine, wait.scope, wait.node, error)
+
+
+def abandon(
+    engine: EngineState, instance: Instance, node: Node, text: str, code: str, cause: BaseException | None = None
+) -> None:
+    """An instance failed: nothing caught its error."""
+    instance.error = MissionError(text, element=node.id, file=node.file, line=node.line, code=code)
+    instance.error.__cause__ = cause
+    scopes.notify_cancelled(engine, instance.root)
+    last, cancelling = scopes.replace(engine, instance.root, ())
+    engine.host.make_safe("failed")
+    scopes.proceed(engine, FAILED, last, cancelling)
+
+
+def conclude_failed(engine: EngineState, scope: Scope, node: Node) -> None:
+    """What an uncaught error goes on with."""
+    scopes.close_scope(engine, scope)
+    scopes.conclude(engine, scope.instance, "failed")
+
+
+FAILED = Node("", "(failed)", conclude_failed)
+
+
+def fail_without_token(engine: EngineState, variables: dict[str, Any], element: str, error: BaseException) -> None:
+    """What the script of an element left behind has failed after its token went on (see `Engine.fail_callback`)."""
+    known = [scope for instance in engine.instances.values() for scope in scopes_of(instance.root)]
+    places = [scope for scope in known if scope.variables is variables]
+    holder = _body_of(engine, element)
+    inside = [scope for scope in places if scope.body is not None and scope.body.id == holder]
+    if places:
+        real = next(node for node in engine.program.nodes if node.id == element)
+        no_token = Node(element, element, real.step, line=real.line, file=real.file)  # without boundary events
+        no_token.plain_step = real.plain_step
+        fail(engine, inside[-1] if inside else places[0], no_token, error)
+
+
+def _body_of(engine: EngineState, element: str) -> str:
+    """The id of the process or sub-process that an element stands in."""
+    for process in engine.program.sources:
+        for owner in (process, *(node for node in process.body.walk() if isinstance(node, SubProcess))):
+            if any(node.id == element for node in owner.body.nodes):
+                return str(owner.id)
+    return ""
+
+
+def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) -> None:
+    """An escalation climbs likewise; the thrower goes on unless something interrupting caught it."""
+    place: Scope | None = scope
+    while place is not None:
+        handler = _matching(place.body.escalations, code) if place.body is not None else None
+        if handler is not None and not (handler.spec.resume and place.suspender is not None):
+            _set_variables(handler, place, code or "", "")
+            try:
+                handlers.begin_handler(engine, place, handler)
+            except RecursionError as error:
+                fail(engine, place, handler, error)
+            break
+        inner, activity, place = _outside(place)
+        boundary = activity.boundary if activity is not None else None
+        catcher = _matching(boundary.escalations, code) if boundary is not None else None
+        if catcher is not None and place is not None:
+            _set_variables(catcher, place, code or "", "")
+            handlers.take_boundary(engine, place, catcher, inner)
+            break
+    else:
+        engine.host.report(node.id, f"escalation {code or 'without code'} was not caught")
+    if engine.conditions:
+        waiting.check_conditions(engine)
+
+
+def _outside(scope: Scope) -> tuple[Scope, Node | None, Scope | None]:
     """What fails with a scope: that scope, the activity that it is, and the scope of this.
 
     With an event sub-process fails what it handles, which may be one as well.
     """
-    while scope.node is not None and scope.node.kind == "handler" and scope.parent is not None:
+    while scope.node is not None and isinstance(scope.node.spec, Handler) and scope.parent is not None:
         scope = scope.parent
     return scope, scope.node, scope.parent
 
 
 def _called_at(scope: Scope, node: Node) -> str:
-    """What stands in another file was called: where the mission did so."""
+    """For an element of another file: where the mission called it."""
     call: Node | None = None
     place: Scope | None = scope
     while place is not None:
@@ -76,47 +151,27 @@ def _called_at(scope: Scope, node: Node) -> str:
     return f"; called at {call.id} ({call.file}:{call.line})" if call is not None else ""
 
 
-def escalate(engine: Engine, scope: Scope, node: Node, code: str | None) -> None:
-    """An escalation climbs likewise; the thrower goes on unless something interrupting caught it."""
-    place: Scope | None = scope
-    while place is not None:
-        handler = matching(place.body.escalations, code) if place.body is not None else None
-        if handler is not None and not (handler.resume and place.suspender is not None):
-            note(handler, place, code or "", "")
-            steps.begin_handler(engine, place, handler)
-            break
-        inner, activity, place = outside(place)
-        catcher = matching(activity.escalations, code) if activity is not None else None
-        if catcher is not None and place is not None:
-            note(catcher, place, code or "", "")
-            steps.take_boundary(engine, place, catcher, inner)
-            break
-    else:
-        engine.host.report(node.id, f"escalation {code or 'without code'} was not caught")
-    if engine.conditions:
-        waiting.check_conditions(engine)
-
-
-def matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
+def _matching(catchers: tuple[Node, ...], code: str | None) -> Node | None:
     """The catcher of a code: an exact one beats one that catches all."""
     for catcher in catchers:
-        if catcher.code == code and code is not None:
+        if catcher.spec.code == code and code is not None:
             return catcher
     for catcher in catchers:
-        if catcher.code is None:
+        if catcher.spec.code is None:
             return catcher
     return None
 
 
-def note(catcher: Node, scope: Scope, code: str, text: str) -> None:
+def _set_variables(catcher: Node, scope: Scope, code: str, text: str) -> None:
     """Set the variables in which a catching event wants code and text."""
-    if catcher.code_variable:
-        scope.variables[catcher.code_variable] = code
-    if catcher.message_variable:
-        scope.variables[catcher.message_variable] = text
+    wanted: FaultCatch = catcher.spec
+    if wanted.code_variable:
+        scope.variables[wanted.code_variable] = code
+    if wanted.message_variable:
+        scope.variables[wanted.message_variable] = text
 
 
-def describe(error: BaseException, code: str) -> str:
+def _describe(error: BaseException, code: str) -> str:
     """An uncaught error, in words."""
     if isinstance(error, BpmnError):
         said = f": {error.message}" if error.message not in ("", code) else ""
@@ -124,13 +179,3 @@ def describe(error: BaseException, code: str) -> str:
     if isinstance(error, MemoryError):
         return f"MemoryError: {str(error) or 'there is no memory for what it wants to keep'}"
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-
-
-def is_from_outside(error: KeyboardInterrupt) -> bool:
-    """Whether it is a person's Ctrl-C, that came between two instructions, and not one that a script raised."""
-    trace = error.__traceback__
-    if trace is None:
-        return False
-    while trace.tb_next is not None:
-        trace = trace.tb_next
-    return trace.tb_frame.f_code.co_code[trace.tb_lasti] not in _RAISE

@@ -1,17 +1,18 @@
 """What an engine asks of the world, and what a script may throw.
 
-The engine calls its host; the host never calls back from inside such a call. Whatever it has to say (a timer fired, a
-script ended) it says later, as a stimulus of its own. Rests are named by their integer keys, so that no handle of the
-host is part of the engine's state.
+The engine calls its host; the host never calls back from inside such a call. What it has to report (a timer fired, a
+script ended) is a later stimulus of its own. Waits are named by their integer keys, so that no handle of the host is
+part of the engine's state.
 """
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
-from fame.engine.state import Trail
+from fame.engine.state import Instance, Trail
 
 Variables = dict[str, Any]
 Compiled = Callable[[Variables], Any]
@@ -19,7 +20,11 @@ Compiled = Callable[[Variables], Any]
 
 
 class BpmnError(Exception):
-    """A business error thrown by a script: ``raise BpmnError("unreachable")``. Caught by the events of that code."""
+    """A business error thrown by a script: ``raise BpmnError("unreachable")``. Caught by the events of that code.
+
+    code     the error code
+    message  text for people; the code if there is none
+    """
 
     def __init__(self, code: str, message: str = "") -> None:
         super().__init__(message or code)
@@ -49,16 +54,16 @@ class Host(Protocol):
         """Send a message to one other robot, by name. Raises BpmnError ``unreachable`` if it does not take it."""
 
     def set_timer(self, key: int, kind: str, text: str) -> None:
-        """Say `timer_fired(key)` when the ISO 8601 duration, date or cycle is due. Raises ValueError on a bad text."""
+        """Call `timer_fired(key)` when the ISO 8601 duration, date or cycle is due. Raises ValueError on a bad text."""
 
     def cancel_timer(self, key: int) -> None:
         """Forget that timer, if it is still set."""
 
     def run(self, key: int, script: Any) -> None:
-        """Drive a suspended script on; when it is over, say `script_ended(key, error or None)`."""
+        """Drive a suspended script on; when it has ended, call `script_ended(key, error or None)`."""
 
     def cancel(self, key: int) -> bool:
-        """Cancel it. True: it is out. False: it is leaving, and `script_ended` will tell."""
+        """Cancel it. True: it has ended. False: it is still in ``finally``; `script_ended` follows."""
 
     def make_safe(self, reason: str) -> None:
         """Bring the robot to its safe state. `reason`: ``suspended``, ``failed`` or ``terminated``."""
@@ -75,8 +80,21 @@ class Host(Protocol):
     def lacks(self, element: str, output: str) -> None:
         """An activity has ended, and nothing has set an output that it declares. Raises NameError to let it fail."""
 
-    def begun(self, instance: Any) -> None:
+    def begun(self, instance: Instance) -> None:
         """An instance begins."""
 
-    def ended(self, instance: Any) -> None:
+    def ended(self, instance: Instance) -> None:
         """An instance completed, failed or was cancelled. The engine has forgotten it."""
+
+
+_RAISE = (dis.opmap["RAISE_VARARGS"], dis.opmap["RERAISE"])
+
+
+def is_from_outside(error: KeyboardInterrupt) -> bool:
+    """Whether it is a person's Ctrl-C, which came between two instructions, and not one that a script raised."""
+    trace = error.__traceback__
+    if trace is None:
+        return False
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace.tb_frame.f_code.co_code[trace.tb_lasti] not in _RAISE

@@ -13,15 +13,17 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
-from fame.engine import compensation, faults, scopes, state, steps, waiting
+from fame.bpmn import model
+from fame.engine import compensation, faults, scopes, state, steps, subprocesses, waiting
+from fame.engine.engine_state import EngineState
 from fame.engine.host import Compiled
-from fame.engine.state import Node, Record, Scope
+from fame.engine.program import Body, LoopInstance, Node
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import Record, Scope
 from fame.engine.variables import UNDEFINED, Variables
-
-if TYPE_CHECKING:
-    from fame.engine.interpreter import Engine
 
 _COUNTERS = (("nrOf", "numberOf"), ("Instances", "ActiveInstances", "CompletedInstances"))
 NAMES = ("loopCounter", *(prefix + name for prefix in _COUNTERS[0] for name in _COUNTERS[1]))
@@ -30,7 +32,7 @@ NAMES = ("loopCounter", *(prefix + name for prefix in _COUNTERS[0] for name in _
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
-    """How an activity repeats. `instance` is the node that its child scopes stand for."""
+    """Spec of an activity that repeats. `instance` is the node that its child scopes stand for."""
 
     instance: Node
     standard: bool = False
@@ -46,19 +48,21 @@ class Loop:
     maximum: int = 0
 
 
-def begin(engine: Engine, scope: Scope, node: Node) -> None:
+# ---- steps ---------------------------------------------------------------------------------------
+
+
+def begin(engine: EngineState, scope: Scope, node: Node) -> None:
     """A token comes to such an activity."""
-    loop: Loop = node.loop
+    loop: Loop = node.spec
     try:
         values, total = extent(loop, scope.variables)
+        if scope.instance.scopes + (1 if loop.sequential else total) > state.SCOPES:
+            raise scopes.too_many()
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return
-    if scope.instance.scopes + (1 if loop.sequential else total) > state.SCOPES:
-        faults.fail(engine, scope, node, scopes.crowd())
-        return
     variables = scope.variables if loop.standard else Variables(scope.variables)
-    whole = scopes.child(engine, scope, node, node.body, variables)
+    whole = scopes.open_child(engine, scope, node, node.body, variables)
     whole.items = {
         "values": values,
         "out": [None] * (total if loop.output else 0),
@@ -66,14 +70,14 @@ def begin(engine: Engine, scope: Scope, node: Node) -> None:
         "started": 0,
         "done": 0,
     }
-    if node.armed:
-        waiting.guard(engine, node.armed, scope, whole)
+    if node.boundary is not None:
+        waiting.arm_all(engine, node.boundary.armed, scope, whole)
         if not whole.alive:
             return
     if loop.standard:
         go_round(engine, whole, node, first=True)
         return
-    tell_counters(whole)
+    set_counters(whole)
     whole.tokens = 0
     for _ in range(min(total, 1) if loop.sequential else total):
         begin_instance(engine, whole, node)
@@ -105,38 +109,38 @@ def whole_number(found: Any) -> int:
     raise ValueError(f"the cardinality is {reprlib.repr(found)}: a whole number from 0 on would be right")
 
 
-def begin_instance(engine: Engine, whole: Scope, node: Node) -> None:
+def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:
     """One more instance."""
-    loop, items = node.loop, whole.items
+    loop, items = node.spec, whole.items
     items["started"] += 1
     number, variables = items["started"], whole.variables
     if not loop.standard:
         variables = Variables(variables, {"loopCounter": number})
         if items["values"] is not None and loop.element:
             variables.define(loop.element, items["values"][number - 1])
-        tell_counters(whole)
+        set_counters(whole)
     whole.tokens += 1
     assert node.body is not None
-    instance = scopes.child(engine, whole, loop.instance, node.body, variables)
+    instance = scopes.open_child(engine, whole, loop.instance, node.body, variables)
     instance.items = number
     engine.ready.append((node.body.opening, instance))
 
 
-def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
+def end_instance(engine: EngineState, whole: Scope, instance: Scope) -> None:
     """The last token of an instance is gone."""
     node, items = whole.node, whole.items
     assert node is not None
-    loop: Loop = node.loop
+    loop: Loop = node.spec
     items["done"] += 1
     whole.tokens -= 1
-    if loop.instance.undo is not None:
+    if loop.instance.boundary is not None:
         compensation.remember(whole, Record(loop.instance, instance.variables, instance.done or []))
     elif instance.done:
         compensation.remember(whole, *instance.done)
     if loop.standard:
         go_round(engine, whole, node, first=False)
         return
-    tell_counters(whole)
+    set_counters(whole)
     try:
         if loop.output and loop.result is not None:
             value = loop.result(instance.variables)
@@ -146,7 +150,7 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
         faults.fail(engine, whole, loop.instance, error)
         return
     if enough and whole.tokens:
-        scopes.proceed(engine, steps.FINISH, scopes.replace(engine, whole, ()))
+        scopes.proceed(engine, steps.FINISH, *scopes.replace(engine, whole, ()))
     elif not enough and loop.sequential and items["started"] < items["total"]:
         begin_instance(engine, whole, node)
     elif not whole.tokens:
@@ -155,9 +159,9 @@ def end_instance(engine: Engine, whole: Scope, instance: Scope) -> None:
         waiting.check_conditions(engine)
 
 
-def go_round(engine: Engine, whole: Scope, node: Node, first: bool) -> None:
+def go_round(engine: EngineState, whole: Scope, node: Node, first: bool) -> None:
     """A standard loop: once more, or on."""
-    loop, done = node.loop, whole.items["done"]
+    loop, done = node.spec, whole.items["done"]
     again = not (loop.maximum and done >= loop.maximum)
     if again and loop.condition is not None and (loop.before or not first):
         try:
@@ -172,7 +176,14 @@ def go_round(engine: Engine, whole: Scope, node: Node, first: bool) -> None:
         scopes.finish(engine, whole)
 
 
-def tell_counters(whole: Scope) -> None:
+def leave(engine: EngineState, scope: Scope, whole: Scope) -> None:
+    """The last instance has ended: what they gave goes out, and the token goes on."""
+    assert whole.node is not None
+    output = whole.node.spec.output
+    subprocesses.leave_with(engine, scope, whole, [(output, whole.items["out"])] if output else [])
+
+
+def set_counters(whole: Scope) -> None:
     """Let the variables say how far the activity is."""
     items = whole.items
     values = (items["total"], items["started"] - items["done"], items["done"])
@@ -180,3 +191,41 @@ def tell_counters(whole: Scope) -> None:
     for prefix in _COUNTERS[0]:
         for name, value in zip(_COUNTERS[1], values, strict=True):
             whole.variables.define(prefix + name, value)
+
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def repeated(
+    context: ScopeCompiler, element: model.Activity, how: model.MultiInstance | model.StandardLoop, inner: Node
+) -> Node:
+    """An activity that repeats: a scope, in which the activity itself (`inner`) is run for each instance."""
+    node = context.node(element, begin, "/loop")
+    instance = context.node(element, steps.pass_on, "/instance", LoopInstance())
+    node.ended, instance.ended = leave, end_instance
+    context.compensated[element.id] = instance
+    node.body = Body(element.id)
+    inner.next = context.node(element, steps.end, "/instance/end")
+    context.open_with(inner, node.body, element.id)
+    compiled = partial(context.optional, element=element)
+    if isinstance(how, model.StandardLoop):
+        if how.condition is None and not how.maximum:
+            context.refuse("a loop needs a condition or a maximum", element)
+        condition = compiled(how.condition)
+        node.spec = Loop(
+            instance=instance, standard=True, condition=condition, before=how.test_before, maximum=how.maximum
+        )
+    else:
+        if how.cardinality is None and how.collection is None:
+            context.refuse("the multi-instance activity has neither a collection nor a cardinality", element)
+        node.spec = Loop(
+            instance=instance,
+            sequential=how.sequential,
+            cardinality=compiled(how.cardinality),
+            collection=compiled(how.collection),
+            element=how.element_variable,
+            completion=compiled(how.completion),
+            output=how.output_collection,
+            result=compiled(how.output_element),
+        )
+    return node

@@ -1,21 +1,23 @@
 """Scopes: how they open, end, are cancelled and replaced, and what waits for what is cancelled.
 
-Whoever cancels (`kill`, `replace`, `cancel_rest`) says what goes on afterwards through `proceed`: at once, or when the
-last of the cancelled scripts is out.
+Whatever cancels (`kill`, `replace`, `cancel_wait`) gives the keys of the scripts that are still in their ``finally``;
+`proceed` takes them, and lets a token go on at once or when the last of them has ended.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fame.engine import activities, compensation, loops, state, suspension, waiting
-from fame.engine.state import DEAD, Body, Departure, Node, Record, Rest, Scope
+from fame.engine import state, waiting
+from fame.engine.engine_state import EngineState
+from fame.engine.program import Body, Node
+from fame.engine.state import DEAD, Continuation, Instance, Scope, Status, Wait
 
-if TYPE_CHECKING:
-    from fame.engine.interpreter import Engine
+Cancelling = tuple[int, ...]
+"""Keys of cancelled scripts that have not ended."""
 
 
-def child(engine: Engine, parent: Scope, node: Node, body: Body | None, variables: dict[str, Any]) -> Scope:
+def open_child(engine: EngineState, parent: Scope, node: Node, body: Body | None, variables: dict[str, Any]) -> Scope:
     """A new scope inside another."""
     scope = Scope(engine.new_key(), parent, node, body, variables)
     parent.children[scope] = None
@@ -23,36 +25,31 @@ def child(engine: Engine, parent: Scope, node: Node, body: Body | None, variable
     return scope
 
 
-def crowd() -> RecursionError:
-    """The error of an instance that would have too many scopes at a time."""
+def too_many() -> RecursionError:
+    """The error of an instance that would have more than `state.SCOPES` scopes."""
     return RecursionError(f"more than {state.SCOPES} calls, sub-processes and handlers at a time")
 
 
-def open_scope(engine: Engine, scope: Scope) -> None:
+def arm_scope(engine: EngineState, scope: Scope) -> None:
     """Arm what listens as long as the scope lives: event sub-processes, and queues of catching events."""
     body = scope.body
     if body is None:
         return
     if body.queued:
-        keep_messages(engine, scope, body.queued)
+        scope.mail = {node: waiting.open_mailbox(engine, node, scope) for node in body.queued}
     if body.armed:
-        rests = []
+        waits = []
         for node in body.armed:
-            rest = Rest(engine.new_key(), node, scope, False, scope)
-            scope.children[rest] = None
-            rests.append(rest)
-        for rest in rests:
-            if rest.alive and not rest.paused:  # a condition that is true already ends or suspends the scope
-                waiting.arm(engine, rest)
+            wait = Wait(engine.new_key(), node, scope, False, scope)
+            scope.children[wait] = None
+            waits.append(wait)
+        for wait in waits:
+            if wait.alive and not wait.paused:  # a condition that is true already ends or suspends the scope
+                waiting.arm(engine, wait)
 
 
-def keep_messages(engine: Engine, scope: Scope, nodes: tuple[Node, ...]) -> None:
-    """Let catching events have their queues."""
-    scope.mail = {node: waiting.mailbox(engine, node, scope) for node in nodes}
-
-
-def close_scope(engine: Engine, scope: Scope) -> None:
-    """The opposite, with all that guards it."""
+def close_scope(engine: EngineState, scope: Scope) -> None:
+    """Close a scope and disarm its boundary events and whatever waits in it."""
     scope.state = DEAD
     scope.instance.scopes -= 1
     if scope.arms:
@@ -61,85 +58,81 @@ def close_scope(engine: Engine, scope: Scope) -> None:
         scope.arms = ()
     if scope.children:
         for inner in scope.children:
-            if inner.__class__ is Rest:
+            if inner.__class__ is Wait:
                 waiting.disarm(engine, inner)
         scope.children = {}
     if scope.mail:
         for box in scope.mail.values():
-            waiting.drop(engine, box)
+            waiting.close_mailbox(engine, box)
         scope.mail = None
     if scope.joins is not None:
         engine.inclusive.pop(scope, None)
         scope.joins = None
 
 
-def end_token(engine: Engine, scope: Scope) -> None:
+def end_token(engine: EngineState, scope: Scope) -> None:
     """A token ends; with the last one, the scope."""
     scope.tokens -= 1
     if not scope.tokens:
         finish(engine, scope)
 
 
-def finish(engine: Engine, scope: Scope) -> None:
+def finish(engine: EngineState, scope: Scope) -> None:
     """The last token of a scope is gone: the scope ends, and so may those around it."""
-    while True:
+    following: Scope | None = scope
+    while following is not None:
+        scope = following
         node, parent = scope.node, scope.parent
         close_scope(engine, scope)
         for handler in scope.handles[::-1]:
             count(engine, scope, handler)
-        if parent is None:
-            engine.conclude(scope.instance, "completed")
+        if parent is None or node is None:
+            conclude(engine, scope.instance, "completed")
             return
         parent.children.pop(scope, None)
-        assert node is not None
-        if node.kind == "instance":
-            loops.end_instance(engine, parent, scope)
-            return
-        if node.kind == "undo":
-            compensation.undo_next(engine, parent)
-            return
-        if node.kind != "handler":
-            activities.leave(engine, parent, node, scope)
-            return
-        count(engine, scope, node)
-        if scope.done:
-            compensation.remember(parent, Record(node, scope.variables, scope.done))
-        parent.tokens -= 1
-        if parent.suspender is scope:
-            suspension.resume(engine, parent)
-        if parent.tokens:
-            return
-        scope = parent
+        ended = node.ended
+        following = ended(engine, parent, scope)
 
 
-def count(engine: Engine, scope: Scope, node: Node) -> None:
+def conclude(engine: EngineState, instance: Instance, status: Status) -> None:
+    """An instance is over."""
+    instance.status = status
+    engine.instances.pop(instance.key, None)
+    if engine.program.observed:
+        engine.notify(instance.root, (engine.program.process, "end", status))
+    engine.host.ended(instance)
+    if engine.waiting_starts:
+        engine.program.concluded(engine)
+
+
+def count(engine: EngineState, scope: Scope, node: Node) -> None:
     """An element has completed."""
     scope.counts[node.slot] += 1
-    if node.act is not None:
-        engine.tell(scope, node.left)
+    if node.plain_step is not None:
+        engine.notify(scope, node.left)
 
 
-def happen(engine: Engine, scope: Scope, node: Node) -> None:
-    """An event at which no token came has happened: it is entered and left in one."""
+def count_event(engine: EngineState, scope: Scope, node: Node) -> None:
+    """An event to which no token came has occurred: it is entered and left in one."""
     scope.counts[node.slot] += 1
-    if node.act is not None:
-        engine.tell(scope, node.entered)
-        engine.tell(scope, node.left)
+    if node.plain_step is not None:
+        engine.notify(scope, node.entered)
+        engine.notify(scope, node.left)
 
 
-def complete(engine: Engine, scope: Scope, node: Node) -> None:
-    """An element at which a token rested has completed: the token goes on."""
+def complete(engine: EngineState, scope: Scope, node: Node) -> None:
+    """An element at which a token waited has completed: the token goes on."""
     scope.counts[node.slot] += 1
-    if node.act is not None:
-        engine.tell(scope, node.left)
+    if node.plain_step is not None:
+        engine.notify(scope, node.left)
     engine.ready.append((node.next, scope))
 
 
 # ---- cancellation --------------------------------------------------------------------------------
 
 
-def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
-    """Cancel what goes on in a scope; a new one takes its place, with one token, under the same guards."""
+def replace(engine: EngineState, scope: Scope, handles: tuple[Node, ...]) -> tuple[Scope, Cancelling]:
+    """Cancel what goes on in a scope; a new one takes its place, with one token and the same boundary events."""
     parent = scope.parent
     heir = Scope(engine.new_key(), parent, scope.node, None, scope.variables)
     heir.handles, heir.items, heir.done = handles, scope.items, scope.done
@@ -148,77 +141,72 @@ def replace(engine: Engine, scope: Scope, handles: tuple[Node, ...]) -> Scope:
         for arm in heir.arms:
             arm.owner = heir
     scope.instance.scopes += 1
-    kill(engine, scope, False)
+    cancelling = kill(engine, scope, notified=False)
     if parent is None:
         heir.instance, heir.counts, scope.instance.root = scope.instance, scope.counts, heir
     else:
         parent.children[heir] = None
         if parent.suspender is scope:
             parent.suspender = heir
-    return heir
+    return heir, cancelling
 
 
-def kill(engine: Engine, scope: Scope, told: bool = True) -> None:
-    """Mark a subtree dead at once; `told`: observers hear that its own element was cancelled, too."""
+def kill(engine: EngineState, scope: Scope, *, notified: bool = True) -> Cancelling:
+    """Mark a subtree dead at once; `notified`: observers are told that its own element was cancelled, too."""
     if scope.parent is not None:
         scope.parent.children.pop(scope, None)
-    if told:
-        tell_cancelled(engine, scope)
+    if notified:
+        notify_cancelled(engine, scope)
+    cancelling: Cancelling = ()
     doomed = [scope]
     for victim in doomed:  # which grows
-        if victim.leaving:
-            engine.departing.extend(victim.leaving)
+        cancelling += victim.cancelling
         for inner in victim.children:
-            if inner.__class__ is Rest:
-                cancel_rest(engine, inner)
+            if inner.__class__ is Wait:
+                cancelling += cancel_wait(engine, inner)
             else:
                 assert isinstance(inner, Scope)
-                tell_cancelled(engine, inner)
+                notify_cancelled(engine, inner)
                 doomed.append(inner)
         victim.children = {}
     for victim in doomed:
         close_scope(engine, victim)
+    return cancelling
 
 
-def tell_cancelled(engine: Engine, scope: Scope) -> None:
-    """Observers hear that the element of a scope was cancelled, and the event sub-processes that took its place."""
-    if scope.node is not None and scope.node.act is not None and scope.parent is not None:
-        engine.tell(scope.parent, (scope.node.id, "cancel", None))
+def notify_cancelled(engine: EngineState, scope: Scope) -> None:
+    """Observers are told that the element of a scope was cancelled, and the event sub-processes that took its place."""
+    if scope.node is not None and scope.node.plain_step is not None and scope.parent is not None:
+        engine.notify(scope.parent, (scope.node.id, "cancel", None))
     for handler in scope.handles:
-        if handler.act is not None:
-            engine.tell(scope, (handler.id, "cancel", None))
+        if handler.plain_step is not None:
+            engine.notify(scope, (handler.id, "cancel", None))
 
 
-def cancel_rest(engine: Engine, rest: Rest) -> None:
-    """A token at rest is cancelled."""
-    if rest.started and not rest.paused:
-        leave_script(engine, rest)
-    if rest.token and rest.node.act is not None:
-        engine.tell(rest.scope, (rest.node.id, "cancel", None))
-    waiting.disarm(engine, rest)
+def cancel_wait(engine: EngineState, wait: Wait) -> Cancelling:
+    """A waiting token is cancelled."""
+    cancelling = cancel_script(engine, wait) if wait.started and not wait.paused else ()
+    if wait.token and wait.node.plain_step is not None:
+        engine.notify(wait.scope, (wait.node.id, "cancel", None))
+    waiting.disarm(engine, wait)
+    return cancelling
 
 
-def leave_script(engine: Engine, rest: Rest) -> None:
-    """Cancel the script of a rest; if it takes its time, `proceed` will wait for it."""
-    if not engine.host.cancel(rest.key):
-        engine.departing.append(rest.key)
-    engine.alert = bool(engine.conditions)  # what it published on its way out is no matter of the token at work
+def cancel_script(engine: EngineState, wait: Wait) -> Cancelling:
+    """Cancel the script of a wait. What it publishes while it ends is not from the token at work."""
+    posted = engine.posted
+    ended = engine.host.cancel(wait.key)
+    engine.posted = posted
+    return () if ended else (wait.key,)
 
 
-def withdraw(engine: Engine, rest: Rest) -> None:
-    """A token leaves its rest, or what was armed fires for the last time."""
-    rest.scope.children.pop(rest, None)
-    waiting.disarm(engine, rest)
-
-
-def proceed(engine: Engine, node: Node, scope: Scope) -> None:
-    """A token goes to `node` when all that was just cancelled is out."""
-    if engine.departing:
-        departure = Departure(len(engine.departing), node, scope)
-        for key in engine.departing:
-            engine.leaving[key] = departure
-            scope.leaving += (key,)
-        engine.departing = []
+def proceed(engine: EngineState, node: Node, scope: Scope, cancelling: Cancelling) -> None:
+    """A token goes to `node` when the scripts that were just cancelled have ended."""
+    if cancelling:
+        continuation = Continuation(len(cancelling), node, scope)
+        for key in cancelling:
+            engine.cancelling[key] = continuation
+            scope.cancelling += (key,)
     else:
         engine.ready.append((node, scope))
 

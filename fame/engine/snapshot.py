@@ -1,9 +1,9 @@
 """An engine's state as data, and the engine again (DESIGN section 3, "State is data").
 
-Scopes, rests and mailboxes are named by their integer keys, nodes by their keys in the program, which is itself named
+Scopes, waits and mailboxes are named by their integer keys, nodes by their keys in the program, which is itself named
 by its hash: a state is of use with that program alone. What is no data stays behind: functions, classes and modules
-among the variables. Scripts that wait start again (`Engine.restart`); those that were leaving are taken for gone.
-Timers are the host's: it keeps when the rests that it knows by key are due.
+among the variables. Scripts that wait start again (`Engine.restart`); those that were being cancelled count as ended.
+Timers are the host's: it keeps when the waits that it knows by key are due.
 
 Invariant: ``snapshot(restore(program, snapshot(engine), ...)) == snapshot(engine)``.
 """
@@ -18,10 +18,12 @@ from typing import Any
 
 from fame.engine.adhoc import NEXT, SWEEP
 from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
+from fame.engine.faults import FAILED
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
-from fame.engine.state import Body, Departure, Instance, Mailbox, Node, Program, Record, Rest, Scope, scopes_of
-from fame.engine.steps import FAILED, FINISH
+from fame.engine.program import Body, Node, Program
+from fame.engine.state import Continuation, Gathered, Instance, Mailbox, Record, Scope, Wait, scopes_of
+from fame.engine.steps import FINISH
 from fame.engine.variables import Variables
 from fame.errors import MissionError
 
@@ -33,8 +35,8 @@ _ERROR = ("text", "element", "file", "line", "code")
 
 
 def no_data(value: Any) -> Any:
-    """What there is to do with a value that is no plain data and that nobody converts. Raises MissionError."""
-    raise MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: it is no plain data")
+    """Reject values that cannot be serialised. Raises MissionError."""
+    raise MissionError(f"a {type(value).__name__} cannot be kept in a snapshot: it is not plain data")
 
 
 # ---- to data -------------------------------------------------------------------------------------
@@ -45,12 +47,12 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
 
     `dump` makes plain data of values that are none (messages, arrays). Raises MissionError for values that it cannot.
     """
-    if engine.ready or engine.departing:
+    if engine.ready:
         raise RuntimeError("a snapshot is taken between two stimuli")
     scopes = all_scopes(engine)
-    rests = all_rests(scopes)
+    waits = all_waits(scopes)
     boxes = {box.key: box for scope in scopes for box in (scope.mail or {}).values()}
-    boxes |= {rest.box.key: rest.box for rest in rests if rest.box is not None}
+    boxes |= {wait.box.key: wait.box for wait in waits if wait.box is not None}
     dicts = _Dicts()
     homes = {node.body: node.key for node in reversed(engine.program.nodes) if node.body is not None}
     return {
@@ -59,13 +61,13 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
         "counter": engine.counter,
         "instances": [_instance(instance, dicts) for instance in engine.instances.values()],
         "scopes": [_scope(scope, dicts, {**homes, engine.program.body: ""}, dump) for scope in scopes],
-        "rests": [_rest(rest) for rest in rests],
+        "waits": [_wait(wait) for wait in waits],
         "boxes": [_box(box, dump) for box in boxes.values()],
         "listeners": {topic: [item.key for item in found] for topic, found in engine.listeners.items()},
-        "conditions": [rest.key for rest in engine.conditions],
-        "named": list(engine.rests),
+        "conditions": [wait.key for wait in engine.conditions],
+        "named": list(engine.waits),
         "inclusive": [scope.key for scope in engine.inclusive],
-        "departures": [_departure(item) for item in dict.fromkeys(engine.leaving.values())],
+        "continuations": [_continuation(item) for item in dict.fromkeys(engine.cancelling.values())],
         "starts": {str(key): node.key for key, node in engine.armed_starts.items()},
         "waiting_starts": {
             node.key: [[number, encode(message, dump)] for number, message in kept]
@@ -120,12 +122,12 @@ def all_scopes(engine: Engine) -> list[Scope]:
     return [scope for instance in engine.instances.values() for scope in scopes_of(instance.root)]
 
 
-def all_rests(scopes: list[Scope]) -> list[Rest]:
-    """Every rest in some scopes, owners before what is armed because of them."""
-    found = [child for scope in scopes for child in scope.children if isinstance(child, Rest)]
+def all_waits(scopes: list[Scope]) -> list[Wait]:
+    """Every wait in some scopes, owners before what is armed because of them."""
+    found = [child for scope in scopes for child in scope.children if isinstance(child, Wait)]
     found += [arm for scope in scopes for arm in scope.arms]
-    for rest in found:  # which grows
-        found += rest.arms
+    for wait in found:  # which grows
+        found += wait.arms
     return found
 
 
@@ -168,19 +170,19 @@ def _record(record: Record, dicts: _Dicts) -> list[Any]:
     return [record.node.key, dicts.number(record.variables), [_record(inner, dicts) for inner in record.inner]]
 
 
-def _rest(rest: Rest) -> Data:
+def _wait(wait: Wait) -> Data:
     return {
-        "key": rest.key,
-        "node": rest.node.key,
-        "scope": rest.scope.key,
-        "owner": rest.owner and rest.owner.key,
-        "token": rest.token,
-        "true": rest.true,
-        "started": rest.started,
-        "paused": rest.paused,
-        "due": rest.due,
-        "arms": [arm.key for arm in rest.arms],
-        "box": rest.box and rest.box.key,
+        "key": wait.key,
+        "node": wait.node.key,
+        "scope": wait.scope.key,
+        "owner": wait.owner and wait.owner.key,
+        "token": wait.token,
+        "true": wait.true,
+        "started": wait.started,
+        "paused": wait.paused,
+        "due": wait.due,
+        "arms": [arm.key for arm in wait.arms],
+        "box": wait.box and wait.box.key,
     }
 
 
@@ -190,12 +192,12 @@ def _box(box: Mailbox, dump: Convert) -> Data:
         "node": box.node.key,
         "scope": box.scope.key,
         "messages": [[number, encode(message, dump)] for number, message in box.messages],
-        "rests": [rest.key for rest in box.rests],
+        "waits": [wait.key for wait in box.waits],
     }
 
 
-def _departure(departure: Departure) -> Data:
-    return {"node": departure.node.key, "scope": departure.scope.key}
+def _continuation(continuation: Continuation) -> Data:
+    return {"node": continuation.node.key, "scope": continuation.scope.key}
 
 
 def encode(value: Any, dump: Convert = no_data) -> Any:
@@ -254,13 +256,13 @@ class _Restoring:
         self.scopes: dict[int, Scope] = {}
         for item in data["scopes"]:
             self.scopes[item["key"]] = self._scope(item)
-        self.rests = {item["key"]: self._rest(item) for item in data["rests"]}
+        self.waits = {item["key"]: self._wait(item) for item in data["waits"]}
         self.boxes = {item["key"]: self._box(item) for item in data["boxes"]}
-        self.everything: dict[int, Any] = {**self.scopes, **self.rests, **self.boxes}
+        self.everything: dict[int, Any] = {**self.scopes, **self.waits, **self.boxes}
         for item in data["scopes"]:
             self._connect_scope(self.scopes[item["key"]], item)
-        for item in data["rests"]:
-            self._connect_rest(self.rests[item["key"]], item)
+        for item in data["waits"]:
+            self._connect_wait(self.waits[item["key"]], item)
         self._tables()
 
     def _variables(self, new_variables: Callable[[], dict[str, Any]]) -> list[dict[str, Any]]:
@@ -307,28 +309,28 @@ class _Restoring:
             return None
         return self.nodes[key].body if key else self.engine.program.body
 
-    def _rest(self, item: Data) -> Rest:
-        rest = Rest(item["key"], self.nodes[item["node"]], self.scopes[item["scope"]], item["token"])
-        rest.true, rest.started, rest.paused, rest.due = item["true"], item["started"], item["paused"], item["due"]
-        return rest
+    def _wait(self, item: Data) -> Wait:
+        wait = Wait(item["key"], self.nodes[item["node"]], self.scopes[item["scope"]], item["token"])
+        wait.true, wait.started, wait.paused, wait.due = item["true"], item["started"], item["paused"], item["due"]
+        return wait
 
     def _box(self, item: Data) -> Mailbox:
         box = Mailbox(item["key"], self.nodes[item["node"]], self.scopes[item["scope"]])
         box.messages.extend((number, decode(message, self.load)) for number, message in item["messages"])
-        box.rests = {self.rests[key]: None for key in item["rests"]}
+        box.waits = {self.waits[key]: None for key in item["waits"]}
         return box
 
     def _connect_scope(self, scope: Scope, item: Data) -> None:
         scope.children = {self.everything[key]: None for key in item["children"]}
-        scope.arms = tuple(self.rests[key] for key in item["arms"])
+        scope.arms = tuple(self.waits[key] for key in item["arms"])
         scope.suspender = self.scopes.get(item["suspender"])
         if item["mail"] is not None:
             scope.mail = {self.boxes[key].node: self.boxes[key] for key in item["mail"]}
 
-    def _connect_rest(self, rest: Rest, item: Data) -> None:
-        rest.owner = self.everything.get(item["owner"])
-        rest.arms = tuple(self.rests[key] for key in item["arms"])
-        rest.box = self.boxes.get(item["box"])
+    def _connect_wait(self, wait: Wait, item: Data) -> None:
+        wait.owner = self.everything.get(item["owner"])
+        wait.arms = tuple(self.waits[key] for key in item["arms"])
+        wait.box = self.boxes.get(item["box"])
 
     def _tables(self) -> None:
         engine, data = self.engine, self.data
@@ -337,21 +339,23 @@ class _Restoring:
         engine.listeners = {
             topic: {self.everything[key]: None for key in keys} for topic, keys in data["listeners"].items()
         }
-        engine.conditions = {self.rests[key]: None for key in data["conditions"]}
-        engine.rests = {key: self.rests[key] for key in data["named"]}
+        engine.conditions = {self.waits[key]: None for key in data["conditions"]}
+        engine.waits = {key: self.waits[key] for key in data["named"]}
         engine.inclusive = {self.scopes[key]: None for key in data["inclusive"]}
         engine.armed_starts = {int(key): self.nodes[node] for key, node in data["starts"].items()}
         for key, kept in data["waiting_starts"].items():
             node = self.nodes[key]
+            assert node.catch is not None
             messages = ((number, decode(message, self.load)) for number, message in kept)
-            engine.waiting_starts[node] = deque(messages, maxlen=node.queue)
+            engine.waiting_starts[node] = deque(messages, maxlen=node.catch.queue)
         for key, sets in data["gathered"].items():
-            engine.gathered[self.nodes[key]] = [
-                (decode(keys, self.load), {self.nodes[part]: decode(message, self.load) for part, message in found})
-                for keys, found in sets
-            ]
-        for item in data["departures"]:
+            engine.gathered[self.nodes[key]] = [self._gathered(*found) for found in sets]
+        for item in data["continuations"]:
             engine.ready.append((self.nodes[item["node"]], self.scopes[item["scope"]]))
+
+    def _gathered(self, keys: Any, found: list[Any]) -> Gathered:
+        messages = {self.nodes[part]: decode(message, self.load) for part, message in found}
+        return decode(keys, self.load), messages
 
 
 def decode(data: Any, load: Convert = no_data) -> Any:

@@ -10,43 +10,59 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fame.engine import waiting
+from fame.bpmn import model
+from fame.engine import event_gateways, faults, scopes, tasks, waiting
 from fame.engine.data import correlates
-from fame.engine.state import Listener, Node
+from fame.engine.engine_state import EngineState
+from fame.engine.program import Catch, Node, Start
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import Arrived, Gathered, Instance, Listener, Scope
+from fame.engine.structure import instantiates
 
-if TYPE_CHECKING:
-    from fame.engine.interpreter import Engine
-
-Arrived = list[tuple[Node, Any]]
-"""Triggers and their messages, in the order of arrival."""
-Gathered = tuple[dict[str, Any], dict[Node, Any]]
-"""Some of the triggers of a parallel multiple event: what correlates them, and messages by trigger."""
+# ---- stimuli -------------------------------------------------------------------------------------
 
 
-def trigger(engine: Engine, node: Node, message: Any) -> None:
+def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | None) -> Instance:
+    """Make an instance and put its first token at `entry`."""
+    variables = engine.new_variables()
+    variables.update(values or {})
+    instance = Instance(engine.new_key(), engine.program, variables)
+    root = Scope(engine.new_key(), None, None, engine.program.body, variables)
+    root.instance, root.counts, instance.root, instance.scopes = instance, instance.counts, root, 1
+    engine.instances[instance.key] = instance
+    engine.host.begun(instance)
+    if engine.program.observed:
+        engine.notify(root, (engine.program.process, "start", None))
+    engine.ready.append((entry, root))
+    scopes.arm_scope(engine, root)
+    return instance
+
+
+def trigger(engine: EngineState, node: Node, message: Any) -> None:
     """A start event of the process was triggered."""
     if engine.held is not None:
         engine.host.report(node.id, "trigger dropped: the robot holds")
         return
     arrived: Arrived | None = [(node, message)]
-    if node.join is not None and node.join.kind == "all":
-        arrived, node = gather(engine, node.join, node, message), node.join
+    spec: Start = node.spec
+    if spec.whole is not None:
+        arrived, node = _gather(engine, spec.whole, node, message), spec.whole
     if arrived is None:
         return
     limit = engine.program.instances
     if limit is None or len(engine.instances) < limit:
-        begin(engine, node, arrived)
-    elif node.queue:
-        kept = engine.waiting_starts.setdefault(node, deque(maxlen=node.queue))
+        _begin(engine, node, arrived)
+    elif queue := _catch(node).queue:
+        kept = engine.waiting_starts.setdefault(node, deque(maxlen=queue))
         kept.append((engine.new_key(), message))
     else:
         text = f"trigger dropped: {limit} instance(s) of {engine.program.process} run already"
         engine.host.report(node.id, text)
 
 
-def begin_waiting(engine: Engine) -> None:
+def begin_waiting(engine: EngineState) -> None:
     """An instance has ended: the trigger that waited longest begins the next."""
     waiting_starts = engine.waiting_starts
     node = min(waiting_starts, key=lambda start: waiting_starts[start][0][0])
@@ -56,31 +72,32 @@ def begin_waiting(engine: Engine) -> None:
     trigger(engine, node, message)
 
 
-def begin(engine: Engine, node: Node, arrived: Arrived) -> None:
+def _begin(engine: EngineState, node: Node, arrived: Arrived) -> None:
     """An instance that takes what has arrived."""
-    instance = engine.open_instance(node, None)
+    instance = open_instance(engine, node, None)
     for event, message in arrived:
+        catch = _catch(event)
         try:
-            if event.take is not None:
-                event.take(instance.root_variables, message)
-            correlates(event, instance.root_variables, message)
+            if catch.take is not None:
+                catch.take(instance.root_variables, message)
+            correlates(catch.keys, instance.root_variables, message)
         except BaseException as error:
-            engine.abandon(instance, event, f"{type(error).__name__}: {error}", "script", error)
+            faults.abandon(engine, instance, event, f"{type(error).__name__}: {error}", "script", error)
             break
     if engine.conditions:
         waiting.check_conditions(engine)
 
 
-def gather(engine: Engine, whole: Node, part: Node, message: Any) -> Arrived | None:
+def _gather(engine: EngineState, whole: Node, part: Node, message: Any) -> Arrived | None:
     """Keep one trigger of a parallel multiple event; all of them, if it was the last."""
     sets = engine.gathered.setdefault(whole, [])
-    fitting = next((each for each in sets if correlates(part, each[0], message)), None)
+    fitting: Gathered | None = next((each for each in sets if correlates(_catch(part).keys, each[0], message)), None)
     if fitting is None:
         fitting = ({}, {})
-        correlates(part, fitting[0], message)
+        correlates(_catch(part).keys, fitting[0], message)
         sets.append(fitting)
     fitting[1].setdefault(part, message)
-    if len(fitting[1]) < len(whole.alternatives):
+    if len(fitting[1]) < len(_catch(whole).parts):
         return None
     sets[:] = [each for each in sets if each is not fitting]
     if not sets:
@@ -88,6 +105,56 @@ def gather(engine: Engine, whole: Node, part: Node, message: Any) -> Arrived | N
     return list(fitting[1].items())
 
 
-def awaited(node: Node, listeners: Sequence[Listener]) -> bool:
+def _catch(node: Node) -> Catch:
+    """What a start event waits for."""
+    assert node.catch is not None
+    return node.catch
+
+
+def is_awaited(node: Node, listeners: Sequence[Listener]) -> bool:
     """Whether what would start a process by a parallel gateway is for an instance that waits for it."""
-    return node.join is not None and any(listener.node.guard is node.join for listener in listeners)
+    event = node.spec.event
+    return event is not None and any(listener.node.part_of is event for listener in listeners)
+
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def make(context: ScopeCompiler) -> None:
+    """What starts the process itself: start events, gateways and receive tasks."""
+    program = context.compiler.program
+    for element in context.content.nodes:
+        for whole in _ways_in(context, element):
+            for node in _catch(whole).parts or (whole,):
+                if _catch(whole).trigger is waiting.ALL:
+                    node.spec = Start(whole)
+                _add(context, node, element)
+    if (not program.starts and not program.timed) or context.none_starts():
+        program.begin = context.begin()
+
+
+def _ways_in(context: ScopeCompiler, element: model.FlowNode) -> list[Node]:
+    """The triggers by which an element starts the process."""
+    if isinstance(element, model.Event) and element.place == "start":
+        found = context.triggers.get(element.id, [])
+        for node in found:
+            if node.catch is None:
+                context.refuse(f"{node.spec.kind} events cannot start a process", element)
+            node.spec = Start()
+        return found
+    if isinstance(element, model.Gateway) and instantiates(element):
+        return event_gateways.instantiating(context, element)
+    if isinstance(element, model.Task) and instantiates(element):
+        return tasks.instantiating(context, element)
+    return []
+
+
+def _add(context: ScopeCompiler, node: Node, element: model.FlowNode) -> None:
+    """One trigger that starts the process."""
+    program, catch = context.compiler.program, _catch(node)
+    if catch.topic:
+        program.starts[catch.topic] = (*program.starts.get(catch.topic, ()), node)
+    elif catch.trigger is waiting.TIMER:
+        program.timed = (*program.timed, node)
+    else:
+        context.refuse("conditional events cannot start a process: there are no variables yet to be true of", element)

@@ -1,9 +1,9 @@
 """Suspension: what an event sub-process with ``resume=true`` does to its scope instead of cancelling it.
 
 `suspend` holds everything that goes on in the scope when its handler begins, at any depth: scopes count the
-suspensions that hold them in `state`, rests in `paused`. Tasks are cancelled, to be started again; catches are deaf;
-timers run on and leave a mark in `due`. What begins in the scope while the handler runs (other event sub-processes) is
-younger than the handler, and so not held.
+suspensions that hold them in `state`, waits in `paused`. Tasks are cancelled, to be started again; catching events do
+not listen; timers run on and leave a mark in `due`. What begins in the scope while the handler runs (other event
+sub-processes) is younger than the handler, and so not held.
 
 `hold` does the same from outside to all that runs, whatever is suspended in it already, until `release`.
 """
@@ -11,124 +11,105 @@ younger than the handler, and so not held.
 from __future__ import annotations
 
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
-from fame.engine import activities, scopes, waiting
-from fame.engine.state import Rest, Scope
-
-if TYPE_CHECKING:
-    from fame.engine.interpreter import Engine
+from fame.engine import scopes, waiting
+from fame.engine.engine_state import EngineState
+from fame.engine.scopes import Cancelling
+from fame.engine.state import Scope, Wait
 
 
-def suspend(engine: Engine, scope: Scope, handler: Scope) -> None:
+def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
     """Hold all that goes on in a scope, but for `handler` and the other event sub-processes that wait there."""
     scope.suspender, scope.mark = handler, handler.key
     scope.state += 1
-    for inner in held_scopes(scope):
+    for inner in _held_scopes(scope):
         inner.state += 1
-    for resting in held_rests(scope):
-        pause(engine, resting)
+    cancelling: Cancelling = ()
+    for wait in _held_waits(scope):
+        cancelling += _pause(engine, wait)
     engine.host.make_safe("suspended")
+    return cancelling
 
 
-def resume(engine: Engine, scope: Scope) -> None:
+def resume(engine: EngineState, scope: Scope) -> None:
     """The handler has ended normally: all goes on."""
     scope.suspender = None
-    go_on(engine, [scope, *held_scopes(scope)], held_rests(scope))
+    _go_on(engine, [scope, *_held_scopes(scope)], _held_waits(scope))
 
 
-def hold(engine: Engine) -> None:
-    """Hold all instances, and let none begin, until `release`."""
-    scopes_held = [inner for instance in engine.instances.values() for inner in scopes.subtree(instance.root)]
-    rests = in_order([rest for scope in scopes_held for rest in (*scope.arms, *rests_in(scope))])
-    for scope in scopes_held:
+def hold(engine: EngineState) -> None:
+    """Hold all instances, and let none begin, until `release`. Nothing follows when cancelled scripts have ended."""
+    held = [inner for instance in engine.instances.values() for inner in scopes.subtree(instance.root)]
+    waits = _in_order([wait for scope in held for wait in (*scope.arms, *_waits_in(scope))])
+    for scope in held:
         scope.state += 1
-    for resting in rests:
-        pause(engine, resting)
-    engine.departing = []  # nothing goes on when they are out
-    engine.held = scopes_held, rests
+    for wait in waits:
+        _pause(engine, wait)
+    engine.held = held, waits
     engine.host.make_safe("suspended")
 
 
-def release(engine: Engine) -> None:
-    """What was held goes on. Its scripts have to be out."""
+def release(engine: EngineState) -> None:
+    """What was held goes on. Its scripts must have ended."""
     if engine.held is not None:
-        (held, rests), engine.held = engine.held, None
-        go_on(engine, [scope for scope in held if scope.alive], [rest for rest in rests if rest.alive])
+        (held, waits), engine.held = engine.held, None
+        _go_on(engine, [scope for scope in held if scope.alive], [wait for wait in waits if wait.alive])
 
 
-def go_on(engine: Engine, released: list[Scope], awake: list[Rest]) -> None:
-    """Undo one suspension of these scopes and rests."""
+def _go_on(engine: EngineState, released: list[Scope], awake: list[Wait]) -> None:
+    """Undo one suspension of these scopes and waits."""
     for inner in released:
         inner.state -= 1
         if not inner.state and inner.held:
             engine.ready.extend((node, inner) for node in inner.held)
             inner.held = ()
-    for resting in awake:
-        resting.paused -= 1
-    fire_due(engine, awake)
-    for resting in awake:
-        if resting.alive and not resting.paused:
-            revive(engine, resting)
+    for wait in awake:
+        wait.paused -= 1
+    _fire_due(engine, awake)
+    for wait in awake:
+        if wait.alive and not wait.paused:
+            wait.catch.trigger.resume(engine, wait)
 
 
-def held_scopes(scope: Scope) -> list[Scope]:
+def _held_scopes(scope: Scope) -> list[Scope]:
     """The scopes in it, at any depth, that its suspension holds."""
     older = [inner for inner in scope.children if isinstance(inner, Scope) and inner.key < scope.mark]
     return [inner for outer in older for inner in scopes.subtree(outer)]
 
 
-def held_rests(scope: Scope) -> list[Rest]:
-    """The rests that its suspension holds, and what is armed because of them, in the order of arming."""
-    found = [inner for inner in scope.children if isinstance(inner, Rest) and (inner.token or inner.node.resume)]
-    for inner in held_scopes(scope):
+def _held_waits(scope: Scope) -> list[Wait]:
+    """The waits that its suspension holds, and what is armed because of them, in the order of arming."""
+    found = [inner for inner in scope.children if isinstance(inner, Wait) and (inner.token or inner.catch.resume)]
+    for inner in _held_scopes(scope):
         found += inner.arms
-        found += rests_in(inner)
-    return in_order(found)
+        found += _waits_in(inner)
+    return _in_order(found)
 
 
-def rests_in(scope: Scope) -> list[Rest]:
-    """The rests of a scope itself."""
-    return [inner for inner in scope.children if isinstance(inner, Rest)]
+def _waits_in(scope: Scope) -> list[Wait]:
+    """The waits of a scope itself."""
+    return [inner for inner in scope.children if isinstance(inner, Wait)]
 
 
-def in_order(found: list[Rest]) -> list[Rest]:
-    """These rests and what is armed because of them, in the order of arming."""
-    for resting in found:  # which grows
-        found += resting.arms
+def _in_order(found: list[Wait]) -> list[Wait]:
+    """These waits and what is armed because of them, in the order of arming."""
+    for wait in found:  # which grows
+        found += wait.arms
     return sorted(found, key=attrgetter("key"))
 
 
-def pause(engine: Engine, resting: Rest) -> None:
+def _pause(engine: EngineState, wait: Wait) -> Cancelling:
     """It stops listening (its queue does not); a running task is cancelled, to be started again."""
-    resting.paused += 1
-    if resting.paused == 1:
-        if resting.started:
-            scopes.leave_script(engine, resting)
-        waiting.deafen(engine, resting)
+    wait.paused += 1
+    if wait.paused > 1:
+        return ()
+    wait.catch.trigger.suspend(engine, wait)
+    return scopes.cancel_script(engine, wait) if wait.started else ()
 
 
-def fire_due(engine: Engine, rests: list[Rest]) -> None:
+def _fire_due(engine: EngineState, waits: list[Wait]) -> None:
     """Let those fire that came due while they were held, in due order."""
-    due = [resting for resting in rests if resting.due and not resting.paused]
-    for resting in sorted(due, key=attrgetter("due")):
-        resting.due = 0
-        waiting.fire(engine, resting)
-
-
-def revive(engine: Engine, resting: Rest) -> None:
-    """A rest that was held waits again; a task starts again; the handler's own trigger is armed anew."""
-    kind = resting.node.kind
-    if kind in ("signal", "message"):
-        waiting.listen(engine, resting)
-    elif kind == "condition":
-        resting.true = False
-        waiting.arm(engine, resting)
-    elif kind == "timer":
-        if resting.node.resume and resting.key not in engine.rests:
-            waiting.set_timer(engine, resting)
-    elif kind == "all":
-        if not resting.arms:
-            waiting.arm(engine, resting)
-    elif resting.started:
-        activities.restart(engine, resting)
+    due = [wait for wait in waits if wait.due and not wait.paused]
+    for wait in sorted(due, key=attrgetter("due")):
+        wait.due = 0
+        waiting.fire(engine, wait)

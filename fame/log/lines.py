@@ -10,7 +10,8 @@ from io import StringIO
 from typing import Any, BinaryIO
 
 from fame.clock import SECOND
-from fame.engine.state import Mark, Trail
+from fame.engine.program import Mark
+from fame.engine.state import Trail
 from fame.log.naming import UNNAMED, Named
 from fame.observation import Event, Observer
 

@@ -19,7 +19,8 @@ from typing import BinaryIO
 from xml.sax.saxutils import quoteattr
 
 from fame.clock import EPOCH, date_at
-from fame.engine.state import Mark, Trail
+from fame.engine.program import Mark
+from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime
 from fame.log.naming import Named
 from fame.observation import Event, Observer

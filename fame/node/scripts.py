@@ -16,7 +16,7 @@ from fame.middleware.interface import resolve
 from fame.node.ends import Ends
 from fame.observation import Event
 from fame.scripting import Robot, Runner, another, interface
-from fame.scripting.javascript import SURROUNDINGS, Surroundings, aftermath
+from fame.scripting.javascript import SURROUNDINGS, Surroundings
 
 if TYPE_CHECKING:
     from fame.node.robot_node import RobotNode
@@ -70,12 +70,18 @@ class Scripts:
             log=self._log,
             report=robot.report,
             stepped=self._called_back,
-            failed=lambda variables, element, error: aftermath.fail(robot.engine, variables, element, error),
-            alive=lambda variables: aftermath.is_alive(robot.engine, variables),
+            failed=self._failed,
+            alive=self._is_alive,
         )
 
     def _ended(self, key: int, error: BaseException | None) -> None:
         self._robot.engine.script_ended(key, error)
+
+    def _failed(self, variables: dict[str, Any], element: str, error: BaseException) -> None:
+        self._robot.engine.fail_callback(variables, element, error)
+
+    def _is_alive(self, variables: dict[str, Any]) -> bool:
+        return self._robot.engine.is_alive(variables)
 
     def _called_back(self) -> None:
         self._robot.engine.stepped()

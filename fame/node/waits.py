@@ -8,7 +8,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
-from fame.engine.state import Node, joins_reached
+from fame.engine import waiting
+from fame.engine.program import USER, Node
+from fame.engine.state import Wait as EngineWait
+from fame.engine.state import joins_reached
 from fame.middleware.interface import resolve
 from fame.node.gaps import gap_text
 from fame.scripting import script_names
@@ -40,7 +43,7 @@ def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
     """See `RobotNode.waits`. `seen` is kept from call to call: when each resting token was seen first (ns)."""
     now, publishers = robot.scheduler.now, _publishers_heard(robot)
     heard = {topic: len(names) for topic, names in publishers.items()}
-    rests = [rest for instance in robot.engine.instances.values() for rest in instance.rests()]
+    rests = [rest for instance in robot.engine.instances.values() for rest in instance.waits()]
     joins = [found for instance in robot.engine.instances.values() for found in joins_reached(instance.root)]
     keys = [*(rest.key for rest in rests), *((scope.key, join.id) for scope, join, _ in joins)]
     known = {key: seen.get(key, now) for key in keys}
@@ -70,7 +73,7 @@ def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
 
 
 def _join_text(join: Node, held: list[int]) -> str:
-    return f"a token on {held.count(0) or 'more'} of its {join.need} flows"
+    return f"a token on {held.count(0) or 'more'} of its {join.spec.need} flows"
 
 
 def _publishers_heard(robot: RobotNode) -> dict[str, list[str]]:
@@ -79,41 +82,44 @@ def _publishers_heard(robot: RobotNode) -> dict[str, list[str]]:
     return {info.name: [name for name in info.publishers if name != own] for info in robot.middleware.graph()}
 
 
-def _awaited(robot: RobotNode, rest: Any) -> list[str]:
+def _awaited(robot: RobotNode, rest: EngineWait) -> list[str]:
     """The topics whose message would move a token, by full name."""
-    node = rest.node
-    names = [item.topic for item in (node, *node.alternatives) if item.topic]
+    nodes = (rest.node, *rest.catch.parts)
+    names = [node.catch.topic for node in nodes if node.catch is not None and node.catch.topic]
     if not names and (topic := robot.runner.awaited_topic(rest.key)):
         names = [topic]
     return [resolve(name, robot.namespace) for name in names]
 
 
-def _wait_text(robot: RobotNode, rest: Any, heard: Mapping[str, int]) -> str:
-    node, variables = rest.node, rest.scope.variables
-    if node.kind == "timer":
-        return f"{node.timer} timer"
-    if node.kind == "user":
+def _wait_text(robot: RobotNode, rest: EngineWait, heard: Mapping[str, int]) -> str:
+    catch, variables = rest.catch, rest.scope.variables
+    if catch.timer:
+        return f"{catch.timer} timer"
+    if catch.trigger is USER:
         return SOMEBODY
-    if node.alternatives:
-        return " or ".join(_trigger_text(robot, item, variables, heard) for item in node.alternatives)
+    if catch.parts:
+        return " or ".join(_trigger_text(robot, item, variables, heard) for item in catch.parts)
     awaited = robot.runner.awaited_topic(rest.key)
     if awaited is not None:
         return f"receive on {_topic_text(resolve(awaited, robot.namespace), heard)}"
-    return robot.runner.waits(rest.key) or _trigger_text(robot, node, variables, heard)
+    return robot.runner.waits(rest.key) or _trigger_text(robot, rest.node, variables, heard)
 
 
 def _trigger_text(robot: RobotNode, node: Node, variables: Mapping[str, Any], heard: Mapping[str, int]) -> str:
     """What an event waits for."""
-    if node.topic:
-        return _catch_text(robot, node.topic, heard)
-    return _condition_text(robot, node, variables) if node.kind == "condition" else node.kind
+    assert node.catch is not None
+    if node.catch.topic:
+        return _catch_text(robot, node.catch.topic, heard)
+    if node.catch.trigger is waiting.CONDITION:
+        return _condition_text(robot, node, variables)
+    return node.catch.trigger.name
 
 
 def _condition_text(robot: RobotNode, node: Node, variables: Mapping[str, Any]) -> str:
     """The condition, and the values that it has to do with."""
     condition = robot.conditions.get((node.file, node.id))
     if condition is None:
-        return node.kind
+        return waiting.CONDITION.name
     names = sorted(script_names(condition, script=False)[0])
     values = [
         f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names

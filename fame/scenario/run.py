@@ -242,7 +242,7 @@ class Run:
     def _kill(self, node: RobotNode) -> None:
         """Take an engine away as if its process had ended: it says nothing more, and what it was at has failed."""
         for instance in node.engine.instances.values():
-            element = next((rest.node.id for rest in instance.rests()), "")
+            element = next((rest.node.id for rest in instance.waits()), "")
             text = f"its engine died at {self.scheduler.now / SECOND:g} s"
             instance.error = MissionError(text, robot=node.name, element=element, code="engine")
             instance.status = "failed"

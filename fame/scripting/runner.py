@@ -19,8 +19,7 @@ from functools import partial
 from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.engine.faults import is_from_outside
-from fame.engine.host import BpmnError, Cancelled
+from fame.engine.host import BpmnError, Cancelled, is_from_outside
 from fame.heartbeat import BUDGET
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Node

@@ -232,7 +232,7 @@ class Run:
     def swap(self) -> None:
         """Make the engine anew from its snapshot, unless a script is under way, which is no data."""
         engine = self.node.engine
-        if engine.leaving or any(rest.started for rest in engine.rests.values()):
+        if engine.cancelling or any(wait.started for wait in engine.waits.values()):
             return
         assert json.dumps(self.state[0]) == self.state[1], "the engine has changed what it was restored from"
         text = json.dumps(snapshot(engine, dump=dump))
@@ -308,7 +308,7 @@ class Run:
     def left_behind(self) -> dict[str, int]:
         """Sizes of the engine's tables that are not empty."""
         engine = self.node.engine
-        names = ("ready", "listeners", "conditions", "rests", "inclusive", "leaving", "departing", "instances",
+        names = ("ready", "listeners", "conditions", "waits", "inclusive", "cancelling", "instances",
                  "waiting_starts")  # fmt: skip
         return {name: len(getattr(engine, name)) for name in names if getattr(engine, name)}
 

@@ -56,7 +56,7 @@ def test_a_timer_of_a_cancelled_activity_does_not_fire(play: Play) -> None:
     content = start() + user("u") + boundary("b", "u", timer("PT5S")) + user("v") + path("s u v")
     run = play(content).run(1).complete("u").run(9)
     assert run.log == "s u (v"
-    assert run.node.engine.rests == {}
+    assert run.node.engine.waits == {}
 
 
 def test_a_loop_over_a_timer_that_takes_no_time_fails(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,149 @@
+"""Event-based gateways and multiple events: the first of several stimuli counts (standard 13.4.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from fame.bpmn import model
+from fame.engine import scopes, steps, triggers, waiting
+from fame.engine.branching import Branch, fork
+from fame.engine.engine_state import EngineState
+from fame.engine.program import Node, Start
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import Scope, Wait
+
+
+@dataclass(slots=True)
+class Alternative:
+    """Spec of one of several that are waited for together; `via`: the sequence flow that leads to its event."""
+
+    via: str = ""
+
+
+# ---- steps ---------------------------------------------------------------------------------------
+
+
+def choose(engine: EngineState, scope: Scope, node: Node) -> None:
+    """The first stimulus wins; of queued messages the oldest arrival."""
+    wait = waiting.wait_at(engine, node, scope)
+    if not wait.alive:
+        return
+    mail = scope.mail or {}
+    parts = wait.catch.parts
+    kept = [mail[item] for item in parts if item in mail and mail[item].messages]
+    if kept:
+        oldest = min(kept, key=lambda box: box.messages[0][0])
+        alternative = Wait(engine.new_key(), oldest.node, scope, False, wait)
+        waiting.catch(engine, alternative, oldest.messages.popleft()[1])
+    else:
+        waiting.arm_all(engine, parts, scope, wait)
+
+
+def fire_alternative(engine: EngineState, wait: Wait) -> None:
+    """One of the alternatives has come."""
+    gateway, node = wait.owner, wait.node
+    assert isinstance(gateway, Wait)
+    waiting.withdraw(engine, gateway)
+    if gateway.node is not node.part_of:  # the alternative of a multiple event is the event itself
+        scopes.count(engine, wait.scope, gateway.node)
+        if node.plain_step is not None:
+            engine.notify(wait.scope, (node.spec.via, "take", None))
+            engine.notify(wait.scope, node.entered)
+    scopes.complete(engine, wait.scope, node)
+
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def multiple(context: ScopeCompiler, event: model.Event) -> None:
+    """An intermediate catching event with several definitions."""
+    choice = context.node(event, choose)
+    choice.slot, choice.catch = context.slot(event.id), triggers.catching()
+    parts = _alternatives(context, event, choice, choice.slot)
+    choice.catch.parts = tuple(parts)
+    context.watch(choice)
+    context.place(event, choice, parts)
+
+
+def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
+    """An event-based gateway."""
+    node = context.node(gateway, choose)
+    node.slot, node.catch = context.slot(gateway.id), triggers.catching()
+    context.watch(node)
+    context.place(gateway, node)
+    context.leads[gateway.id] = lambda flows: context.when_linked.append(
+        partial(_link_alternatives, context, gateway, node)
+    )
+
+
+def _alternatives(context: ScopeCompiler, event: model.Event, owner: Node, slot: int) -> list[Node]:
+    """One node for each definition of an event; whichever fires is the event."""
+    nodes = []
+    for number, definition in enumerate(event.definitions):
+        catch = triggers.part_of_event(fire_alternative)
+        node = triggers.trigger(context, event, definition, catch, f"/{number}@{owner.id}")
+        if node.catch is None:
+            context.refuse(f"an intermediate event cannot catch an {node.spec.kind}; use a boundary event", event)
+        node.slot, node.part_of, node.spec = slot, owner, Alternative()
+        context.watch_event(node)
+        triggers.keep_queue(context, node)
+        nodes.append(node)
+    return nodes
+
+
+def _link_alternatives(context: ScopeCompiler, gateway: model.Gateway, node: Node) -> None:
+    """The events that an event-based gateway chooses among."""
+    found: list[Node] = []
+    for id in gateway.outgoing:
+        target = context.model[context.flows[id].target]
+        main = context.main[target.id]
+        if isinstance(target, model.Event) and target.place == "catch" and target.definitions:
+            choices = _alternatives(context, target, node, main.slot)
+        elif isinstance(target, model.Task) and target.kind == "receive" and target.topic is not None:
+            choices = [_receive(context, target, target.topic, gateway, main.slot)]
+        else:
+            context.refuse(f"leads to {target.id}, which is no catching event or receive task", gateway)
+        for choice in choices:
+            choice.spec, choice.part_of = Alternative(id), main
+            context.watch_event(choice)
+            choice.next = main.next or (main.catch.parts[0].next if main.catch is not None else None)
+        found.extend(choices)
+    if not found:
+        context.refuse("has no event to wait for", gateway)
+    assert node.catch is not None
+    node.catch.parts = tuple(found)
+
+
+def _receive(context: ScopeCompiler, task: model.Task, topic: model.Topic, gateway: model.Gateway, slot: int) -> Node:
+    """A receive task behind an event-based gateway."""
+    if task.loop is not None:
+        context.refuse("what an event-based gateway waits for does not repeat", task)
+    choice = context.node(task, triggers.wait, f"@{gateway.id}")
+    choice.slot, choice.catch = slot, triggers.part_of_event(fire_alternative, waiting.MESSAGE)
+    choice.catch.keys = context.assignments(task.keys, task)
+    triggers.listen(context, task, choice.catch, topic)
+    return choice
+
+
+def instantiating(context: ScopeCompiler, gateway: model.Gateway) -> list[Node]:
+    """A gateway that starts the process, then the event that came; of a parallel one, the others are waited for."""
+    found: list[Node] = []
+    main = context.main[gateway.id]
+    for choice in main.catch.parts if main.catch is not None else ():
+        begin = context.node(gateway, steps.pass_on, f"/start/{choice.id}", start := Start())
+        begin.catch = choice.catch
+        begin.index = begin.slot = main.slot
+        event = context.node(context.model[choice.id], steps.pass_on, f"/start/{gateway.id}")
+        event.index = event.slot = choice.slot
+        begin.next, event.next = event, choice.next
+        context.watch(begin)
+        context.watch(event)
+        ids = dict.fromkeys(context.flows[id].target for id in gateway.outgoing)
+        others = [context.entries[id] for id in ids if id != choice.id]
+        if gateway.all_events and others:
+            start.event = context.main[choice.id]
+            targets = (event, *others)
+            begin.next = context.node(gateway, fork, f"/others/{choice.id}", Branch(targets=targets))
+        found.append(begin)
+    return found

@@ -1,0 +1,65 @@
+"""What catches: boundary events, which leave their activity, and event sub-processes, which handle their scope."""
+
+from __future__ import annotations
+
+from fame.engine import scopes, state, suspension
+from fame.engine.engine_state import EngineState
+from fame.engine.program import Catch, FaultCatch, Node
+from fame.engine.scopes import Cancelling
+from fame.engine.state import Scope, Wait
+
+
+def take_boundary(engine: EngineState, scope: Scope, node: Node, owner: Scope | Wait | None) -> None:
+    """A boundary event cancels its activity (`owner`, if it is still at work), or runs beside it."""
+    scopes.count_event(engine, scope, node)
+    cancelling: Cancelling = ()
+    if not reaction_of(node).interrupting:
+        scope.tokens += 1
+    elif isinstance(owner, Scope):
+        cancelling = scopes.kill(engine, owner)
+    elif owner is not None:
+        scope.children.pop(owner, None)
+        cancelling = scopes.cancel_wait(engine, owner)
+    assert node.next is not None
+    scopes.proceed(engine, node.next, scope, cancelling)
+
+
+def reaction_of(node: Node) -> Catch | FaultCatch:
+    """How a boundary event, or the start of an event sub-process, treats what it stands at."""
+    fault: FaultCatch = node.spec
+    return node.catch or fault
+
+
+def begin_handler(engine: EngineState, scope: Scope, start: Node) -> None:
+    """Run an event sub-process: in place of its scope, while that is suspended, or beside it.
+
+    Raises RecursionError if the instance has too many scopes.
+    """
+    how = reaction_of(start)
+    if how.interrupting and not how.resume:
+        replace_by_handler(engine, scope, start)
+        return
+    if scope.instance.scopes >= state.SCOPES:
+        raise scopes.too_many()
+    scope.tokens += 1
+    inner = scopes.open_child(engine, scope, start.part_of, None, scope.variables)
+    open_handler(engine, inner, start, suspension.suspend(engine, scope, inner) if how.resume else ())
+
+
+def replace_by_handler(engine: EngineState, scope: Scope, start: Node) -> None:
+    """An interrupting event sub-process takes the place of its scope."""
+    handler = start.part_of
+    heir, cancelling = scopes.replace(engine, scope, (*scope.handles, handler))
+    open_handler(engine, heir, start, cancelling)
+
+
+def open_handler(engine: EngineState, scope: Scope, start: Node, cancelling: Cancelling) -> None:
+    """The handler starts when the scripts that were cancelled for it have ended."""
+    handler = start.part_of
+    if handler.plain_step is not None:
+        engine.notify(scope, handler.entered)
+    scopes.count_event(engine, scope, start)
+    scope.body = handler.body
+    assert start.next is not None
+    scopes.proceed(engine, start.next, scope, cancelling)
+    scopes.arm_scope(engine, scope)

@@ -1,0 +1,234 @@
+"""What an engine runs: a program of linked nodes, compiled once from a process and all that it calls.
+
+A *node* is a place where a token can be: most elements are one node, some are several (the ports of a join, the
+triggers of a multiple event). A node has a *step*, the function that is called when a token comes to it, and is linked
+directly to where the token goes next. Each family of elements keeps what only it needs in a `spec` of its own,
+beside its steps. A node at which tokens wait has a `Catch`: its `Trigger` wakes the token. A program never changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from typing import Any
+
+Step = Callable[[Any, Any, Any], "Node | None"]
+"""A function of (`EngineState`, `Scope`, `Node`): gives the node that the token moves to at once, or None if the token
+waits or is gone."""
+
+Mark = tuple[str, str, Any]
+"""Something that happened, for observers: (element, what, detail), with the words listed in `fame.engine`."""
+
+NO_MARK: Mark = ("", "", None)
+
+UNCOUNTED = 0
+"""The slot of nodes whose passing does not complete an element."""
+
+
+class Node:
+    """Where a token can be. All nodes are of this one class, so that CPython runs the loop over them fast.
+
+    id, line, file   the element
+    key              names the node in snapshots
+    step             what happens when a token comes
+    plain_step       in an observed program: the step without telling observers; None: nobody is told of this node
+    entered, left    what observers are told when a token comes, and when the element has completed
+    index, slot      the count that grows when a token comes; the count of completions of the element
+    next             where the token goes
+    part_of          the node whose boundary events catch an error here: itself, unless it is part of an element
+    boundary         its boundary events, if it has some
+    catch            what is waited for here, if something is
+    body, ended      what runs in the scope that it opens, and what follows when that has ended: a function of (engine,
+                     scope around, scope that ended), which gives a scope that ends with it, or None
+    spec             what its family keeps: a dataclass that stands beside the family's steps
+    """
+
+    __slots__ = (
+        "body", "boundary", "catch", "ended", "entered", "file", "id", "index", "key", "left", "line", "next",
+        "part_of", "plain_step", "slot", "spec", "step",
+    )  # fmt: skip
+
+    def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "", spec: Any = None) -> None:
+        self.id, self.key, self.step, self.spec = id, key, step, spec
+        self.line, self.file = line, file
+        self.plain_step: Step | None = None
+        self.entered = self.left = NO_MARK
+        self.index = self.slot = UNCOUNTED
+        self.next: Node | None = None
+        self.part_of: Node = self
+        self.boundary: Boundary | None = None
+        self.catch: Catch | None = None
+        self.body: Body | None = None
+        self.ended: Callable[[Any, Any, Any], Any]
+
+    def __repr__(self) -> str:
+        return f"<Node {self.key}>"
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """What can wake a waiting token: functions of (engine, wait) that begin, end, suspend and resume its waiting."""
+
+    name: str
+    arm: Callable[[Any, Any], object]
+    disarm: Callable[[Any, Any], object]
+    suspend: Callable[[Any, Any], object]
+    resume: Callable[[Any, Any], object]
+
+
+def nothing(engine: Any, wait: Any) -> None:
+    """What a trigger does that needs nothing done."""
+
+
+NO_TRIGGER = Trigger("", nothing, nothing, nothing, nothing)
+"""Of a token that is woken by what is armed beside it, as at an event-based gateway."""
+USER = Trigger("user", nothing, nothing, nothing, nothing)
+"""Somebody completes a user or manual task."""
+
+
+def _no_value(variables: dict[str, Any]) -> Any:
+    """Of a trigger that is neither a time nor a condition."""
+
+
+@dataclass(slots=True)
+class Catch:
+    """What is waited for at a node, by a token or armed without one.
+
+    trigger       what wakes it
+    fire          what happens then: a function of (engine, wait)
+    give_up       what happens when it cannot be waited for, or its message cannot be taken: (engine, wait, error)
+    topic         of a signal or message, "" of all else
+    queue         how many messages are kept for it
+    take          what a message does to the variables
+    keys          what correlates a message: (variable, expression over `msg`)
+    value         the time of a timer, or the condition, compiled
+    timer         ``duration``, ``date`` or ``cycle``
+    parts         armed in its place: alternatives of which the first counts, or triggers of which all are needed
+    interrupting  whether it cancels the activity that it is attached to, or the scope that it handles
+    resume        whether it suspends that scope instead
+    """
+
+    trigger: Trigger
+    fire: Callable[[Any, Any], object]
+    give_up: Callable[[Any, Any, BaseException], object]
+    topic: str = ""
+    queue: int = 0
+    take: Callable[[dict[str, Any], Any], None] | None = None
+    keys: tuple[tuple[str, Callable[[dict[str, Any]], Any]], ...] = ()
+    value: Callable[[dict[str, Any]], Any] = _no_value
+    timer: str = ""
+    parts: tuple[Node, ...] = ()
+    interrupting: bool = True
+    resume: bool = False
+
+
+@dataclass(slots=True)
+class FaultCatch:
+    """Spec of what catches an error, escalation, cancellation or compensation: found as that climbs, never armed.
+
+    kind                           ``error``, ``escalation``, ``cancel`` or ``compensate``
+    code                           what it catches; None: all
+    code_variable, message_variable where code and text go
+    interrupting, resume           as of `Catch`
+    """
+
+    kind: str
+    interrupting: bool = True
+    resume: bool = False
+    code: str | None = None
+    code_variable: str = ""
+    message_variable: str = ""
+
+
+@dataclass(slots=True)
+class Boundary:
+    """The boundary events of an activity. `armed`: those that wait for a stimulus; `compensation`: undoes it."""
+
+    armed: tuple[Node, ...] = ()
+    errors: tuple[Node, ...] = ()
+    escalations: tuple[Node, ...] = ()
+    cancels: tuple[Node, ...] = ()
+    compensation: Node | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Handler:
+    """Spec of an event sub-process: its scope stands for what it handles."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopInstance:
+    """Spec of one instance of an activity that repeats."""
+
+
+@dataclass(slots=True)
+class Start:
+    """Spec of a trigger that starts the process.
+
+    whole  of a parallel multiple start event: the event that it is part of
+    event  of a parallel event-based gateway: its event, which an instance that runs may be waiting for
+    """
+
+    whole: Node | None = None
+    event: Node | None = None
+
+
+class Body:
+    """What a scope runs.
+
+    opening      the node that arms what listens as long as the scope lives, and leads to its start
+    armed        starts of event sub-processes that wait for a stimulus
+    errors       starts of error event sub-processes; `escalations` likewise
+    queued       catching events that keep messages from the time that the scope is entered
+    compensation start of the event sub-process for compensation
+    adhoc        of an ad-hoc sub-process: how it is carried out (`fame.engine.adhoc`)
+    """
+
+    __slots__ = ("adhoc", "armed", "compensation", "errors", "escalations", "id", "opening", "queued", "transaction")
+
+    def __init__(self, id: str) -> None:
+        self.id = id
+        self.opening: Node
+        self.armed: tuple[Node, ...] = ()
+        self.errors: tuple[Node, ...] = ()
+        self.escalations: tuple[Node, ...] = ()
+        self.queued: tuple[Node, ...] = ()
+        self.compensation: Node | None = None
+        self.adhoc: Any = None
+        self.transaction = False
+
+
+class Program:
+    """A process, compiled, with everything it calls. Immutable; any number of engines may run it.
+
+    starts     its start events by topic; `timed`: those with a timer; `begin`: the none start, if there is one
+    elements   ``elements[slot]`` is the id whose completions are counted there
+    nodes      all nodes, in the order of compilation
+    sources    the models of the process and of all that it calls
+    instances  how many instances may run at a time; None: any number
+    concluded  called with the engine when an instance is over and triggers wait for that
+    """
+
+    def __init__(self, process: str, name: str = "", observed: bool = False) -> None:
+        self.process, self.name, self.observed = process, name, observed
+        self.sources: list[Any] = []
+        self.body: Body
+        self.nodes: list[Node] = []
+        self.elements: list[str] = [""]
+        self.starts: dict[str, tuple[Node, ...]] = {}
+        self.timed: tuple[Node, ...] = ()
+        self.begin: Node | None = None
+        self.instances: int | None = None
+        self.concluded: Callable[[Any], object]
+
+    @cached_property
+    def hash(self) -> str:
+        """Names what it was compiled from."""
+        return self.name or sha256(repr(self.sources).encode()).hexdigest()
+
+    @cached_property
+    def by_key(self) -> dict[str, Node]:
+        """Its nodes by key."""
+        return {node.key: node for node in self.nodes}

@@ -1,0 +1,332 @@
+"""From a process model to a program: every element a node or a few, linked directly.
+
+Each element has an *entry*, where tokens come in, and *exits*, whose `next` leads on. Around it stands what it needs: a
+node that assigns its data objects before it, and one after it; a port for each flow into a join; a fork where several
+flows leave. Sequence flows are nodes only in an observed program.
+
+What an element becomes is for its family to say: a function that makes the nodes of one element (`Compiler.make`, a
+table in `fame.engine.compiler`). What a family can only do when all nodes are made, or linked, it leaves in
+`ScopeCompiler.when_made` and `when_linked`. What cannot be executed is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NoReturn
+
+from fame.bpmn import model
+from fame.engine import branching, steps
+from fame.engine.branching import Branch
+from fame.engine.data import unfilled
+from fame.engine.host import Compiled, Host
+from fame.engine.program import Body, Boundary, FaultCatch, Node, Program, Step
+from fame.engine.steps import Assignments
+from fame.engine.structure import begins, is_reached
+from fame.errors import ModelError
+
+Library = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
+"""Finds a called process: (name, calling file, the call) -> the process and its file. Raises ModelError."""
+
+
+class Compiler:
+    """What is shared while one program is compiled.
+
+    make      makes the nodes of one element
+    called    the bodies of called processes, by file and id
+    original  whether the process at hand means suspension by interruption (DESIGN section 3)
+    unfilled  its variables that a caught message may fill by their names alone
+    """
+
+    def __init__(
+        self, program: Program, host: Host, library: Library, make: Callable[[ScopeCompiler, model.FlowNode], None]
+    ) -> None:
+        self.program, self.host, self.library, self.make = program, host, library, make
+        self.observed = program.observed
+        self.called: dict[tuple[str, str], Body] = {}
+        self.original = False
+        self.unfilled: tuple[str, ...] = ()
+
+    def admit(self, process: model.Process, file: str) -> None:
+        """Make a process the one at hand. Raises ModelError for one that has faults."""
+        for fault in process.faults:
+            raise ModelError(fault.text, file=file, line=fault.line, element=fault.element)
+        self.program.sources.append(process)
+        self.original, self.unfilled = process.semantics == "original", unfilled(process)
+
+
+class ScopeCompiler:
+    """One body, while its nodes are made and linked.
+
+    entries, exits  by element; `main`: the node that an element is; `ports`: by flow
+    triggers        the trigger nodes of each start event
+    handlers        the starts of event sub-processes; `compensation`: that of one for compensation
+    boundaries      boundary events by activity
+    queued          catching events with a queue
+    leads           how an element leads on, for those that do not simply follow their flows
+    compensated     the node that a compensation event undoes, for those that are not the element itself
+    transaction     whether it stands in a transaction
+    """
+
+    def __init__(
+        self,
+        compiler: Compiler,
+        owner: model.Process | model.SubProcess,
+        file: str,
+        outer: ScopeCompiler | None = None,
+        body: Body | None = None,
+    ) -> None:
+        self.compiler, self.file, self.owner, self.content = compiler, file, owner, owner.body
+        self.body = body or Body(owner.id)
+        self.body.transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
+        self.transaction: bool = self.body.transaction or (outer is not None and outer.transaction)
+        self.model = {node.id: node for node in self.content.nodes}
+        self.flows = {flow.id: flow for flow in self.content.flows}
+        self.objects: dict[str, model.DataObject] = {
+            **(outer.objects if outer else {}),
+            **{item.id: item for item in self.content.data_objects},
+        }
+        self.entries: dict[str, Node] = {}
+        self.exits: dict[str, list[Node]] = {}
+        self.main: dict[str, Node] = {}
+        self.ports: dict[str, Node] = {}
+        self.triggers: dict[str, list[Node]] = {}
+        self.handlers: list[Node] = []
+        self.compensation: Node | None = None
+        self.boundaries: dict[str, list[Node]] = {}
+        self.queued: list[Node] = []
+        self.leads: dict[str, Callable[[list[model.SequenceFlow]], None]] = {}
+        self.compensated: dict[str, Node] = {}
+        self.when_made: list[Callable[[], object]] = []
+        self.when_linked: list[Callable[[], object]] = []
+
+    # ---- nodes ---------------------------------------------------------------------------------------
+
+    def node(self, element: model.Element, step: Step, part: str = "", spec: Any = None) -> Node:
+        """A node of an element; `part` tells it from the others of the element."""
+        node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=self.file, spec=spec)
+        self.compiler.program.nodes.append(node)
+        if self.compiler.observed:
+            node.entered, node.left = (element.id, "enter", None), (element.id, "leave", None)
+        return node
+
+    def counted(self, node: Node) -> Node:
+        """To pass this node is to complete its element."""
+        node.index = node.slot = self.slot(node.id)
+        return node
+
+    def slot(self, element: str) -> int:
+        """A new number under which completions of an element are counted."""
+        elements = self.compiler.program.elements
+        elements.append(element)
+        return len(elements) - 1
+
+    def watch(self, node: Node, *, ends: bool = False) -> None:
+        """In an observed program, let observers be told when a token enters and leaves the element."""
+        if self.compiler.observed:
+            node.plain_step, node.step = node.step, steps.observed_end if ends else steps.observed
+
+    def watch_event(self, node: Node) -> None:
+        """The same for an event to which no token comes."""
+        if self.compiler.observed:
+            node.plain_step = steps.pass_on
+
+    def passing(self, element: model.FlowNode) -> None:
+        """An element that only passes a token on."""
+        node = self.counted(self.node(element, steps.pass_on))
+        self.watch(node)
+        self.place(element, node)
+
+    # ---- texts ---------------------------------------------------------------------------------------
+
+    def expression(self, expression: model.Expression, element: model.Element) -> Compiled:
+        """A condition or value, compiled."""
+        return self.compiler.host.compile(expression, element=element.id, file=self.file)
+
+    def optional(self, expression: model.Expression | None, element: model.Element) -> Compiled | None:
+        """The same, for an expression that may be missing."""
+        return None if expression is None else self.expression(expression, element)
+
+    def assignments(
+        self, pairs: Iterable[tuple[str, model.Expression]], element: model.Element
+    ) -> tuple[tuple[str, Compiled], ...]:
+        """Assignments, compiled."""
+        return tuple((name, self.expression(source, element)) for name, source in pairs)
+
+    def refuse(self, text: str, element: model.Element) -> NoReturn:
+        """Raise ModelError for an element."""
+        raise ModelError(text, file=self.file, line=element.line, element=element.id)
+
+    # ---- the body ------------------------------------------------------------------------------------
+
+    def compile(self, before_links: Callable[[ScopeCompiler], object] = lambda context: None) -> Body:
+        """Make all nodes, then link them; `before_links` may add to them in between. Raises ModelError."""
+        for element in self.content.nodes:
+            self.compiler.make(self, element)
+        for activity, nodes in self.boundaries.items():
+            _attach(self.main[activity], nodes)
+        for finish in self.when_made:
+            finish()
+        before_links(self)
+        for element in self.content.nodes:
+            if element.id in self.exits:
+                self._lead_on(element)
+        for finish in self.when_linked:
+            finish()
+        body, handlers = self.body, self.handlers
+        body.armed, body.errors, body.escalations = (
+            _armed(handlers),
+            _of("error", handlers),
+            _of("escalation", handlers),
+        )
+        body.queued, body.compensation = tuple(self.queued), self.compensation
+        return body
+
+    def open_with(self, begin: Node, body: Body | None = None, id: str = "") -> None:
+        """Let a body (its own) begin with arming what listens as long as it lives, then with a node."""
+        body, id = body or self.body, id or self.owner.id
+        body.opening = begin
+        if body.armed or body.queued:
+            body.opening = Node(id, f"{id}/opening", steps.arm_first)
+            body.opening.next = begin
+            self.compiler.program.nodes.append(body.opening)
+
+    def place(self, element: model.FlowNode, node: Node, exits: list[Node] | None = None) -> None:
+        """Say which node is an element, and add the nodes that assign its data objects."""
+        self.main[element.id] = self.entries[element.id] = node
+        self.exits[element.id] = [node] if exits is None else exits
+        takes = isinstance(element, model.Event) and element.place in ("start", "catch", "boundary")
+        before = self._values(element.data_inputs) + _pairs(element.copies_in)
+        after = [] if takes else self._values(element.data_outputs) + _pairs(element.copies_out)
+        if isinstance(element, model.Event) and element.io is not None:
+            after += _pairs(element.io.outputs)
+        if before:
+            first = self.node(element, steps.assign, "/inputs", Assignments(self.assignments(before, element)))
+            first.next, first.part_of, self.entries[element.id] = node, node, first
+        required = self._required(element) if isinstance(element, model.Activity) else ()
+        if (after or required) and self.exits[element.id]:
+            spec = Assignments(self.assignments(after, element), required)
+            last = self.node(element, steps.assign, "/outputs", spec)
+            last.part_of = node
+            self.append(element.id, last)
+
+    def append(self, element: str, last: Node) -> None:
+        """Let a node be the last one of an element."""
+        self.link(self.exits[element], last)
+        self.exits[element] = [last]
+
+    def _required(self, activity: model.Activity) -> tuple[str, ...]:
+        """The variables that an activity has to set: its own outputs, and those of the data objects it writes."""
+        objects = (self.objects[id] for id in activity.data_outputs if id in self.objects)
+        return tuple(dict.fromkeys([*activity.required, *(name for item in objects for name in item.names)]))
+
+    def _values(self, objects: Iterable[str]) -> list[tuple[str, model.Expression]]:
+        """The assignments of data objects, by their ids; inner bodies see the objects of outer ones."""
+        return [pair for id in objects if id in self.objects for pair in self.objects[id].values]
+
+    # ---- flows ---------------------------------------------------------------------------------------
+
+    def _lead_on(self, element: model.FlowNode) -> None:
+        """Link the exits of an element to where its sequence flows lead."""
+        exits = self.exits[element.id]
+        flows = [self.flows[id] for id in element.outgoing]
+        if element.id in self.leads:
+            self.leads[element.id](flows)
+        elif not flows:
+            self.link(exits, self.node(element, steps.end, "/end"))
+        elif len(flows) == 1 and flows[0].condition is None:
+            self.link(exits, self.target(flows[0]))
+        else:
+            split = self.node(element, branching.fork, "/fork", spec := Branch())
+            if any(flow.condition is not None for flow in flows):
+                split.step, split.part_of = branching.inclusive, self.main[element.id]
+                self.branch(spec, element, flows, getattr(element, "default", ""))
+            else:
+                spec.targets = tuple(self.target(flow) for flow in flows)
+            self.link(exits, split)
+
+    def branch(self, spec: Branch, element: model.Element, flows: list[model.SequenceFlow], default: str) -> None:
+        """Conditions and targets, and the default flow apart."""
+        spec.ways = tuple(
+            (self.optional(flow.condition, element), self.target(flow)) for flow in flows if flow.id != default
+        )
+        spec.default = next((self.target(flow) for flow in flows if flow.id == default), None)
+
+    def target(self, flow: model.SequenceFlow) -> Node:
+        """Where a sequence flow leads: the port of a join, or the entry of an element."""
+        entry = self.ports.get(flow.id) or self.entries.get(flow.target)
+        if entry is None:
+            self.refuse(f"a sequence flow cannot lead to {flow.target}", flow)
+        if self.compiler.observed:
+            passing = self.node(flow, steps.flow)
+            passing.next, passing.entered = entry, (flow.id, "take", None)
+            return passing
+        return entry
+
+    @staticmethod
+    def link(exits: list[Node], following: Node) -> None:
+        """Let tokens go from some nodes to another."""
+        for exit in exits:
+            exit.next = following
+
+    # ---- where it begins -----------------------------------------------------------------------------
+
+    def none_starts(self) -> list[model.Event]:
+        """The none start events of the body."""
+        events = (node for node in self.content.nodes if isinstance(node, model.Event) and node.place == "start")
+        return [event for event in events if not event.definitions]
+
+    def begin(self) -> Node:
+        """Where the first token of the body goes: its none start event, else all that has no incoming flow."""
+        starts = self.none_starts()
+        if len(starts) > 1:
+            self.refuse(f"{self.owner.id} has {len(starts)} none start events; one can begin it", starts[1])
+        if starts:
+            return self.entries[starts[0].id]
+        first = self.without_start("has no none start event, so it cannot be called or entered")
+        if not first:
+            return self.nothing()
+        if len(first) == 1:
+            return self.entries[first[0].id]
+        targets = tuple(self.entries[node.id] for node in first)
+        return self.node(first[0], branching.fork, "/begin", Branch(targets=targets))
+
+    def without_start(self, refusal: str) -> list[model.FlowNode]:
+        """All that begins by itself in a body that must have no start event."""
+        if any(isinstance(node, model.Event) and node.place == "start" for node in self.content.nodes):
+            self.refuse(refusal, self.owner)
+        return [node for node in self.content.nodes if begins(node)]
+
+    def nothing(self) -> Node:
+        """Where the first token goes if nothing begins: a sub-process with nothing in it ends at once."""
+        if isinstance(self.owner, model.Process) or any(map(is_reached, self.content.nodes)):
+            self.refuse("has nothing to begin with: add a start event", self.owner)
+        return self.node(self.owner, steps.end, "/empty")
+
+
+def _pairs(assignments: Iterable[model.Assignment]) -> list[tuple[str, model.Expression]]:
+    """Assignments as pairs."""
+    return [(item.target, item.source) for item in assignments]
+
+
+def _attach(activity: Node, nodes: list[Node]) -> None:
+    """Let an activity know its boundary events."""
+    boundary = boundary_of(activity)
+    boundary.armed, boundary.cancels = _armed(nodes), _of("cancel", nodes)
+    boundary.errors, boundary.escalations = _of("error", nodes), _of("escalation", nodes)
+
+
+def _armed(nodes: list[Node]) -> tuple[Node, ...]:
+    """Those that wait for a stimulus."""
+    return tuple(node for node in nodes if node.catch is not None)
+
+
+def _of(kind: str, nodes: list[Node]) -> tuple[Node, ...]:
+    """Those that catch errors, or escalations, or a cancellation."""
+    return tuple(node for node in nodes if isinstance(node.spec, FaultCatch) and node.spec.kind == kind)
+
+
+def boundary_of(activity: Node) -> Boundary:
+    """The boundary events of an activity, to add to."""
+    if activity.boundary is None:
+        activity.boundary = Boundary()
+    return activity.boundary

@@ -1,0 +1,157 @@
+"""Sub-processes and call activities, and tasks with variables of their own: what opens a scope."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fame.bpmn import model
+from fame.engine import compensation, faults, scopes, state, steps, waiting
+from fame.engine.engine_state import EngineState
+from fame.engine.host import Compiled
+from fame.engine.program import Body, Node
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import DEPTH, Record, Scope
+from fame.engine.variables import UNDEFINED, Variables, plain
+
+
+@dataclass(slots=True)
+class Activity:
+    """Spec of an activity that opens a scope.
+
+    own              whether it has variables of its own; `shares`: chained to those outside
+    inputs, outputs  its mapping: (variable, expression)
+    all_in, all_out  whether all variables go into, or out of, a called process
+    """
+
+    own: bool = False
+    shares: bool = True
+    inputs: tuple[tuple[str, Compiled], ...] = ()
+    outputs: tuple[tuple[str, Compiled], ...] = ()
+    all_in: bool = False
+    all_out: bool = False
+
+
+# ---- steps ---------------------------------------------------------------------------------------
+
+
+def enter(engine: EngineState, scope: Scope, node: Node) -> None:
+    """A token comes to such an activity."""
+    variables, spec = scope.variables, node.spec
+    try:
+        if scope.depth >= DEPTH:
+            raise RecursionError(f"calls deeper than {DEPTH}")
+        if scope.instance.scopes >= state.SCOPES:
+            raise scopes.too_many()
+        if spec.own:
+            variables = _own_variables(engine, spec, variables)
+    except BaseException as error:
+        faults.fail(engine, scope, node, error)
+        return
+    assert node.body is not None
+    inner = scopes.open_child(engine, scope, node, node.body, variables)
+    if node.boundary is not None:
+        waiting.arm_all(engine, node.boundary.armed, scope, inner)
+    engine.ready.append((node.body.opening, inner))
+
+
+def _own_variables(engine: EngineState, spec: Activity, outer: dict[str, Any]) -> dict[str, Any]:
+    """The variables of an activity with a mapping: chained to those outside, or (of a call) apart from them."""
+    inner = {name: source(outer) for name, source in spec.inputs}
+    inner = {name: value for name, value in inner.items() if value is not UNDEFINED}
+    if spec.shares:
+        return Variables(outer, inner)
+    variables = engine.new_variables()
+    variables.update({**plain(outer), **inner} if spec.all_in else inner)
+    return variables
+
+
+def leave(engine: EngineState, scope: Scope, inner: Scope) -> None:
+    """The scope of such an activity has ended: its results go out, and the token goes on."""
+    node = inner.node
+    assert node is not None
+    spec: Activity = node.spec
+    results: Sequence[tuple[str, Any]] = ()
+    if spec.own:
+        try:
+            results = [(name, source(inner.variables)) for name, source in spec.outputs]
+        except BaseException as error:
+            faults.fail(engine, scope, node, error)
+            return
+        if spec.all_out:
+            results = [*plain(inner.variables).items(), *results]
+    leave_with(engine, scope, inner, results)
+
+
+def leave_with(engine: EngineState, scope: Scope, inner: Scope, results: Sequence[tuple[str, Any]]) -> None:
+    """Set variables outside, and let the token go on."""
+    node = inner.node
+    assert node is not None
+    if inner.done or compensation.handler_of(node) is not None:
+        compensation.remember(scope, Record(node, inner.variables, inner.done or []))
+    for name, value in results:
+        if value is not UNDEFINED:
+            scope.variables[name] = value
+    scopes.complete(engine, scope, node)
+    if results and engine.conditions:
+        waiting.check_conditions(engine)
+
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def opening(context: ScopeCompiler, element: model.Activity, part: str = "") -> Node:
+    """A node that opens a scope; its body is still missing."""
+    node = context.node(element, enter, part, Activity())
+    node.ended = leave
+    return node
+
+
+def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
+    """An embedded sub-process or a transaction."""
+    node = opening(context, element)
+    inner = ScopeCompiler(context.compiler, element, context.file, context)
+    node.body = inner.compile()
+    inner.open_with(inner.begin())
+    return node
+
+
+def make_call(context: ScopeCompiler, element: model.CallActivity) -> Node:
+    """A call activity. A called process is compiled once, so that a process may call itself."""
+    node = opening(context, element)
+    compiler = context.compiler
+    process, home = compiler.library(element.called, context.file, element)
+    key = (home, process.id)
+    node.body = compiler.called.get(key)
+    if node.body is None:
+        node.body = compiler.called[key] = Body(process.id)
+        outside = compiler.original, compiler.unfilled
+        compiler.admit(process, home)
+        inner = ScopeCompiler(compiler, process, home, body=node.body)
+        inner.compile()
+        inner.open_with(inner.begin())
+        compiler.original, compiler.unfilled = outside
+    return node
+
+
+def wrapped(context: ScopeCompiler, element: model.Activity, task: Node) -> Node:
+    """A task that has variables of its own runs in a scope of its own."""
+    node = opening(context, element, "/own")
+    node.body = Body(element.id)
+    task.key += "/inner"
+    task.next = context.node(element, steps.end, "/inner/end")
+    context.open_with(task, node.body, element.id)
+    return node
+
+
+def map_variables(context: ScopeCompiler, element: model.Activity, node: Node, io: model.IoMapping) -> None:
+    """What goes into and out of an activity with a mapping. A call's variables are its own; a task's see through."""
+    spec: Activity = node.spec
+    spec.own, spec.shares = True, not isinstance(element, model.CallActivity)
+    spec.all_in, spec.all_out = io.all_in, io.all_out
+    spec.inputs = context.assignments(((item.target, item.source) for item in io.inputs), element)
+    spec.outputs = context.assignments(((item.target, item.source) for item in io.outputs), element)
+    result = element.result_variable if isinstance(element, model.Task) else ""
+    if result and all(item.target != result for item in io.outputs):  # a result is meant for the process
+        spec.outputs += ((result, lambda variables: variables.get(result, UNDEFINED)),)

@@ -1,0 +1,133 @@
+"""What a catching event waits for: nodes for its triggers, whatever the event is (start, intermediate, boundary)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from fame.bpmn import model
+from fame.engine import data, faults, scopes, steps, waiting
+from fame.engine.engine_state import EngineState
+from fame.engine.program import NO_TRIGGER, Catch, FaultCatch, Node, Trigger
+from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.state import Scope, Wait
+
+# ---- steps ---------------------------------------------------------------------------------------
+
+
+def wait(engine: EngineState, scope: Scope, node: Node) -> None:
+    """A user, manual or receive task, or a catching event: the token waits for its stimulus."""
+    wait = waiting.wait_at(engine, node, scope)
+    if wait.alive:
+        waiting.arm(engine, wait)
+
+
+def fire_catch(engine: EngineState, wait: Wait) -> None:
+    """What a waiting token waits for is there."""
+    waiting.withdraw(engine, wait)
+    scopes.complete(engine, wait.scope, wait.node)
+
+
+def fire_part(engine: EngineState, wait: Wait) -> None:
+    """One of the triggers of a parallel multiple event has come; with the last of them, the event."""
+    event = wait.owner
+    assert isinstance(event, Wait)
+    event.arms = tuple(other for other in event.arms if other is not wait)
+    waiting.disarm(engine, wait)
+    if not event.arms:
+        waiting.fire(engine, event)
+        if event.alive and not event.paused:  # it does not interrupt: it waits for all of them again
+            waiting.arm(engine, event)
+
+
+# ---- compiling -----------------------------------------------------------------------------------
+
+
+def catching(fire: Callable[[EngineState, Wait], object] = fire_catch, trigger: Trigger = NO_TRIGGER) -> Catch:
+    """What is waited for by itself."""
+    return Catch(trigger, fire, faults.give_up)
+
+
+def part_of_event(fire: Callable[[EngineState, Wait], object], trigger: Trigger = NO_TRIGGER) -> Catch:
+    """What is waited for in place of an event or gateway that it is part of."""
+    return Catch(trigger, fire, faults.give_up_part)
+
+
+def trigger(
+    context: ScopeCompiler, event: model.Event, definition: model.EventDefinition, catch: Catch, part: str = ""
+) -> Node:
+    """A node for what an event definition waits for. Raises ModelError for what is not executed.
+
+    `catch` says how the event reacts, and is filled; what catches errors and the like gets a `FaultCatch` instead.
+    """
+    match definition:
+        case model.ErrorDefinition() | model.EscalationDefinition():
+            kind = "error" if isinstance(definition, model.ErrorDefinition) else "escalation"
+            fault = FaultCatch(kind, event.interrupting or kind == "error")
+            fault.code, fault.code_variable = definition.code, definition.code_variable or ""
+            fault.message_variable = getattr(definition, "message_variable", None) or ""
+            return context.node(event, steps.pass_on, part, fault)
+        case model.CancelDefinition():
+            return context.node(event, steps.pass_on, part, FaultCatch("cancel"))
+        case model.CompensateDefinition():
+            return context.node(event, steps.pass_on, part, FaultCatch("compensate", event.interrupting))
+    node = context.node(event, wait, part)
+    node.catch, catch.interrupting = catch, event.interrupting
+    match definition:
+        case model.SignalDefinition(topic=topic):
+            catch.trigger = waiting.SIGNAL
+            listen(context, event, catch, topic)
+        case model.MessageDefinition(topic=topic, keys=keys):
+            catch.trigger, catch.keys = waiting.MESSAGE, context.assignments(keys, event)
+            listen(context, event, catch, topic)
+        case model.TimerDefinition(kind=timer, expression=expression):
+            if expression is None:
+                context.refuse("the timer has no time: expected a duration, date or cycle of ISO 8601", event)
+            catch.trigger, catch.timer, catch.value = waiting.TIMER, timer, context.expression(expression, event)
+        case model.ConditionalDefinition(condition=condition):
+            if condition is None:
+                context.refuse("the conditional event has no condition", event)
+            catch.trigger, catch.value = waiting.CONDITION, context.expression(condition, event)
+        case _:
+            name = type(definition).__name__.removesuffix("Definition").lower()
+            context.refuse(f"{name} events are not executed by this version", event)
+    return node
+
+
+def triggers_of(
+    context: ScopeCompiler, event: model.Event, fire: Callable[[EngineState, Wait], object] = fire_catch
+) -> list[Node]:
+    """A node for each trigger of an event; one for all of them if it is a parallel multiple event."""
+    definitions = event.definitions
+    if len(definitions) == 1:
+        return [trigger(context, event, definitions[0], catching(fire))]
+    if not event.parallel:
+        return [trigger(context, event, each, catching(fire), f"/{n}") for n, each in enumerate(definitions)]
+    parts = []
+    for number, definition in enumerate(definitions):
+        node = trigger(context, event, definition, part_of_event(fire_part), f"/{number}")
+        if node.catch is None:
+            context.refuse(f"a parallel multiple event cannot wait for an {node.spec.kind}", event)
+        parts.append(node)
+    whole = context.node(event, wait)
+    whole.catch = catching(fire, waiting.ALL)
+    whole.catch.parts, whole.catch.interrupting = tuple(parts), event.interrupting
+    return [whole]
+
+
+def listen(context: ScopeCompiler, element: model.FlowNode, catch: Catch, topic: model.Topic) -> None:
+    """Wait for a topic, and take what the message brings."""
+    catch.topic, catch.queue = topic.qualified, topic.queue
+    objects = [context.objects[id] for id in element.data_outputs if id in context.objects]
+    takes: list[tuple[str, Callable[[dict[str, Any]], Any]]] = [
+        (name, data.seeing_fields(source) if item.source.language == "feel" else source)
+        for item in topic.takes
+        for name, source in context.assignments([(item.target, item.source)], element)
+    ]
+    catch.take = data.receiver(topic, objects, takes, context.compiler.unfilled)
+
+
+def keep_queue(context: ScopeCompiler, node: Node) -> None:
+    """A catching event with a queue keeps messages from the time that its scope is entered; so do its parts."""
+    if node.catch is not None:
+        context.queued += [each for each in (node, *node.catch.parts) if each.catch is not None and each.catch.queue]
