@@ -1,6 +1,9 @@
-"""Text that came from elsewhere, made fit to be printed."""
+"""Text that came from elsewhere, made fit to be printed, and what it may have meant."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 
 def printable(text: str) -> str:
@@ -11,3 +14,10 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in text)
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """What would be right instead of `word`: the closest of the known words, else all of them."""
+    words = list(known)
+    close = get_close_matches(word, words, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from fame.errors import ConfigError
 from fame.middleware.interface import LATCHED
+from fame.text import suggestion
 from robots.drive import Drive, DriveParameters
 from robots.odometer import Odometer, OdometerParameters
 from robots.planner import Planner, PlannerParameters
 from robots.robot import Command, Look, Pose, period
 from robots.ultrasonic import Ultrasonic, UltrasonicParameters
-from sim2d.reading import suggestion
 
 if TYPE_CHECKING:
     from robots.robot import Surroundings

@@ -13,7 +13,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
+from fame.extras import require
 from robots.robot import Look, Pose
 from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
@@ -58,10 +59,7 @@ def animate(
         raise ConfigError(f"found the ending {kind!r}, {' or '.join(WRITERS)} would be right", file=str(path))
     if not record.times:
         raise ConfigError("nothing was recorded, a run of at least one step would be right", file=str(path))
-    try:
-        import PIL  # noqa: F401 (is it there?)
-    except ImportError:
-        raise UnavailableError("animations need Pillow: pip install 'fame-robots[sim]'") from None
+    require("PIL")
     if speed is None:
         speed = max(1.0, record.times[-1] / _LONGEST)
     if fps <= 0 or speed <= 0:

@@ -74,16 +74,22 @@ def _gif_colours() -> list[tuple[int, int, int]]:
     return list(dict.fromkeys([*on_ground, *on_paper, *lines]))
 
 
+def ffmpeg() -> str:
+    """Path of the program ffmpeg. Raises UnavailableError where it is not installed."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise UnavailableError("an .mp4 needs ffmpeg: apt install ffmpeg (a .gif needs nothing more)")
+    return found
+
+
 def write_mp4(frames: Iterator[Image], path: str, fps: float) -> None:
     """Write an MP4. Raises UnavailableError without ffmpeg."""
-    ffmpeg = shutil.which("ffmpeg")
-    if ffmpeg is None:
-        raise UnavailableError("an .mp4 needs ffmpeg: apt install ffmpeg (a .gif needs nothing more)")
+    program = ffmpeg()
     first = next(frames)
     size = f"{first.width}x{first.height}"
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "-"]
     target = ["-pix_fmt", "yuv420p", "-movflags", "+faststart", path]
-    with subprocess.Popen([ffmpeg, "-y", "-loglevel", "error", *source, *target], stdin=subprocess.PIPE) as process:
+    with subprocess.Popen([program, "-y", "-loglevel", "error", *source, *target], stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
         with suppress(BrokenPipeError):  # it ended early: its code and its own words say why
             for frame in chain([first], frames):

@@ -7,7 +7,7 @@ import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from fame.errors import UnavailableError
+from fame.extras import require
 from robots.robot import Cone
 from sim2d import symbols
 from sim2d.config import Thing
@@ -45,11 +45,10 @@ _LONGEST = 9.0
 
 def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> None:
     """Write a PNG of a run. Raises UnavailableError without matplotlib, ConfigError if it cannot be written."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise UnavailableError("pictures need matplotlib: pip install 'fame-robots[sim]'") from None
+    require("matplotlib")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     xmin, ymin, xmax, ymax = record.config.bounds
     scale = _LONGEST / max(xmax - xmin, ymax - ymin)
     size = max((xmax - xmin) * scale, 3.0) + 2.6, max((ymax - ymin) * scale, 2.5) + 1.2

@@ -13,7 +13,6 @@ import reprlib
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from os import PathLike
 from pathlib import Path
@@ -22,6 +21,7 @@ from typing import Any, TypeVar, get_type_hints
 import yaml
 
 from fame.errors import ConfigError
+from fame.text import suggestion
 
 Point = tuple[float, float]
 """x and y in m."""
@@ -184,13 +184,6 @@ class Entry:
         if not isinstance(self.value, bool):
             raise self.wrong("true or false")
         return self.value
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """What would be right instead of `word`: the closest of the known words, else all of them."""
-    words = list(known)
-    close = get_close_matches(word, words, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
 
 
 def parameter(default: Any, unit: str = "", *, up_to: str = "", **limits: Any) -> Any:

@@ -13,25 +13,25 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
+from fame.extras import require
 from fame.middleware import messages
 from fame.middleware.interface import Message, Middleware
+from fame.text import suggestion
 from robots import ROBOTS
 from robots.robot import ROBOT, Robot
 from sim2d.config import Thing, WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
 from sim2d.randomness import generator
-from sim2d.reading import Point, suggestion
+from sim2d.reading import Point
 from sim2d.shapes import Circle
 from sim2d.weeds import Weeds
 
 if TYPE_CHECKING:
     import numpy as np
 
-try:
-    import pymunk
-except ImportError as error:
-    raise UnavailableError("the 2D world needs pymunk: pip install 'fame-robots[sim]'") from error
+require("pymunk")
+import pymunk  # noqa: E402 (its absence has been told)
 
 _WALL = 0.05
 """Half the thickness of the walls, m; they stand outside of the ground."""

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from fame.__main__ import main as begin
 from fame.cli import COMMANDS, main
 from fame.cli import run as run_command
+from fame.cli.colours import coloured
 from fame.cli.output import table, table_within
 
 ROOT = Path(__file__).parent.parent
@@ -57,6 +59,86 @@ def test_the_version_is_one_line(capsys) -> None:
         main(["--version"])
     assert ended.value.code == 0
     assert capsys.readouterr().out.startswith("fame")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("rn", "got 'rn'; did you mean 'run'? (see fame --help)"),
+        ("topic ech", "got 'ech'; did you mean 'echo'? (see fame topic --help)"),
+        ("run x.yaml --middleware ddss", "got 'ddss'; did you mean 'dds'? (see fame run --help)"),
+        ("run --picure x.png x.yaml", "unknown option '--picure'; did you mean '--picture'? (see fame run --help)"),
+        ("run x.yaml y.yaml", "unexpected argument 'y.yaml' (see fame run --help)"),
+    ],
+)
+def test_a_mistyped_word_is_told_with_the_closest_one(given: str, said: str, capsys) -> None:
+    assert main(given.split()) == 2
+    err = capsys.readouterr().err
+    assert err.endswith(f"{said}\n")
+    assert err.count("\n") == 1
+
+
+def test_without_a_command_it_explains_itself(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("usage: fame ")
+
+
+class Terminal(StringIO):
+    """A stream that people see."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_that_has_colours_gets_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = "error: x.bpmn:3: warning: Task_1: note: completed: no"
+    for name, value in {"TERM": "xterm", "NO_COLOR": ""}.items():
+        monkeypatch.setenv(name, value)
+    assert coloured(f"x.bpmn:3: warning: error: y\n{line}", Terminal()) == (
+        f"x.bpmn:3: \x1b[1;33mwarning\x1b[0m: error: y\n\x1b[1;31merror\x1b[0m{line.removeprefix('error')}"
+    )
+    assert coloured(line, StringIO()) == line
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert coloured(line, Terminal()) == line
+    monkeypatch.setenv("NO_COLOR", "")
+    monkeypatch.setenv("TERM", "dumb")
+    assert coloured(line, Terminal()) == line
+
+
+def test_commands_colour_what_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, Terminal())
+    assert main(["run", "none.yaml"]) == 2
+    assert main(["check", str(ROOT / "models" / "convoy.bpmn")]) == 0
+    assert sys.stderr.getvalue().startswith("fame: \x1b[1;31merror\x1b[0m: none.yaml: ")
+    assert ": \x1b[1;36mnote\x1b[0m: " in sys.stdout.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("options", "package"), [("", "pymunk"), ("--picture x.png", "matplotlib"), ("--animate x.gif", "PIL")]
+)
+def test_a_missing_extra_is_told_before_anything_is_written(
+    options: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(["run", str(ROOT / "examples" / "convoy.yaml"), "--log", "x.jsonl", *options.split()]) == 2
+    assert capsys.readouterr().err.endswith(": pip install 'fame-robots[sim]'\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_ffmpeg_is_told_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["run", str(ROOT / "examples" / "convoy.yaml"), "--log", "x.jsonl", "--animate", "x.mp4"]) == 2
+    assert "needs ffmpeg" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.processes

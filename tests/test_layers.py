@@ -18,6 +18,7 @@ FLOORS = (
         "fame.clock",
         "fame.iso8601",
         "fame.errors",
+        "fame.extras",
         "fame.heartbeat",
         "fame.processor_time",
         "fame.lazy",

@@ -547,3 +547,15 @@ def command_of(pid: int) -> bytes:
         return Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return b""
+
+
+def test_a_second_world_in_a_domain_is_refused_and_told_of_the_domain() -> None:
+    environment = {**ENVIRONMENT, "ROS_DOMAIN_ID": str(DOMAIN + 1)}
+    words = [sys.executable, "-m", "fame", "world", str(ROOT / "examples" / "convoy.yaml")]
+    with subprocess.Popen(words, env=environment, cwd=ROOT, stderr=subprocess.PIPE, text=True) as first:
+        assert first.stderr is not None
+        assert first.stderr.readline().startswith("a world with ")
+        second = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=LIMIT, check=False)
+        first.send_signal(signal.SIGINT)
+    assert second.returncode == 2
+    assert second.stderr.startswith(f"fame: error: another world is on /clock in ROS domain {DOMAIN + 1}; for a second")

@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
     with _noting_interrupts() as interrupts:
         try:
-            arguments = parser(*given[:1]).parse_args(given)
+            arguments = parser(*given[:1]).parse_args(given or ["--help"])
             register_types(arguments)
             code: int = arguments.command(arguments)
             sys.stdout.flush()

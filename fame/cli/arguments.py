@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
 from fame.errors import FameError
+from fame.text import suggestion
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """What commands are added to."""
@@ -20,6 +21,20 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:  # type: ignore[override]
+        """Raise FameError for what is not known, in the words of the command that it was given to."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            word, known = unknown[0], list(self._option_string_actions)
+            hint = f"unknown option {word!r}; {suggestion(word, known)}"
+            self.error(hint if word.startswith("-") else f"unexpected argument {word!r}")
+        return found, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise ArgumentError for what is no choice, with the closest one, or all of them."""
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"got {value!r}; {suggestion(value, action.choices)}")
 
     def error(self, message: str) -> NoReturn:
         raise FameError(f"{message} (see {self.prog} --help)")

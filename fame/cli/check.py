@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command
+from fame.cli.colours import coloured
 from fame.cli.output import print_json
 from fame.errors import ConfigError, ModelError
 
@@ -70,7 +71,8 @@ def run(arguments: Namespace) -> int:
             }
         )
     else:
-        print(*readings, *found, summary(found), sep="\n")
+        for line in (*readings, *found, summary(found)):
+            print(coloured(str(line), sys.stdout))
     return 1 if failed else 0
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
+from fame.cli.colours import coloured
 from fame.errors import FameError
 from fame.text import printable
 
@@ -72,7 +73,7 @@ class Notes:
         """Write a line: printable, and at once."""
         gap = f"\n({self.lost} lines before this one could not be written)\n" if self.lost else ""
         try:
-            _write_at_once(f"{gap}{printable(text)}\n")
+            _write_at_once(f"{gap}{coloured(printable(text), sys.stderr)}\n")
         except (OSError, ValueError):  # ValueError: it is closed
             self.lost += 1
         else:

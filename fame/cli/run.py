@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
+from fame.cli.colours import coloured
 from fame.cli.output import live_table, note, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
 from fame.text import printable
@@ -225,7 +226,17 @@ def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Observer]]
 
 
 def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
-    """Complain about drawings before the run, not after it."""
+    """Complain about drawings, and packages that are missing for them or the world, before anything is written."""
+    from fame.extras import require
+
+    needed = {"pymunk": scenario.world, "matplotlib": arguments.picture, "PIL": arguments.animate}
+    for package, wanted in needed.items():
+        if wanted is not None:
+            require(package)
+    if arguments.animate is not None and arguments.animate.suffix.lower() == ".mp4":
+        from sim2d.film import ffmpeg
+
+        ffmpeg()
     wanted = ((arguments.picture, (".png",)), (arguments.animate, (".gif", ".mp4")))
     for path, endings in wanted:
         if path is not None and path.suffix.lower() not in endings:
@@ -269,7 +280,8 @@ def _tell(result: Result, *, quiet: bool, reports: bool) -> None:
             note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}")
         rows = [(robot.name, robot.instances, robot.elements, printable(_standing(robot))) for robot in result.robots]
         print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
-        print(f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}", flush=True)
+        ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
+        print(coloured(ended, sys.stdout), flush=True)
     for message in result.messages:
         note(f"fame: {message}")
 

@@ -121,6 +121,7 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
 
 def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.errors import ConfigError, MissionError
+    from fame.extras import require
     from fame.pipeline.looking import Series, parse_path, wait_for_types
     from fame.pipeline.plots import plot_series
 
@@ -132,6 +133,7 @@ def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
     for topic, _, path in named:
         if not topic.startswith("/") or not path:
             raise ConfigError(f"found {topic}; /topic:field would be right, such as /joint_states:effort.0")
+    require("matplotlib")
     types = wait_for_types(middleware, scheduler, [topic for topic, _, _ in named])
     node = middleware.node("fame_topic")
     series = [Series(node, scheduler, topic, types[topic], parse_path(path)) for topic, _, path in named]

@@ -27,11 +27,14 @@ def run(arguments: Namespace) -> int:
     from dataclasses import asdict
 
     from fame.errors import ConfigError
+    from fame.extras import require
     from fame.pipeline.configuration import load
     from fame.pipeline.model import TrainedModel
     from fame.pipeline.tables import hash_files
     from fame.pipeline.train import train, training_of
 
+    if arguments.onnx is not None:
+        require("onnx")
     configuration = load(arguments.configuration)
     file = str(configuration.file)
     if configuration.training is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,6 +46,7 @@ def run(arguments: Namespace) -> int:
     speed = arguments.speed or (None if arguments.lockstep else 1.0)
 
     def build(scheduler: WallScheduler, middleware: Middleware) -> WorldPart:
+        _expect_no_other(scheduler, middleware)
         steps = lockstep(middleware, lambda name: name != "world") if arguments.lockstep else None
         team = arguments.lockstep
         world = WorldPart(
@@ -56,3 +58,25 @@ def run(arguments: Namespace) -> int:
 
     serve(arguments.middleware, arguments.network, build, on_warning=say_warning)
     return 0
+
+
+def _expect_no_other(scheduler: WallScheduler, middleware: Middleware) -> None:
+    """Raise ConfigError where another world makes the time. One that was killed stays in the graph, and is silent."""
+    from fame.clock import SECOND
+    from fame.middleware.interface import SENSOR_DATA
+    from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE
+
+    scheduler.run(scheduler.now + SECOND // 2)  # until others are found
+    if not any(topic.name == CLOCK and topic.publishers for topic in middleware.graph()):
+        return
+    heard: list[object] = []
+    node = middleware.node("fame_twin", "world")
+    node.subscription(CLOCK, CLOCK_TYPE, heard.append, SENSOR_DATA)
+    until = scheduler.now + SECOND
+    while not heard and scheduler.now < until:
+        scheduler.run(scheduler.now + SECOND // 20)
+    node.close()
+    if heard:
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        text = f"another world is on /clock in ROS domain {domain}; for a second one set ROS_DOMAIN_ID to another"
+        raise ConfigError(f"{text} number here, and for its engines and commands")

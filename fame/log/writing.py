@@ -41,13 +41,19 @@ def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Obser
     another log of this one) writes, and for one that cannot be written, also later on.
     """
     path = Path(path)
+    is_new = not path.exists()
     form = _FORMS.get(path.suffix.lower())
     if form is None:
         raise ConfigError(f"found the ending {path.suffix!r}; {', '.join(_FORMS)} would be right", file=str(path))
     with ExitStack() as stack:
         file = stack.enter_context(_opened(path))
         log = _Log(lambda: stack.enter_context(_written(file, form, files)))
-        yield log
+        try:
+            yield log
+        except BaseException:
+            if is_new and not log.begun:
+                path.unlink(missing_ok=True)
+            raise
         log.begin()
 
 
@@ -57,6 +63,11 @@ class _Log:
     def __init__(self, make: Callable[[], Observer]) -> None:
         self._make = make
         self._write: Observer | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether an event came."""
+        return self._write is not None
 
     def begin(self) -> Observer:
         """The observer, made if it was not yet."""

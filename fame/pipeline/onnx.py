@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
+from fame.extras import require
 from fame.pipeline.processor import Floats
 
 if TYPE_CHECKING:
@@ -124,7 +125,5 @@ def _nodes(model: TrainedModel, make: Any) -> list[Any]:
 def _package(name: str) -> Any:
     from importlib import import_module
 
-    try:
-        return import_module(name)
-    except ImportError:
-        raise UnavailableError(f"ONNX files need the package {name}: pip install 'fame-robots[onnx]'") from None
+    require(name)
+    return import_module(name)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fame.errors import UnavailableError
+from fame.extras import require
 from fame.pipeline.processor import Samples
 
 
@@ -66,10 +66,9 @@ def plot_series(series: Sequence[Line], file: str | Path, *, thresholds: Sequenc
 
 
 def _figure(title: str) -> tuple[Any, Any]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise UnavailableError("pictures need matplotlib: pip install 'fame-robots[sim]'") from None
+    require("matplotlib")
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     axes = figure.subplots()
     axes.set_title(title)

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from fame.errors import ConfigError, UnavailableError
+from fame.errors import ConfigError
+from fame.extras import require
 from fame.pipeline import offline
 from fame.pipeline.filters import LowPass
 from fame.pipeline.learned import Autoencoder
@@ -183,11 +184,10 @@ def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
 
 def _fitted(windows: Floats, config: Training) -> Any:
     """One channel's network."""
-    try:
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.neural_network import MLPRegressor
-    except ImportError:
-        raise UnavailableError("training needs scikit-learn: pip install 'fame-robots[ml]'") from None
+    require("sklearn")
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.neural_network import MLPRegressor
+
     estimator = MLPRegressor(
         hidden_layer_sizes=config.hidden,
         activation=config.activation,
