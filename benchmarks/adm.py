@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
-from fame.anomaly.classifiers import DEFAULTS, make
-from fame.anomaly.config import Entry, Learning, Source
-from fame.anomaly.detector import fit, is_supervised
-from fame.anomaly.files import read_csv
-from fame.anomaly.learn import best, learn
-from fame.anomaly.model import Model
-from fame.anomaly.paths import PathDetector
-from fame.anomaly.process import DataProcess
-from fame.anomaly.recording import Recording
+from fame.monitor.anomaly.classifiers import DEFAULTS, make
+from fame.monitor.anomaly.config import Entry, Learning, Source
+from fame.monitor.anomaly.detector import fit, is_supervised
+from fame.monitor.anomaly.files import read_csv
+from fame.monitor.anomaly.learn import best, learn
+from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.process import DataProcess
+from fame.monitor.anomaly.recording import Recording
 
 ROOT = Path(__file__).resolve().parent.parent
 PATH = Entry("path", "PathDetector", {"chain": str(ROOT / "robots" / "arm" / "mh5.yaml")}, reduction=0, threshold=0.002)

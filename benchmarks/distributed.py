@@ -36,13 +36,13 @@ from typing import Any
 
 import dds
 
+from fame.bpmn.library import Library
 from fame.bpmn.reader import read, read_text
 from fame.clock import SECOND
-from fame.deployment import STATUS_QOS, STRING, Deployment, Report
-from fame.library import Library
+from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
 from fame.middleware.messages import create
-from fame.remote.children import PARENT
+from fame.scenario.subprocesses import PARENT
 
 ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90

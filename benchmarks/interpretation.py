@@ -73,7 +73,7 @@ class Direct:
 def interpreted(scheduler: Scheduler, middleware: Middleware, speed: float) -> Callable[[], object]:
     """The same as a model, on an engine. Returns what starts it."""
     import fame
-    from fame.node import RobotNode, mission
+    from fame.robot import RobotNode, mission
 
     definitions = fame.read(ROOT / "stop_before_obstacle.bpmn")
     node = RobotNode("car", mission(definitions, definitions.processes[0]), scheduler=scheduler, middleware=middleware)
@@ -167,9 +167,9 @@ def direct_cars(scheduler: Scheduler, middleware: Middleware) -> tuple[Callable[
 def interpreted_cars(scheduler: Scheduler, middleware: Middleware) -> tuple[Callable[[], object], Callable[[], bool]]:
     """The same, driven by their models."""
     import fame
-    from fame.library import Library
-    from fame.node import RobotNode, mission
-    from fame.splitter import pools_of, shared_topics
+    from fame.bpmn.library import Library
+    from fame.bpmn.split import pools_of, shared_topics
+    from fame.robot import RobotNode, mission
 
     definitions, library = fame.read(ROOT.parent / "models" / "ground_vehicles.bpmn"), Library()
     pools = pools_of(definitions)

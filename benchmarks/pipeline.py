@@ -26,12 +26,12 @@ import numpy as np
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.pipeline.configuration import Configuration, Port, Stage, load
-from fame.pipeline.model import TrainedModel
-from fame.pipeline.network import Network
-from fame.pipeline.node import ProcessingNode
-from fame.pipeline.onnx import save_onnx
-from fame.pipeline.recording import RecordingNode
+from fame.monitor.pipeline.configuration import Configuration, Port, Stage, load
+from fame.monitor.pipeline.model import TrainedModel
+from fame.monitor.pipeline.network import Network
+from fame.monitor.pipeline.node import ProcessingNode
+from fame.monitor.pipeline.onnx import save_onnx
+from fame.monitor.pipeline.recording import RecordingNode
 
 RATE, JOINTS = 500, tuple(f"joint_{number}" for number in range(6))
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -15,17 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from fame.anomaly.classifiers import DEFAULTS, make
-from fame.anomaly.config import Entry
-from fame.anomaly.detector import fit, is_supervised, predict
-from fame.anomaly.files import read_csv
-from fame.anomaly.matrix import Matrix, by_run, run_scores
-from fame.anomaly.paths import PathDetector
-from fame.anomaly.plots import deviations, joint_space, matrices
-from fame.anomaly.process import DataProcess
-from fame.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs
-from fame.anomaly.table import render
 from fame.errors import FameError
+from fame.monitor.anomaly.classifiers import DEFAULTS, make
+from fame.monitor.anomaly.config import Entry
+from fame.monitor.anomaly.confusion_matrix import Matrix, by_run, run_scores
+from fame.monitor.anomaly.detector import fit, is_supervised, predict
+from fame.monitor.anomaly.files import read_csv
+from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.plots import deviations, joint_space, matrices
+from fame.monitor.anomaly.process import DataProcess
+from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs
+from fame.monitor.anomaly.table import render
 from robots.arm.envelope import envelope
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.noise import simulated_runs

@@ -27,12 +27,12 @@ from fame.lazy import from_homes
 
 if TYPE_CHECKING:
     from fame.bpmn.reader import read
+    from fame.bpmn.split import split
     from fame.bpmn.writer import write
     from fame.engine.host import BpmnError
-    from fame.observation import EventLog
+    from fame.robot.events import EventLog
     from fame.scenario import Scenario
     from fame.simulation import Simulation
-    from fame.splitter import split
 
 __all__ = [
     "BpmnError", "ConfigError", "DeploymentError", "EventLog", "FameError", "MessageError", "MissionError",
@@ -41,11 +41,11 @@ __all__ = [
 
 _HOMES = {
     "BpmnError": "engine.host",
-    "EventLog": "observation",
+    "EventLog": "robot.events",
     "Scenario": "scenario",
     "Simulation": "simulation",
     "read": "bpmn.reader",
-    "split": "splitter",
+    "split": "bpmn.split",
     "write": "bpmn.writer",
 }
 

@@ -10,15 +10,15 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
+from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
 from fame.errors import ModelError, expect
-from fame.library import Library
 from fame.middleware.local import LocalMiddleware
-from fame.monitoring import UNITS
-from fame.node import Event, RobotNode, Service, mission
+from fame.monitor.services import UNITS
+from fame.robot import Event, RobotNode, Service, mission
 
 
 class Simulation:
@@ -28,7 +28,7 @@ class Simulation:
     process      its id, or the name of its pool; may be left out if the file has one that is executable
     variables    what the instance that starts by itself begins with
     services     callables by name, for service tasks: functions of the variables (a dict)
-    observer     called with each `fame.observation.Event`; a `fame.EventLog` keeps them. Without one the run is faster
+    observer     called with each `fame.robot.events.Event`; a `fame.EventLog` keeps them. Without one the run is faster
     library      folders with called processes, besides those of the model and of FAME
     robot        the robot's name and namespace
     epoch        the date of simulated second 0, with a time zone

@@ -5,7 +5,7 @@ import argparse
 import sys
 
 from fame.cli.network import add_network, without_ros_arguments
-from fame.remote import serve
+from fame.scenario import serve
 from robots.gazebo import Supplement
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fame.config.fields import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from robots.robot import MEASUREMENT
 from robots.template import header_maker, maker
-from sim2d.reading import parameter
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 _HOUR = 3600.0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fame.clock import SECOND
+from fame.config.fields import parameter
 from fame.middleware.interface import Message, Node
 from robots.robot import Pose
-from sim2d.reading import parameter
 
 if TYPE_CHECKING:
     from sim2d.weeds import Weeds

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fame.config.fields import Point
 from robots.robot import ROBOT, Pose
-from sim2d.reading import Point
 
 if TYPE_CHECKING:
     import pymunk

@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from fame.config.fields import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from robots.robot import MEASUREMENT, Pose
 from robots.template import constructor, header_maker, maker
-from sim2d.reading import parameter
 
 if TYPE_CHECKING:
     import numpy as np

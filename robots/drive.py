@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fame.clock import SECOND
+from fame.config.fields import Point, parameter
 from fame.middleware.interface import Message
 from robots.body import body_of, rectangle
 from robots.odometer import STILL, Motion
 from robots.robot import Pose
-from sim2d.reading import Point, parameter
 
 if TYPE_CHECKING:
     import pymunk

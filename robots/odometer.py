@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fame.config.fields import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
 from robots.noise import Noise
 from robots.robot import MEASUREMENT, Pose
 from robots.template import header_maker
-from sim2d.reading import parameter
 
 if TYPE_CHECKING:
     import numpy as np

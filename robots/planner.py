@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from fame.config.fields import Point, parameter
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Message, Node
 from robots.robot import MEASUREMENT
 from robots.route import route
 from sim2d.grid import Grid, from_message, inflate
-from sim2d.reading import Point, parameter
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
+from fame.config.fields import Point
 from fame.middleware.interface import Message, QoS
-from sim2d.reading import Point
 
 if TYPE_CHECKING:
     import numpy as np

@@ -12,8 +12,8 @@ from heapq import heappop, heappush
 
 import numpy as np
 
+from fame.config.fields import Point
 from sim2d.grid import Grid
-from sim2d.reading import Point
 
 _STRAIGHT, _DIAGONAL = 985, 1393
 """Costs of steps as integers, for exact comparison: 1393 / 985 is the square root of 2 to six places."""

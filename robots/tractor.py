@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from fame.config.fields import parameter
 from robots.battery import DRAIN_RATE, Battery, BatteryParameters
 from robots.blade import Blade, BladeParameters
 from robots.drive import FRICTION
@@ -17,7 +18,6 @@ from robots.planner import PlannerParameters
 from robots.robot import Command, Look, period
 from robots.ultrasonic import UltrasonicParameters
 from robots.vehicle import STOP, Vehicle, VehicleParameters
-from sim2d.reading import parameter
 
 if TYPE_CHECKING:
     from robots.robot import Surroundings

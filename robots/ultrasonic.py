@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+from fame.config.fields import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
 from robots.noise import Noise
 from robots.robot import MEASUREMENT, Cone, Pose
 from robots.template import header_maker, maker
-from sim2d.reading import parameter
 
 if TYPE_CHECKING:
     import numpy as np

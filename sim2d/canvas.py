@@ -12,9 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fame.config.fields import Point
 from sim2d import style, symbols
 from sim2d.config import Thing
-from sim2d.reading import Point
 from sim2d.record import Record
 from sim2d.shapes import Circle, Shape, bounding_box
 from sim2d.weeds import Weed

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, fields
 from os import PathLike
 from typing import Any, TypeVar
 
+from fame.config.fields import Entry, Point, Source, fill, read_yaml
+from fame.config.kind import meant_for
 from fame.errors import ConfigError
-from fame.purposes import meant_for
 from fame.text import suggestion
 from robots import ROBOTS
-from sim2d.reading import Entry, Point, Source, fill, read_yaml
 from sim2d.shapes import Circle, Shape, bounding_box, box, convex
 
 _LEAST, _MOST = 0.01, 1000.0

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fame.config.fields import Point
 from fame.middleware.interface import Message
-from sim2d.reading import Point
 from sim2d.shapes import Circle, Shape
 
 Array = NDArray[np.floating[Any]]

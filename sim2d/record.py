@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from fame.config.fields import Point
 from robots.robot import Look, Pose
 from sim2d.config import WorldConfig
-from sim2d.reading import Point
 
 if TYPE_CHECKING:
     from sim2d.weeds import Weed

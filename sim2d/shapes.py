@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sim2d.reading import Point
+from fame.config.fields import Point
 
 
 @dataclass(frozen=True, slots=True)

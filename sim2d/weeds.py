@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sim2d.reading import Point
+from fame.config.fields import Point
 
 if TYPE_CHECKING:
     from sim2d.config import WeedConfig

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.config.fields import Point
 from fame.errors import ConfigError
 from fame.extras import require
 from fame.middleware import messages
@@ -23,7 +24,6 @@ from robots.robot import ROBOT, Robot
 from sim2d.config import Thing, WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
 from sim2d.randomness import generator
-from sim2d.reading import Point
 from sim2d.shapes import Circle
 from sim2d.weeds import Weeds
 

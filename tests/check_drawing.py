@@ -7,8 +7,8 @@ from pathlib import Path
 from bpmn_text import document, process, properties
 
 from fame.bpmn import read_text
+from fame.bpmn.library import Library
 from fame.check import Finding, check
-from fame.library import Library
 
 ROOT = Path(__file__).parent.parent
 MODELS = sorted((ROOT / "models").rglob("*.bpmn"))

@@ -2,10 +2,10 @@
 
 import json
 
-from fame import deployment
+from fame import deploy
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
-from fame.deployment import Deployment, EngineNode, Report
+from fame.deploy import Deployment, EngineNode, Report
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 
@@ -68,16 +68,16 @@ class Field:
 
     def listen(self, *robots: str) -> None:
         self.person = self.middleware.node("person")
-        self.publishers = {name: self.person.publisher(f"/{name}/bpmn_process", deployment.STRING) for name in robots}
+        self.publishers = {name: self.person.publisher(f"/{name}/bpmn_process", deploy.STRING) for name in robots}
         self.said: list[Report] = []
         for name in robots:
-            self.person.subscription(f"/{name}/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+            self.person.subscription(f"/{name}/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
 
     def _hear(self, message) -> None:
         self.said.append(Report(**json.loads(message.data)))
 
     def send(self, robot: str, text: str) -> None:
-        self.publishers[robot].publish(messages.create(deployment.STRING, text))
+        self.publishers[robot].publish(messages.create(deploy.STRING, text))
 
     def pass_time(self, seconds: float) -> None:
         self.scheduler.run(self.scheduler.now + round(seconds * SECOND))

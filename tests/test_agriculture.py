@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 import fame
+from fame.bpmn.split import bind, pools_of
 from fame.clock import SECOND
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Result, Scenario
-from fame.splitter import bind, pools_of
 from sim2d.config import world_config
 
 EXAMPLE = Path("examples/agriculture.yaml")

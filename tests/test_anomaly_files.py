@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from arm_data import BENIGN, BOTH, needs_data, recording
 
-from fame.anomaly.files import merge, read_csv, write_csv
-from fame.anomaly.recording import Recording, of_runs
 from fame.errors import ConfigError
+from fame.monitor.anomaly.files import merge, read_csv, write_csv
+from fame.monitor.anomaly.recording import Recording, of_runs
 
 
 def made(label: int = 1) -> Recording:

@@ -9,15 +9,15 @@ pytest.importorskip("scipy")
 
 from arm_data import BENIGN, needs_data, recording
 
-from fame.anomaly.collect import Collect, Collector
-from fame.anomaly.joints import TYPE
-from fame.anomaly.model import Model
-from fame.anomaly.operate import Operate
-from fame.anomaly.paths import PathDetector
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
+from fame.monitor.anomaly.collect import Collect, Collector
+from fame.monitor.anomaly.joint_states import TYPE
+from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.operate import Operate
+from fame.monitor.anomaly.paths import PathDetector
 from robots.arm.mh5 import MH5
 from robots.arm.sabotage import alter, knots
 

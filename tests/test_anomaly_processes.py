@@ -17,14 +17,14 @@ pytest.importorskip("cyclonedds", reason="Cyclone DDS is not installed: pip inst
 
 from lxml import etree
 
-from fame.anomaly.files import read_csv
-from fame.anomaly.joints import TYPE
-from fame.anomaly.model import Model
-from fame.anomaly.persist import save_model
-from fame.anomaly.process import DataProcess
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
+from fame.monitor.anomaly.files import read_csv
+from fame.monitor.anomaly.joint_states import TYPE
+from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.process import DataProcess
+from fame.monitor.anomaly.storage import save_model
 
 ROOT = Path(__file__).parent.parent
 DOMAIN = 100 + os.getpid() % 100

@@ -11,17 +11,17 @@ from arm_data import BENIGN, needs_data, recording
 from bpmn_text import process
 
 import fame
-from fame.anomaly.files import read_csv, write_csv
-from fame.anomaly.joints import TYPE
-from fame.anomaly.model import Model
-from fame.anomaly.paths import PathDetector
-from fame.anomaly.persist import load_model, save_model
-from fame.anomaly.units import OperateUnit
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.units import Around
+from fame.monitor.anomaly.files import read_csv, write_csv
+from fame.monitor.anomaly.joint_states import TYPE
+from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.paths import PathDetector
+from fame.monitor.anomaly.storage import load_model, save_model
+from fame.monitor.anomaly.units import OperateUnit
+from fame.robot.services import Around
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from arm_data import BENIGN, needs_data, recording
 
-from fame.anomaly.files import read_csv, write_csv
 from fame.cli import main
+from fame.monitor.anomaly.files import read_csv, write_csv
 from robots.arm.mh5 import MH5
 from robots.arm.task import TRIANGLE, find_cut
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from arm_data import BENIGN, needs_data, recording
 
-from fame.anomaly.recording import of_runs
 from fame.errors import ConfigError, MissionError
+from fame.monitor.anomaly.recording import of_runs
 from robots.arm.envelope import envelope
 from robots.arm.inverse import inverse
 from robots.arm.mh5 import MH5

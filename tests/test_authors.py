@@ -15,7 +15,7 @@ import fame
 from fame.bpmn.conversion import convert
 from fame.check import check
 from fame.clock import SECOND
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Scenario
 
 AUTHORS = Path(__file__).parent / "models" / "authors"

@@ -12,15 +12,15 @@ from deployment_field import TEAM, Field, made, patrol
 import fame
 from fame.bpmn.reader import read_text
 from fame.cli import main
-from fame.deployment import STATUS_QOS, STRING, Deployment, EngineNode, Keeper, Report
-from fame.deployment.diagrams import Diagram
-from fame.deployment.role import Role
-from fame.deployment.splitting import SplitterNode
-from fame.deployment.tasks import Asking, Done
-from fame.deployment.voice import GONE, Voice
+from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, Keeper, Report
+from fame.deploy.diagrams import Diagram
+from fame.deploy.leader_election import Role
+from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
+from fame.deploy.splitter_node import SplitterNode
+from fame.deploy.tasks import Asking, Done
+from fame.deploy.voice import GONE, Voice
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Node
-from fame.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
 
 NOW = 1_000_000.0
 

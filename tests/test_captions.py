@@ -9,7 +9,7 @@ from bpmn_text import process
 
 import fame
 from fame.bpmn import read_text
-from fame.scenario.captions import Captions
+from fame.scenario.film_captions import Captions
 
 SIGNALS = '<signal id="S_go" name="go"/><message id="M" name="answer"/>'
 SIGNAL, TIMER = (

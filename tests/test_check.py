@@ -31,10 +31,10 @@ from test_check_warnings import NOTES, WARNINGS
 
 from fame.bpmn import read, read_text
 from fame.bpmn.model import Definitions
+from fame.bpmn.split import split
 from fame.check import Finding, check, parts_of_one_mission, summary
 from fame.check.findings import arranged
 from fame.cli import main
-from fame.splitter import split
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda file: file.stem)

@@ -29,8 +29,8 @@ from check_drawing import (
     told,
 )
 
+from fame.bpmn.library import Library
 from fame.check import check
-from fame.library import Library
 
 ERRORS = {
     "a script that is not Python": (

@@ -21,7 +21,7 @@ from check_drawing import (
     told,
 )
 
-from fame.library import Library
+from fame.bpmn.library import Library
 
 CALLEE = (
     f'<process id="Q">{data("goal", x_goal="${x_goal}")}{row(reading("q", "goal", "y = x_goal"), mark="2")}</process>'

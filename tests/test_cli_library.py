@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from bpmn_text import extensions, process
 
-from fame.behaviours import Behaviour, behaviours
+from fame.bpmn.library import BUILT_IN
+from fame.check.behaviours import Behaviour, behaviours
 from fame.cli import main
 from fame.cli.library import paragraphs
-from fame.library import BUILT_IN
 
 KNOWN = {behaviour.name: behaviour for behaviour in behaviours()}
 

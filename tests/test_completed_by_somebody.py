@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from fame import deployment
+from fame import deploy
 from fame.cli.status import rows
 from fame.clock import SECOND, Scheduler
-from fame.deployment import EngineNode, Report
-from fame.deployment.tasks import Asking, Done
+from fame.deploy import EngineNode, Report
+from fame.deploy.tasks import Asking, Done
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 
@@ -37,7 +37,7 @@ class Floor:
         self.engine = EngineNode("REX", scheduler=self.scheduler, middleware=self.middleware)
         self.person = self.middleware.node("person")
         self.reports: list[Report] = []
-        self.person.subscription("/REX/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+        self.person.subscription("/REX/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
         if model:
             self.say("bpmn_process", model)
 
@@ -45,8 +45,8 @@ class Floor:
         self.reports.append(Report(**json.loads(message.data)))
 
     def say(self, topic: str, text: str) -> None:
-        end = self.person.publisher(f"/REX/{topic}", deployment.STRING)
-        end.publish(messages.create(deployment.STRING, text))
+        end = self.person.publisher(f"/REX/{topic}", deploy.STRING)
+        end.publish(messages.create(deploy.STRING, text))
         self.scheduler.run(self.scheduler.now + SECOND // 10)
 
     def complete(self, element: str, **values) -> list[Report]:

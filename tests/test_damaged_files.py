@@ -10,7 +10,7 @@ from gallery import gallery
 from lxml import etree
 
 from fame.bpmn import extract_process, read_bytes, topic_table
-from fame.bpmn.draw import draw
+from fame.bpmn.draw.diagram import draw
 from fame.errors import ModelError
 
 VALUES = [

@@ -36,8 +36,8 @@ from fame.clock import SECOND, Kind
 from fame.errors import ConfigError, MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
-from fame.middleware.dds.confinement import sockets
 from fame.middleware.dds.domain import configuration, domain_id
+from fame.middleware.dds.loopback_filter import sockets
 from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN, QoS
 from fame.middleware.messages import create
 

@@ -7,18 +7,18 @@ import pytest
 from deployment_field import BPMN, LATE, TEAM, Field, definitions, made, patrol, process
 
 import fame
-from fame import deployment
+from fame import deploy
+from fame.bpmn.library import Library
 from fame.bpmn.reader import read_text
 from fame.cli.status import rows
 from fame.clock import SECOND, Scheduler
-from fame.deployment import EngineNode
-from fame.library import Library
+from fame.deploy import EngineNode
 from fame.middleware import messages
 from fame.middleware.interface import QoS
 from fame.middleware.local import LocalMiddleware
-from fame.node.gaps import Gap, Gaps
-from fame.observation import Event
-from fame.remote.sending import Sending
+from fame.robot.events import Event
+from fame.robot.gaps import Gap, Gaps
+from fame.scenario.deployment import Sending
 
 
 def test_a_robot_waits_for_its_process_and_says_so_every_second():
@@ -33,7 +33,7 @@ def test_a_bare_model_from_a_plain_publisher_runs_at_once():
     field.pass_time(0.1)
     assert field.variables("A") == {"mark": 1}
     assert field.answers() == ["started"]
-    assert field.said[-1].hash == deployment.model_hash(patrol(1).encode())
+    assert field.said[-1].hash == deploy.model_hash(patrol(1).encode())
     assert field.said[-1].waits[0]["element"] == "c"
 
 
@@ -81,7 +81,7 @@ def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
     field.listen("A")
     field.send("A", patrol(2).replace("mark = 2", "mark = = 2"))
     field.pass_time(0.1)
-    unknown = deployment.Envelope(deployment="d9", sequence=3, robot="A", phase="start")
+    unknown = deploy.Envelope(deployment="d9", sequence=3, robot="A", phase="start")
     field.send("A", unknown.to_json())
     field.pass_time(0.1)
     assert [event.what for event in told] == ["report", "answer"]
@@ -390,11 +390,11 @@ def test_lost_messages_are_told_as_they_grow_and_counted_in_the_reports_and_in_f
     field = Field("A")
     told: list[Event] = []
     field.engines["A"]._on_report = told.append
-    field.middleware.node("b", "A").subscription("/x", deployment.STRING, lambda message: None, QoS(depth=5))
-    publisher = field.person.publisher("/x", deployment.STRING)
+    field.middleware.node("b", "A").subscription("/x", deploy.STRING, lambda message: None, QoS(depth=5))
+    publisher = field.person.publisher("/x", deploy.STRING)
     for _ in range(2):
         for _ in range(7):
-            publisher.publish(messages.create(deployment.STRING, "x"))
+            publisher.publish(messages.create(deploy.STRING, "x"))
         field.pass_time(3)
     text = "/x: /A/b lost {} messages or more, which came faster than it takes them or not at all"
     assert [event.detail for event in told] == [text.format(2), text.format(4)]

@@ -15,8 +15,8 @@ from cyclonedds.topic import Topic
 from deployment_field import patrol
 from middleware_contract import DOMAIN, WallWorld, dds_world
 
-from fame import deployment
-from fame.deployment import EngineNode, Report
+from fame import deploy
+from fame.deploy import EngineNode, Report
 from fame.middleware import messages
 from fame.middleware.dds import wire
 from fame.middleware.interface import QoS
@@ -37,7 +37,7 @@ class Field:
         self.engine = EngineNode("A", scheduler=self.world.scheduler, middleware=robot)
         self.person = person.nodes[0]
         self.said: list[Report] = []
-        self.person.subscription("/A/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+        self.person.subscription("/A/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
 
     def _hear(self, message) -> None:
         report = Report.from_json(message.data)
@@ -45,7 +45,7 @@ class Field:
         self.said.append(report)
 
     def publisher(self, **qos):
-        publisher = self.person.publisher(PROCESS, deployment.STRING, QoS(**qos))
+        publisher = self.person.publisher(PROCESS, deploy.STRING, QoS(**qos))
         self.world.connect(PROCESS)
         return publisher
 
@@ -70,8 +70,8 @@ def field() -> Iterator[Field]:
 
 
 def test_a_plain_publisher_of_any_quality_of_service_is_heard_and_what_is_refused_leaves_the_old_one_running(field):
-    field.publisher(depth=10, durability="transient_local").publish(messages.create(deployment.STRING, patrol(1)))
-    assert field.answer("started").hash == deployment.model_hash(patrol(1).encode())
+    field.publisher(depth=10, durability="transient_local").publish(messages.create(deploy.STRING, patrol(1)))
+    assert field.answer("started").hash == deploy.model_hash(patrol(1).encode())
     publisher = field.publisher()
     laughs = f'<!DOCTYPE x [<!ENTITY l0 "ha">{LAUGHS}]>' + patrol(2).replace('name="stop"', 'name="&l9;"')
     for text, reason in [
@@ -79,13 +79,13 @@ def test_a_plain_publisher_of_any_quality_of_service_is_heard_and_what_is_refuse
         (patrol(2).replace("mark = 2", "#" * 50_000_000), "at most"),
         ("\x01\x02\x03", "neither"),
     ]:
-        publisher.publish(messages.create(deployment.STRING, text))
+        publisher.publish(messages.create(deploy.STRING, text))
         assert reason in field.answer("refused").reason
     assert field.variables() == {"mark": 1}
 
 
 def test_a_message_of_another_type_and_bytes_that_are_none_are_refused_on_the_status_topic(field):
-    field.publisher().publish(messages.create(deployment.STRING, patrol(1)))
+    field.publisher().publish(messages.create(deploy.STRING, patrol(1)))
     field.answer("started")
     wrong = field.person.middleware.node("wrong")
     for publisher in list(field.person.publishers):
@@ -94,7 +94,7 @@ def test_a_message_of_another_type_and_bytes_that_are_none_are_refused_on_the_st
     assert "std_msgs/msg/Int64" in field.answer("refused").reason
     participant = DomainParticipant(DOMAIN)
     qos = Qos(Policy.Reliability.Reliable(10**9), Policy.DataRepresentation(use_cdrv0_representation=True))
-    type = wire.declared(deployment.STRING, False)
+    type = wire.declared(deploy.STRING, False)
     writer = DataWriter(participant, Topic(participant, wire.dds_topic(PROCESS), type), qos)
     field.world.until(writer.get_matched_subscriptions)
     for _ in range(2):  # the same again is refused again
@@ -106,15 +106,15 @@ def test_a_message_of_another_type_and_bytes_that_are_none_are_refused_on_the_st
 def test_of_a_burst_the_newest_is_what_runs(field):
     publisher = field.publisher()
     for mark in range(10):
-        publisher.publish(messages.create(deployment.STRING, patrol(mark)))
+        publisher.publish(messages.create(deploy.STRING, patrol(mark)))
     field.world.until(lambda: field.engine.running is not None and field.variables() == {"mark": 9})
     answer = field.answer("started")
-    while answer.hash != deployment.model_hash(patrol(9).encode()):
+    while answer.hash != deploy.model_hash(patrol(9).encode()):
         answer = field.answer("started")
 
 
 def test_a_task_that_is_too_long_is_refused_before_it_is_read(field):
-    tasks = field.person.publisher("/A/bpmn_task", deployment.STRING)
+    tasks = field.person.publisher("/A/bpmn_task", deploy.STRING)
     field.world.connect("/A/bpmn_task")
-    tasks.publish(messages.create(deployment.STRING, "x" * 1_000_001))
+    tasks.publish(messages.create(deploy.STRING, "x" * 1_000_001))
     assert "at most 1000000 are taken" in field.answer("refused").reason

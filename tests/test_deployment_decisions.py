@@ -5,7 +5,7 @@ from deployment_field import TEAM, Field, made, patrol
 
 from fame.bpmn.reader import read_text
 from fame.clock import SECOND
-from fame.deployment import Deployment, EngineNode, Report
+from fame.deploy import Deployment, EngineNode, Report
 
 
 def dead_after_loading(field: Field, id: str, sequence: int) -> Deployment:

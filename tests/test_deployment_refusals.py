@@ -7,9 +7,9 @@ import pytest
 from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 import fame
-from fame import deployment
-from fame.deployment import EngineNode
-from fame.deployment.envelope import AHEAD
+from fame import deploy
+from fame.deploy import EngineNode
+from fame.deploy.envelope import AHEAD
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED
 
@@ -127,9 +127,9 @@ def test_a_sequence_as_far_ahead_as_is_accepted_leaves_room_for_later_ones():
 @pytest.mark.parametrize("state", ["ready", "waiting"])
 def test_a_report_of_a_sequence_far_ahead_moves_no_sender(state):
     field = Field("A", "B")
-    liar = field.middleware.node("liar").publisher("/A/bpmn_status", deployment.STRING, LATCHED)
+    liar = field.middleware.node("liar").publisher("/A/bpmn_status", deploy.STRING, LATCHED)
     report = {"robot": "A", "state": state, "sequence": 2**53 - 1}
-    liar.publish(messages.create(deployment.STRING, json.dumps(report)))
+    liar.publish(messages.create(deploy.STRING, json.dumps(report)))
     sent = field.deploy(TEAM)
     assert (sent.failed, sent.sequence) == (False, 1)
 
@@ -138,7 +138,7 @@ def test_a_report_that_is_none_harms_no_deployment():
     field = Field("A", "B")
     node = field.middleware.node("liar")
     for robot in "AB":
-        liar = node.publisher(f"/{robot}/bpmn_status", deployment.STRING)
+        liar = node.publisher(f"/{robot}/bpmn_status", deploy.STRING)
         for text in (
             "",
             "[" * 100_000,
@@ -149,5 +149,5 @@ def test_a_report_that_is_none_harms_no_deployment():
             '{"robot": "A", "state": "ready", "now": 1e400}',
             '{"robot": "A", "state": "ready", "waits": [{"element": "x", "since": 1' + "0" * 400 + "}]}",
         ):
-            liar.publish(messages.create(deployment.STRING, text))
+            liar.publish(messages.create(deploy.STRING, text))
     assert not field.deploy(TEAM).failed

@@ -20,12 +20,12 @@ from fame.bpmn import read_bytes, read_text
 from fame.bpmn.conversion import convert
 from fame.bpmn.dialects import forms_of
 from fame.bpmn.model import Definitions
+from fame.bpmn.split import split
 from fame.bpmn.xml import parse
 from fame.cli import main
 from fame.errors import ModelError
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Scenario
-from fame.splitter import split
 
 ALL = sorted({*DIALECTS, *(MODELS / "javascript").glob("*.bpmn")})
 OTHERS = sorted({*(MODELS / "formats").rglob("*.bpmn"), *(MODELS / "authors").rglob("*.bpmn")})

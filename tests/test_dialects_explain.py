@@ -10,10 +10,10 @@ import pytest
 from bpmn_text import document, extensions, process, properties
 
 from fame.bpmn import read_text
+from fame.bpmn.library import Library
 from fame.check.explain import Kind, Reading, explain
 from fame.cli import main
-from fame.library import Library
-from fame.scripting.javascript.words import words_of
+from fame.scripting.javascript.identifiers import words_of
 
 MODELS = Path(__file__).parent / "models"
 ROOTS = '<signal id="S" name="weed_found"/><signal id="N"/>'

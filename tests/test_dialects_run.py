@@ -11,7 +11,7 @@ import pytest
 
 import fame
 from fame.clock import SECOND
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Result, Scenario
 
 MODELS = Path(__file__).parent / "models"

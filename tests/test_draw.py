@@ -11,10 +11,10 @@ from gallery import gallery
 from lxml import etree
 
 from fame.bpmn import read_text
-from fame.bpmn.draw import draw
-from fame.bpmn.drawing.labels import overlap
-from fame.bpmn.drawing.outcome import STYLES
-from fame.bpmn.drawing.svg import arrow, fitted, middle, polyline, text_width, wrap
+from fame.bpmn.draw.diagram import draw
+from fame.bpmn.draw.labels import overlap
+from fame.bpmn.draw.outcome import STYLES
+from fame.bpmn.draw.svg import arrow, fitted, middle, polyline, text_width, wrap
 from fame.bpmn.model import Bounds
 from fame.errors import ModelError
 

@@ -14,11 +14,11 @@ from lxml import etree
 import fame
 from fame.bpmn import read_bytes, read_text
 from fame.bpmn.conversion import convert
-from fame.bpmn.draw import draw
+from fame.bpmn.draw.diagram import draw
 from fame.bpmn.model import Definitions
+from fame.bpmn.split import split
 from fame.check import check
 from fame.errors import FameError, ModelError
-from fame.splitter import split
 
 FILES = 60
 

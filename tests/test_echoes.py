@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fame.clock import SECOND
 from fame.middleware.codec import serialize
-from fame.middleware.echoes import Echoes
 from fame.middleware.messages import create
+from fame.middleware.self_echo_filter import Echoes
 
 YES, NO = (serialize(create("std_msgs/msg/Bool", value)) for value in (True, False))
 """Of five bytes each, behind which a message is padded on its way."""

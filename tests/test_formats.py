@@ -14,13 +14,13 @@ import pytest
 
 import fame
 from fame.bpmn.extraction import extract_process
+from fame.bpmn.split import bind, pools_of, split
 from fame.check import check
 from fame.clock import SECOND
 from fame.errors import ConfigError, ModelError
 from fame.middleware import messages
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Scenario
-from fame.splitter import bind, pools_of, split
 
 MODELS = Path(__file__).parent / "models"
 FORMATS = MODELS / "formats"

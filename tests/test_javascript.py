@@ -453,7 +453,7 @@ def test_without_a_robot_a_script_has_its_variables_alone() -> None:
 
 
 def test_its_engine_is_loaded_when_a_script_is_compiled_and_not_before() -> None:
-    code = "import sys, fame.scripting, fame.node; print('quickjs' in sys.modules)"
+    code = "import sys, fame.scripting, fame.robot; print('quickjs' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

@@ -15,40 +15,22 @@ ROOT = Path(__file__).parent.parent
 FLOORS = (
     (
         "fame.bpmn",
+        "fame.config",
         "fame.clock",
         "fame.iso8601",
         "fame.errors",
+        "fame.lazy",
         "fame.extras",
+        "fame.text",
         "fame.heartbeat",
         "fame.processor_time",
-        "fame.lazy",
-        "fame.purposes",
-        "fame.documents",
-        "fame.text",
     ),
-    ("fame.engine",),
-    ("fame.middleware", "fame.scripting"),
-    (
-        "fame.library",
-        "fame.units",
-        "fame.node",
-        "fame.observation",
-        "fame.splitter",
-    ),
-    (
-        "fame.simulation",
-        "fame.check",
-        "fame.log",
-        "fame.deployment",
-        "fame.signing",
-        "fame.pipeline",
-        "fame.anomaly",
-        "fame.behaviours",
-        "fame.templates",
-        "fame.monitoring",
-    ),
+    ("fame.engine", "fame.middleware", "fame.scripting"),
+    ("fame.robot",),
+    ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log"),
     ("sim2d", "robots"),
-    ("fame.cli", "fame.scenario", "fame.remote", "fame", "fame.__main__"),
+    ("fame.scenario",),
+    ("fame.cli", "fame", "fame.__main__"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 HEAVY = {
@@ -145,7 +127,7 @@ def test_the_engine_knows_nothing_but_the_model() -> None:
 def test_only_scenario_and_command_line_know_robots_and_world() -> None:
     users = {room(item.source) for item in IMPORTS if room(item.target) in ("robots", "sim2d")}
     # remote is the scenario in many processes
-    assert users - {"robots", "sim2d"} <= {"fame.scenario", "fame.remote", "fame.cli"}
+    assert users - {"robots", "sim2d"} <= {"fame.scenario", "fame.cli"}
 
 
 def test_only_reader_and_writer_know_xml() -> None:
@@ -160,7 +142,7 @@ def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
 def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_needs() -> None:
     pytest.importorskip("cyclonedds")
     code = (
-        "import os; from fame.deployment import EngineNode\n"
+        "import os; from fame.deploy import EngineNode\n"
         "from fame.middleware.dds import DdsMiddleware, DdsScheduler\n"
         "scheduler = DdsScheduler(); middleware = DdsMiddleware(scheduler, domain=100 + os.getpid() % 100)\n"
         "engine = EngineNode('REX', scheduler=scheduler, middleware=middleware)\n"
@@ -170,24 +152,24 @@ def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_need
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert {"fame", "cyclonedds"} <= loaded
-    assert loaded & {"fame.bpmn", "fame.engine", "fame.scripting", "fame.node", "fame.check"} == set()
+    assert loaded & {"fame.bpmn.model", "fame.engine", "fame.scripting", "fame.robot", "fame.check"} == set()
     assert loaded & {"rosbags", "numpy", "yaml", "lxml"} == set()
 
 
 @pytest.mark.parametrize(
     ("engines", "steps", "number"),
-    [(20, 9, 0), (2, 9, 5), (2, 2, 2)],
+    [(20, 9, 0), (2, 9, 5), (2, 2, 3)],
     ids=["not while many start", "all", "until a process comes"],
 )
 def test_an_engine_that_waits_loads_what_its_first_process_will_need(engines: int, steps: int, number: int) -> None:
     code = (
-        "from fame.clock import SECOND, Scheduler; from fame.deployment.warming import warm\n"
+        "from fame.clock import SECOND, Scheduler; from fame.deploy.preload import warm\n"
         f"scheduler, answers = Scheduler(), iter([True] * {steps} + [False])\n"
         f"warm(scheduler, lambda: next(answers), lambda: {engines}); scheduler.run(29 * SECOND // 10)\n"
         "import sys; print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    wanted = ["fame.bpmn.reader", "fame.check", "fame.node", "rosbags", "numpy"]
+    wanted = ["fame.bpmn.reader", "fame.check", "fame.robot.node", "rosbags", "numpy"]
     loaded = set(done.stdout.split())
     assert [name for name in wanted if name in loaded] == wanted[:number]
 

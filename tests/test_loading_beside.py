@@ -7,8 +7,8 @@ import pytest
 from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler, WallScheduler
-from fame.deployment import EngineNode, beside
-from fame.deployment.beside import TooLong, Work
+from fame.deploy import EngineNode, beside
+from fame.deploy.beside import TooLong, Work
 from fame.errors import FameError, ModelError
 from fame.middleware.local import LocalMiddleware
 

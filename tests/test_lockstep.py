@@ -19,8 +19,8 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.simulated_time import DONE, DONE_TYPE, SharedTime, nanoseconds
-from fame.remote.rounds import Rounds
-from fame.remote.world import WorldPart
+from fame.scenario.lockstep import Rounds
+from fame.scenario.world_process import WorldPart
 from sim2d.config import world_config
 
 ROOT = Path(__file__).parents[1]

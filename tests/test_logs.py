@@ -21,7 +21,7 @@ from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import COLUMNS, logging_to, outcomes, visits
 from fame.log.naming import kind, names
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Scenario
 
 XES = "{http://www.xes-standard.org/}"

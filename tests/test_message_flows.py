@@ -8,10 +8,10 @@ import pytest
 
 from fame.bpmn import read_bytes, read_text
 from fame.bpmn.model import Definitions
+from fame.bpmn.split import split
 from fame.bpmn.topics import topics_of
 from fame.check import check
 from fame.scenario import Scenario
-from fame.splitter import split
 
 HEAD = '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" targetNamespace="http://fame">'
 MESSAGE = "<messageEventDefinition{}/>"

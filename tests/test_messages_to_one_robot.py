@@ -13,7 +13,7 @@ from fame.check import check
 from fame.clock import SECOND, Scheduler
 from fame.middleware.interface import SIGNAL
 from fame.middleware.local import LocalMiddleware
-from fame.node.addressed import Addressed, address
+from fame.robot.addressed import Addressed, address
 from fame.scenario import Result, Scenario
 
 ORDER = '<messageEventDefinition messageRef="Order"/>'

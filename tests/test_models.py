@@ -27,7 +27,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
-from fame.monitoring import UNITS
+from fame.monitor.services import UNITS
 
 MODELS = Path(__file__).parent.parent / "models"
 LIBRARY = [path for folder in ("library", "monitoring") for path in sorted((MODELS / folder).glob("*.bpmn"))]

@@ -19,9 +19,9 @@ import yaml
 from fame.cli import main
 from fame.clock import SECOND
 from fame.middleware import messages
-from fame.pipeline.model import TrainedModel
-from fame.pipeline.plots import plot_loss
-from fame.pipeline.processor import Samples
+from fame.monitor.pipeline.model import TrainedModel
+from fame.monitor.pipeline.plots import plot_loss
+from fame.monitor.pipeline.processor import Samples
 
 ROOT = Path(__file__).parent.parent
 MONITOR = ROOT / "models" / "monitoring" / "joint_monitor"

@@ -12,13 +12,13 @@ import yaml
 from fame.errors import ConfigError, FameError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
-from fame.pipeline.configuration import INPUT, Configuration, load
-from fame.pipeline.fields import Unusable, reader
-from fame.pipeline.loading import assign, find_class, make_processors
-from fame.pipeline.processor import Samples
-from fame.pipeline.processors import PROCESSORS
-from fame.pipeline.train import training_of
-from fame.pipeline.writing import writer
+from fame.monitor.pipeline.configuration import INPUT, Configuration, load
+from fame.monitor.pipeline.fields import Unusable, reader
+from fame.monitor.pipeline.loading import assign, find_class, make_processors
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.processors import PROCESSORS
+from fame.monitor.pipeline.train import training_of
+from fame.monitor.pipeline.writing import writer
 
 PUBLISHED = """\
 Inputs:
@@ -171,7 +171,7 @@ def test_a_processor_of_the_user_is_a_class_in_any_file(tmp_path: Path) -> None:
     )
     (made,) = make_processors(read(tmp_path, Processor="mine.py:Twice"))
     assert made.execute({}) == {"Loss": 2}
-    assert find_class("fame.pipeline.processors.LowPass", tmp_path).__name__ == "LowPass"
+    assert find_class("fame.monitor.pipeline.processors.LowPass", tmp_path).__name__ == "LowPass"
     assert "mine.py:Broken cannot be made: OSError: no device" in refusal(tmp_path, Processor="mine.py:Broken")
     (tmp_path / "bad.py").write_text("def")
     assert "bad.py cannot be imported: SyntaxError" in refusal(tmp_path, Processor="bad.py:X")
@@ -285,8 +285,8 @@ def test_nested_fields_empty_messages_and_numbers_of_numpy_are_written() -> None
     ],
 )
 def test_whatever_yaml_makes_of_a_file_is_one_line_with_the_file(text: str, why: str, tmp_path: Path) -> None:
-    from fame.anomaly.chain import load_chain
-    from fame.anomaly.config import load as load_learning
+    from fame.monitor.anomaly.chain import load_chain
+    from fame.monitor.anomaly.config import load as load_learning
 
     (tmp_path / "wrong.yaml").write_text(text)
     for read in (load, load_learning, load_chain):

@@ -14,9 +14,9 @@ import yaml
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware.local import LocalMiddleware
-from fame.pipeline.configuration import load
-from fame.pipeline.machine import Machine
-from fame.pipeline.node import ProcessingNode
+from fame.monitor.pipeline.configuration import load
+from fame.monitor.pipeline.node import ProcessingNode
+from fame.monitor.pipeline.polled_source import Machine
 
 
 def poll(machine: Machine) -> Any:

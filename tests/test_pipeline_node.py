@@ -14,10 +14,10 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MessageError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.pipeline.configuration import load
-from fame.pipeline.node import ProcessingNode
-from fame.pipeline.parameters import ParameterClient
-from fame.pipeline.processor import Parameter, Samples
+from fame.monitor.pipeline.configuration import load
+from fame.monitor.pipeline.node import ProcessingNode
+from fame.monitor.pipeline.parameters import ParameterClient
+from fame.monitor.pipeline.processor import Parameter, Samples
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
@@ -299,9 +299,9 @@ def test_a_processor_slower_than_its_period_misses_calls_and_the_share_is_report
 
 
 def test_a_model_of_other_columns_keeps_the_node_alive_and_silent(bench: Bench) -> None:
-    from fame.pipeline.learned import Autoencoder
-    from fame.pipeline.model import TrainedModel
-    from fame.pipeline.network import Network
+    from fame.monitor.pipeline.estimators import Autoencoder
+    from fame.monitor.pipeline.model import TrainedModel
+    from fame.monitor.pipeline.network import Network
 
     layers = Network((np.zeros((2, 10, 3)), np.zeros((2, 3, 10))), (np.zeros((2, 1, 3)), np.zeros((2, 1, 10))), "tanh")
     model = TrainedModel(("Efforts.a", "Efforts.b"), 10, 500.0, np.zeros(2), np.ones(2), layers, (1.0, 1.0))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fame.errors import ConfigError
-from fame.pipeline.offline import run
-from fame.pipeline.processor import Parameter, Samples, set_value
-from fame.pipeline.processors import (
+from fame.monitor.pipeline.offline import run
+from fame.monitor.pipeline.processor import Parameter, Samples, set_value
+from fame.monitor.pipeline.processors import (
     RMS,
     Estimator,
     Expression,

@@ -24,12 +24,12 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.pipeline.bagging import Bag
-from fame.pipeline.configuration import Configuration, load
-from fame.pipeline.influx import Influx
-from fame.pipeline.recording import RecordingNode, record_bag
-from fame.pipeline.rows import Row
-from fame.pipeline.tables import read_runs
+from fame.monitor.pipeline.bag_writer import Bag
+from fame.monitor.pipeline.configuration import Configuration, load
+from fame.monitor.pipeline.influx import Influx
+from fame.monitor.pipeline.recording import RecordingNode, record_bag
+from fame.monitor.pipeline.rows import Row
+from fame.monitor.pipeline.tables import read_runs
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
@@ -505,7 +505,7 @@ def test_a_disk_that_is_full_is_said_with_the_file_and_what_was_written_is_whole
     code = (
         "import resource, sys\nsys.path.insert(0, 'tests')\nfrom pathlib import Path\n"
         "from test_pipeline_recording import Bench\n"
-        "from fame.pipeline.configuration import load\n"
+        "from fame.monitor.pipeline.configuration import load\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         f"bench = Bench(); node = bench.record(load({str(bag)!r}), Path({str(out)!r}))\n"
         "for number in range(1, 101):\n    bench.joints(number / 100, 1.0, 2.0)\n    bench.run()\n"

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from fame.errors import ConfigError
-from fame.pipeline.learned import Autoencoder
-from fame.pipeline.model import TrainedModel
-from fame.pipeline.network import Network
-from fame.pipeline.offline import run
-from fame.pipeline.processor import Samples
-from fame.pipeline.processors import LowPass, Threshold
-from fame.pipeline.tables import hash_files, read_runs
-from fame.pipeline.train import Training, fit, train, training_of
+from fame.monitor.pipeline.estimators import Autoencoder
+from fame.monitor.pipeline.model import TrainedModel
+from fame.monitor.pipeline.network import Network
+from fame.monitor.pipeline.offline import run
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.processors import LowPass, Threshold
+from fame.monitor.pipeline.tables import hash_files, read_runs
+from fame.monitor.pipeline.train import Training, fit, train, training_of
 
 JOINTS = ("shoulder", "elbow", "wrist")
 QUICK = Training(window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500)
@@ -102,7 +102,7 @@ def test_the_loss_is_the_mean_squared_error_over_the_window(model: TrainedModel)
 
 @pytest.mark.parametrize("ending", [".skops", ".onnx"])
 def test_a_model_comes_back_as_it_was(model: TrainedModel, tmp_path: Path, ending: str) -> None:
-    from fame.pipeline.onnx import save_onnx
+    from fame.monitor.pipeline.onnx import save_onnx
 
     path = tmp_path / f"model{ending}"
     model.save(path) if ending == ".skops" else save_onnx(model, path)
@@ -117,7 +117,7 @@ def test_a_model_comes_back_as_it_was(model: TrainedModel, tmp_path: Path, endin
 def test_onnxruntime_finds_the_same_loss(model: TrainedModel, tmp_path: Path) -> None:
     import onnxruntime
 
-    from fame.pipeline.onnx import save_onnx
+    from fame.monitor.pipeline.onnx import save_onnx
 
     save_onnx(model, tmp_path / "model.onnx")
     session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
@@ -264,7 +264,7 @@ def test_the_files_of_a_training_may_be_a_pattern_anywhere(tmp_path: Path) -> No
 def test_a_stored_model_whose_figures_cannot_be_is_damaged(
     model: TrainedModel, change: dict[str, float], tmp_path: Path
 ) -> None:
-    from fame.anomaly.persist import read_artefact, write_artefact
+    from fame.monitor.anomaly.storage import read_artefact, write_artefact
 
     model.save(tmp_path / "model.skops")
     content = read_artefact(tmp_path / "model.skops", "fame train")

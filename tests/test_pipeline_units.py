@@ -12,12 +12,12 @@ from bpmn_text import extensions, process
 
 import fame
 from fame.bpmn import read_text
+from fame.bpmn.library import BUILT_IN
 from fame.bpmn.model import Definitions
-from fame.library import BUILT_IN
 from fame.middleware import messages
-from fame.pipeline.model import TrainedModel
-from fame.pipeline.network import Network
-from fame.pipeline.tables import read_runs
+from fame.monitor.pipeline.model import TrainedModel
+from fame.monitor.pipeline.network import Network
+from fame.monitor.pipeline.tables import read_runs
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROBOT = "robot"

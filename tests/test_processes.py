@@ -22,8 +22,8 @@ from cyclonedds.topic import Topic
 
 import fame.scenario
 from fame.clock import SECOND
-from fame.deployment import STATUS_QOS, STRING, Report
-from fame.deployment.splitting import DIAGRAM, STATUS
+from fame.deploy import STATUS_QOS, STRING, Report
+from fame.deploy.splitter_node import DIAGRAM, STATUS
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
 from fame.middleware.interface import LATCHED, Publisher

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import fame
+from fame.bpmn.library import Library
 from fame.check import check
-from fame.library import Library
 from fame.scenario import Fault
 
 ROOT = Path(__file__).parent.parent

@@ -6,9 +6,9 @@ import pytest
 from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler
-from fame.deployment import EngineNode, Report
-from fame.deployment.refusals import Digest
-from fame.deployment.tasks import read_done
+from fame.deploy import EngineNode, Report
+from fame.deploy.refusals import Digest
+from fame.deploy.tasks import read_done
 from fame.errors import DeploymentError
 from fame.middleware.local import LocalMiddleware
 

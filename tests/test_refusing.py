@@ -8,10 +8,10 @@ import pytest
 from bpmn_text import process, properties
 
 from fame.bpmn import read
-from fame.check.refusing import refuse_errors
+from fame.bpmn.library import Library
+from fame.check.gate import refuse_errors
 from fame.cli import main
 from fame.errors import ModelError
-from fame.library import Library
 
 START = '<startEvent id="s"/><scriptTask id="first"><script>log("moved")</script></scriptTask>'
 TIGGER = "std_srvs/srv/Tigger"

@@ -11,9 +11,9 @@ import pytest
 from middleware_contract import WallWorld, needs, world
 
 from fame.errors import ConfigError
-from fame.pipeline.configuration import Configuration, load
-from fame.pipeline.node import ProcessingNode
-from fame.pipeline.processor import Parameter, Processor
+from fame.monitor.pipeline.configuration import Configuration, load
+from fame.monitor.pipeline.node import ProcessingNode
+from fame.monitor.pipeline.processor import Parameter, Processor
 
 pytestmark = [needs("rclpy"), pytest.mark.ros]
 

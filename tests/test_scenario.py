@@ -6,7 +6,7 @@ import pytest
 from bpmn_text import document, process
 
 import fame
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Progress, Result, Scenario
 
 EXAMPLE = Path("examples/ground_vehicles.yaml")

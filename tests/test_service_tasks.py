@@ -13,7 +13,7 @@ from middleware_contract import BACKENDS, World, middlewares, world
 import fame
 from fame.bpmn.reader import read_text
 from fame.errors import ModelError
-from fame.node import RobotNode, mission
+from fame.robot import RobotNode, mission
 
 SET_BOOL = "std_srvs/srv/SetBool"
 

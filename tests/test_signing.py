@@ -12,8 +12,8 @@ from deployment_field import TEAM, Field, made, patrol
 
 import fame
 from fame.cli import main
-from fame.deployment import STRING, EngineNode
-from fame.signing import FRESH, new_keys, read_private, read_trusted, sign, verify
+from fame.deploy import STRING, EngineNode
+from fame.deploy.signing import FRESH, new_keys, read_private, read_trusted, sign, verify
 
 NOW = 1_000_000.0
 

@@ -7,8 +7,8 @@ import pytest
 from deployment_field import TEAM, Field, definitions, made, patrol, process
 
 from fame.bpmn.reader import read_text
-from fame.deployment import Deployment, EngineNode
-from fame.deployment.aborting import Aborting
+from fame.deploy import Deployment, EngineNode
+from fame.deploy.aborting import Aborting
 from fame.middleware import local
 
 ALONE = definitions(

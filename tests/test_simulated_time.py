@@ -22,8 +22,8 @@ from fame.middleware.interface import Node
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, SharedTime, clock_message, nanoseconds
-from fame.node import RobotNode, mission
-from fame.remote.world import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldPart
+from fame.robot import RobotNode, mission
+from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldPart
 from sim2d.config import world_config
 
 TEXT = "std_msgs/msg/String"

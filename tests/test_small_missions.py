@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from fame.clock import SECOND
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario import Fault, Result, Scenario
 
 CONVOY = Path("examples/convoy.yaml")

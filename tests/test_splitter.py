@@ -3,9 +3,9 @@
 import pytest
 
 import fame
+from fame.bpmn.library import Library
 from fame.bpmn.reader import read_bytes, read_text
-from fame.library import Library
-from fame.splitter import bind, pools_of, split
+from fame.bpmn.split import bind, pools_of, split
 
 MISSION = "models/ground_vehicles.bpmn"
 

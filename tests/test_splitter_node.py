@@ -5,10 +5,10 @@ import json
 import pytest
 from deployment_field import TEAM, Field, patrol
 
-from fame import deployment
+from fame import deploy
 from fame.clock import SECOND
-from fame.deployment import EngineNode, SplitterNode
-from fame.deployment.splitting import DIAGRAM, STATUS
+from fame.deploy import EngineNode, SplitterNode
+from fame.deploy.splitter_node import DIAGRAM, STATUS
 from fame.middleware import messages
 
 
@@ -17,9 +17,9 @@ class Farm(Field):
 
     def __init__(self, *robots: str) -> None:
         super().__init__(*robots)
-        self.diagrams = self.person.publisher(DIAGRAM, deployment.STRING)
+        self.diagrams = self.person.publisher(DIAGRAM, deploy.STRING)
         self.roles: list[dict] = []
-        self.person.subscription(STATUS, deployment.STRING, lambda message: self.roles.append(json.loads(message.data)))
+        self.person.subscription(STATUS, deploy.STRING, lambda message: self.roles.append(json.loads(message.data)))
         self.wall = 1000.0
         self.lines: list[str] = []
 
@@ -33,11 +33,11 @@ class Farm(Field):
         )
 
     def diagram(self, text: str) -> None:
-        self.diagrams.publish(messages.create(deployment.STRING, text))
+        self.diagrams.publish(messages.create(deploy.STRING, text))
 
     def come(self, robot: str) -> EngineNode:
         engine = self.engines[robot] = EngineNode(robot, scheduler=self.scheduler, middleware=self.middleware)
-        self.person.subscription(f"/{robot}/bpmn_status", deployment.STRING, self._hear, deployment.STATUS_QOS)
+        self.person.subscription(f"/{robot}/bpmn_status", deploy.STRING, self._hear, deploy.STATUS_QOS)
         return engine
 
     def vanish(self, robot: str) -> None:

@@ -8,7 +8,7 @@ from deployment_field import TEAM, Field
 
 from fame.cli.output import LiveTable, table
 from fame.cli.status import rows, silences
-from fame.deployment import Report
+from fame.deploy import Report
 from fame.text import printable
 
 

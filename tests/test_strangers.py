@@ -20,12 +20,12 @@ from test_damaged_files import damage
 
 import fame
 from fame.bpmn import read_bytes
-from fame.bpmn.draw import draw
+from fame.bpmn.draw.diagram import draw
 from fame.bpmn.model import Definitions
+from fame.bpmn.split import split
 from fame.check import check
 from fame.cli import main
 from fame.errors import FameError, ModelError
-from fame.splitter import split
 
 FOLDER = Path(__file__).parent / "strangers"
 FILES = sorted(path for path in FOLDER.iterdir() if path.suffix in (".bpmn", ".xml"))

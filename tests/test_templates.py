@@ -12,12 +12,12 @@ from xml.sax.saxutils import quoteattr
 import pytest
 from bpmn_text import body_of, extensions, node_of
 
-from fame.behaviours import behaviours
 from fame.bpmn.model import CallActivity, Event, SignalDefinition
+from fame.check.behaviours import behaviours
+from fame.check.element_templates import COMMON, fields_of, payload_of, templates
 from fame.cli import main
 from fame.middleware import messages
 from fame.scripting import compile_expression
-from fame.templates import COMMON, fields_of, payload_of, templates
 
 FOLDER = Path(__file__).parent.parent / "models" / "templates"
 MADE = templates(behaviours())

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from fame.deployment.termination import (
+from fame.deploy.termination import (
     NOBODY,
     Abort,
     Answered,

@@ -14,9 +14,9 @@ from fame.bpmn.reader import read_text
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, FameError
 from fame.middleware.local import LocalMiddleware
-from fame.monitoring import NEEDS, UNITS
-from fame.node import RobotNode, mission
-from fame.units import Around, Unit, setting
+from fame.monitor.services import NEEDS, UNITS
+from fame.robot import RobotNode, mission
+from fame.robot.services import Around, Unit, setting
 
 UNIT = '<serviceTask id="u" camunda:type="external" camunda:topic="counter"/>'
 FLOWS = '<sequenceFlow id="f" sourceRef="s" targetRef="u"/><sequenceFlow id="g" sourceRef="u" targetRef="e"/>'

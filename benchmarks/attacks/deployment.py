@@ -8,7 +8,7 @@ import threading
 from dataclasses import asdict
 
 from attacks.field import START, TEAM, WAIT, Engine, Field, envelope, held, model, process
-from fame.deployment import STATUS_QOS, STRING, Report
+from fame.deploy import STATUS_QOS, STRING, Report
 
 MISSION = model(
     '<collaboration id="c"><participant id="P" name="A" processRef="p"/></collaboration>', process("p", START, WAIT)

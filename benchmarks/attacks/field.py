@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.clock import SECOND
-from fame.deployment import STATUS_QOS, STRING, Report, model_hash
+from fame.deploy import STATUS_QOS, STRING, Report, model_hash
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
 from fame.middleware.interface import LATCHED, QoS
 from fame.middleware.messages import create

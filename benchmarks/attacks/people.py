@@ -10,7 +10,7 @@ import time
 from zipfile import ZIP_DEFLATED, ZipFile
 
 from attacks.field import ROOT, TEAM, Field, held, scripted
-from fame.deployment import STRING
+from fame.deploy import STRING
 from fame.middleware.messages import create
 
 ODD = (
@@ -65,7 +65,7 @@ def stopped_engine(field: Field) -> None:
 
 BOMB = """
 import resource
-from fame.anomaly.persist import load_model
+from fame.monitor.anomaly.storage import load_model
 try:
     load_model({path!r})
 except Exception as error:

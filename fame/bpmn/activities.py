@@ -21,7 +21,7 @@ from fame.bpmn.model import (
     TaskKind,
     Topic,
 )
-from fame.bpmn.nodes import HalfRead
+from fame.bpmn.node_reader import HalfRead
 from fame.bpmn.xml import Node, child, children, line_of, local, text_of
 
 TASKS: Mapping[str, TaskKind] = {

@@ -19,8 +19,8 @@ from fame.bpmn.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
 from fame.bpmn.dialects.extensions import Extensions
 from fame.bpmn.dialects.fame_g2 import CALL, DATA, QOS, ROS
 from fame.bpmn.extraction import keep_types_readable
+from fame.bpmn.merging import whole_tree
 from fame.bpmn.model import Definitions, Process, SubProcess, Task
-from fame.bpmn.pieces import whole_tree
 from fame.bpmn.topics import topics_of
 from fame.bpmn.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local, text_of
 

@@ -28,7 +28,7 @@ from fame.bpmn.model import (
     TimerDefinition,
     Topic,
 )
-from fame.bpmn.nodes import HalfRead
+from fame.bpmn.node_reader import HalfRead
 from fame.bpmn.xml import Node, attributes, child, children, line_of, local, text_of
 
 THROWS = ("throw", "end")

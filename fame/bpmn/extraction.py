@@ -16,8 +16,8 @@ from lxml import etree
 from fame.bpmn.context import find
 from fame.bpmn.dialects.fame_g2 import CALL
 from fame.bpmn.ids import unique_ids
+from fame.bpmn.merging import Piece, copied
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
-from fame.bpmn.pieces import Piece, copied
 from fame.bpmn.xml import BPMN, CAMUNDA, ZEEBE, Node
 from fame.errors import ModelError
 

@@ -24,15 +24,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from fame.bpmn.bodies import read_body
 from fame.bpmn.context import Context, boolean, find, truth, whole
-from fame.bpmn.conversations import connect
 from fame.bpmn.data import data_ids, data_of, data_variables, shared_stores
 from fame.bpmn.diagram import read_diagrams
 from fame.bpmn.dialects import ELEMENTS, extensions_of, fame_g2, looks_original
 from fame.bpmn.dialects.misspelt import note_misspelt
+from fame.bpmn.message_flows import connect
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Note, Participant, Process
-from fame.bpmn.nodes import Surroundings, documentation
+from fame.bpmn.node_reader import Surroundings, documentation
+from fame.bpmn.scope_reader import read_body
 from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
 from fame.errors import ModelError, expect
 

@@ -39,16 +39,16 @@ from typing import TYPE_CHECKING
 from fame.lazy import from_homes
 
 if TYPE_CHECKING:
+    from fame.check.checker import check, parts_of_one_mission
     from fame.check.findings import Finding, Level, summary
-    from fame.check.whole import check, parts_of_one_mission
 
 __all__ = ["Finding", "Level", "check", "parts_of_one_mission", "summary"]
 
 _HOMES = {
     "Finding": "findings",
     "Level": "findings",
-    "check": "whole",
-    "parts_of_one_mission": "whole",
+    "check": "checker",
+    "parts_of_one_mission": "checker",
     "summary": "findings",
 }
 

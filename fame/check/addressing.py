@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from fame.bpmn.topics import TopicEnd, topic_table
 from fame.check.findings import Finding
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.errors import ModelError
 
 

@@ -25,7 +25,7 @@ from fame.bpmn.model import (
     Topic,
 )
 from fame.check.findings import Finding, of_error
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.engine import Host, compile_program
 from fame.errors import ModelError, UnavailableError
 from fame.scripting import compile_expression, compile_script

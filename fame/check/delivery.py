@@ -8,7 +8,7 @@ from fame.bpmn.model import Event, FlowNode, Task
 from fame.check.findings import Finding, Level
 from fame.check.graph import Graph, graph
 from fame.check.recursion import passes_at_once
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.topics import End, level_of, public_topics, table
 from fame.errors import MessageError
 from fame.middleware.interface import SIGNAL

@@ -20,17 +20,17 @@ from typing import Literal
 
 from fame.bpmn.dialects import forms_of
 from fame.bpmn.expressions import is_mixed
+from fame.bpmn.library import Library
 from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode, Task
 from fame.bpmn.topics import EMPTY_TYPE
 from fame.bpmn.xml import children, parse
 from fame.check.guidelines import suspending
-from fame.check.quirks import quirks_of
-from fame.check.subject import Subject, Unit, subject
+from fame.check.legacy_habits import quirks_of
+from fame.check.scope import Subject, Unit, subject
 from fame.check.texts import texts_of
 from fame.check.topics import End, message_fields, said_type, table, taken_by_prefix
 from fame.engine.data import variable_name
 from fame.errors import ModelError
-from fame.library import Library
 from fame.middleware import messages
 from fame.scripting import script_topics
 from fame.scripting.topics import ScriptTopic

@@ -12,7 +12,7 @@ from fame.bpmn.model import Activity, Event, Expression, FlowNode, Gateway, Sequ
 from fame.check.coverage import cover_all
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, is_event, link_of
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.engine.structure import is_handler
 
 

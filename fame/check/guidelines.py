@@ -28,10 +28,10 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.texts import texts_of
 from fame.engine import joins, loops
-from fame.monitoring import UNITS
+from fame.monitor.services import UNITS
 
 _SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
 _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")

@@ -9,7 +9,7 @@ from itertools import islice
 from fame.bpmn.model import Activity, Event, FlowNode, Gateway, Task
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 
 _NEAREST = 10
 """Parallel gateways before a join that are tried as the one whose branches it joins."""

@@ -19,7 +19,7 @@ from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.coverage import python_tree
 from fame.check.findings import Finding
 from fame.check.payloads import misfit
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.texts import Text, names_of, texts_of
 from fame.check.topics import End, message_fields, table
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of

@@ -8,7 +8,7 @@ from fame.bpmn.model import CallActivity, Event, FlowNode, Gateway, SubProcess
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph
 from fame.check.recursion import ends_all, may_stop, passes_at_once
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 
 
 def loop_findings(subject: Subject) -> Iterator[Finding]:

@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterator
 
 from fame.bpmn.model import Definitions, Element, SubProcess
+from fame.bpmn.split import pools_of
 from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.errors import ModelError
-from fame.splitter import pools_of
 
 _ROS_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OF_TOPICS = ("type", "payload", "queue", "scope")

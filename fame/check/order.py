@@ -15,7 +15,7 @@ from fame.check.findings import Finding, Level
 from fame.check.graph import graph, is_event
 from fame.check.progress import Progress, Wait, progress
 from fame.check.recursion import passes_at_once
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.topics import End, Table, level_of, public_topics
 from fame.iso8601 import parse_duration
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from fame.bpmn.model import Expression, FlowNode, Task
 from fame.check.findings import Finding, Level
-from fame.check.subject import Unit
+from fame.check.scope import Unit
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import UNDEFINED

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from fame.bpmn.model import Body, CallActivity, Event, FlowNode, MessageDefinition, SignalDefinition, SubProcess
 from fame.bpmn.topics import topics_of
 from fame.check.graph import Graph, graph, is_event
-from fame.check.subject import Unit
+from fame.check.scope import Unit
 from fame.check.topics import Table
 from fame.engine.structure import is_handler
 

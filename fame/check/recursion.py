@@ -24,7 +24,7 @@ from fame.bpmn.model import (
 )
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, link_of
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 
 Passes = Callable[[FlowNode], bool]
 """Whether a token passes a node for certain."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Element, Expression
 from fame.check.findings import Finding
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.texts import Text, texts_of
 from fame.errors import ModelError
 from fame.scripting.interface import Log, Robot

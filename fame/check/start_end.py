@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from fame.bpmn.model import SubProcess
 from fame.check.findings import Finding
 from fame.check.graph import Graph, graph, is_event
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 
 
 def start_end_findings(subject: Subject) -> Iterator[Finding]:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from fame.bpmn.model import Activity, Body, Element, SubProcess
 from fame.check.findings import Finding
 from fame.check.graph import graph
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.texts import Text, texts_of
-from fame.scripting.javascript.words import words_of
+from fame.scripting.javascript.identifiers import words_of
 
 
 def subscription_findings(subject: Subject) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from fame.bpmn.model import Event, SubProcess, TimerDefinition
 from fame.check.findings import Finding
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {

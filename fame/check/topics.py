@@ -15,11 +15,11 @@ from fame.bpmn.model import Expression, FlowNode, Task, Topic
 from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.findings import Finding, Level
 from fame.check.payloads import payload_findings, publish_findings
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.monitoring import UNITS
+from fame.monitor.services import UNITS
 from fame.scripting import script_topics
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")

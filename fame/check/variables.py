@@ -30,14 +30,14 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding, Level
-from fame.check.subject import Subject, Unit
+from fame.check.scope import Subject, Unit
 from fame.check.texts import Text, names_of, texts_of
 from fame.check.topics import fields_taken, taken_by_prefix
 from fame.engine import joins, loops
 from fame.engine.data import variable_name
-from fame.monitoring import GIVES, NEEDS
+from fame.monitor.services import GIVES, NEEDS
 from fame.scripting.interface import NAMES
-from fame.scripting.javascript.words import words_of
+from fame.scripting.javascript.identifiers import words_of
 
 _SMALL = {"true": "True", "false": "False", "null": "None"}
 """Constants as most languages write them, and as Python does."""

@@ -45,9 +45,9 @@ def run(arguments: Namespace) -> int:
 def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> tuple[str, str]:
     """Answer and reason. Raises DeploymentError if the robot does not answer."""
     from fame.clock import SECOND
-    from fame.deployment.aborting import Aborting
+    from fame.deploy.aborting import Aborting
+    from fame.deploy.signing import read_private
     from fame.errors import DeploymentError
-    from fame.signing import read_private
 
     key = read_private(arguments.key) if arguments.key is not None else None
     ended: list[tuple[str, str]] = []

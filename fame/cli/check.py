@@ -15,9 +15,9 @@ from fame.cli.output import print_json
 from fame.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
+    from fame.bpmn.library import Library
     from fame.bpmn.model import Definitions
     from fame.check import Finding
-    from fame.library import Library
 
 _LEVELS = ("error", "warning", "note")
 _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
@@ -92,9 +92,9 @@ class _File:
 
 def _read(path: Path, folders: Sequence[Path]) -> _File:
     """A model, or a scenario with its model; that it is neither is a finding. Raises ConfigError where no file is."""
+    from fame.bpmn.library import Library
     from fame.bpmn.reader import read
     from fame.check.findings import of_error
-    from fame.library import Library
 
     if str(path) != "-":
         _expect_file(path)

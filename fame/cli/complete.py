@@ -14,7 +14,7 @@ from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
-    from fame.deployment import Report
+    from fame.deploy import Report
     from fame.middleware.interface import Middleware
 
 
@@ -60,7 +60,7 @@ def run(arguments: Namespace) -> int:
 
 
 def ask_and_tell(arguments: Namespace, act: str, values: Mapping[str, Any]) -> int:
-    """Ask a robot to do something (`fame.deployment.tasks.Done`), and print its answer."""
+    """Ask a robot to do something (`fame.deploy.tasks.Done`), and print its answer."""
     with connected(arguments) as (scheduler, middleware):
         report = _ask(arguments, act, values, scheduler, middleware)
     done = report.answer != "refused"
@@ -86,10 +86,10 @@ def _ask(
     import time
 
     from fame.clock import SECOND
-    from fame.deployment import Report, engines
-    from fame.deployment.tasks import Asking, Done
+    from fame.deploy import Report, engines
+    from fame.deploy.signing import read_private
+    from fame.deploy.tasks import Asking, Done
     from fame.errors import DeploymentError
-    from fame.signing import read_private
 
     key = read_private(arguments.key) if arguments.key is not None else None
     robot, answers = arguments.robot, list[Report]()

@@ -11,7 +11,7 @@ from fame.cli.network import add_network, connected
 from fame.cli.output import note, print_json, table
 
 if TYPE_CHECKING:
-    from fame.deployment import Deployment
+    from fame.deploy import Deployment
 
 
 def add(commands: Commands) -> None:
@@ -35,12 +35,12 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Deploy, and print how each robot answered; then stay, if that is wanted."""
+    from fame.bpmn.library import Library
     from fame.bpmn.reader import read
-    from fame.check.refusing import refuse_errors
-    from fame.library import Library
-    from fame.remote import Sending
-    from fame.signing import read_private
-    from fame.splitter import plays, pools_of
+    from fame.bpmn.split import plays, pools_of
+    from fame.check.gate import refuse_errors
+    from fame.deploy.signing import read_private
+    from fame.scenario import Sending
 
     definitions, library = read(arguments.model), Library(arguments.library)
     key = read_private(arguments.key) if arguments.key is not None else None

@@ -34,7 +34,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Write the drawing and name it."""
-    from fame.bpmn.draw import draw
+    from fame.bpmn.draw.diagram import draw
     from fame.bpmn.reader import read
 
     output = arguments.output

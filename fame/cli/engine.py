@@ -17,9 +17,9 @@ from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
-    from fame.deployment import EngineNode
+    from fame.deploy import EngineNode
     from fame.middleware.interface import Middleware
-    from fame.node import Event
+    from fame.robot import Event
 
 STUCK = 10.0
 """How long one call that nothing can interrupt may compute before it ends the engine (s of processor time)."""
@@ -84,10 +84,10 @@ def run(arguments: Namespace) -> int:
 
 
 def _serve(arguments: Namespace) -> None:
-    from fame.deployment import EngineNode, engines
-    from fame.deployment.warming import warm
-    from fame.remote import serve
-    from fame.signing import read_identity, read_trusted
+    from fame.deploy import EngineNode, engines
+    from fame.deploy.preload import warm
+    from fame.deploy.signing import read_identity, read_trusted
+    from fame.scenario import serve
 
     trusted = read_trusted(arguments.trust) if arguments.trust else ()
     if arguments.identity is not None and not trusted:
@@ -99,7 +99,7 @@ def _serve(arguments: Namespace) -> None:
     safe, suspended = _safe_states(arguments.type)
     library = None
     if arguments.library:  # without it, an engine needs none before its first process
-        from fame.library import Library
+        from fame.bpmn.library import Library
 
         library = Library(arguments.library)
 
@@ -157,9 +157,9 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
     import time
 
     from fame.clock import SECOND
-    from fame.deployment import STATUS_QOS, STRING, Report, engines
-    from fame.deployment.reporting import HEARTBEAT
-    from fame.deployment.voice import is_twin
+    from fame.deploy import STATUS_QOS, STRING, Report, engines
+    from fame.deploy.reports import HEARTBEAT
+    from fame.deploy.voice import is_twin
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found
     heard: list[Report] = []
@@ -190,7 +190,7 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
 
 
 def _say(event: Event) -> None:
-    from fame.remote.children import is_child
+    from fame.scenario.subprocesses import is_child
 
     if event.what == "answer" and is_child():  # whoever started us asked, and says it
         return

@@ -42,7 +42,7 @@ def run(arguments: Namespace) -> int:
 
 
 def _new(name: Path) -> None:
-    from fame.signing import new_keys
+    from fame.deploy.signing import new_keys
 
     secret, public = new_keys(name)
     print(f"{secret}   keep it secret: fame deploy MODEL.bpmn --key {secret}")
@@ -50,7 +50,7 @@ def _new(name: Path) -> None:
 
 
 def _robot(name: Path, key: Path) -> None:
-    from fame.signing import new_identity, read_private
+    from fame.deploy.signing import new_identity, read_private
 
     path = name.with_name(name.name + ".key")
     new_identity(name.name, read_private(key), path)
@@ -62,8 +62,8 @@ def _diagram(model: Path, key: Path) -> None:
     import time
 
     from fame.bpmn.reader import read
-    from fame.deployment.diagrams import Diagram
-    from fame.signing import read_private
+    from fame.deploy.diagrams import Diagram
+    from fame.deploy.signing import read_private
 
     text = read(model).source.decode()
     said = Diagram.of(text, purpose="deploy", now=time.time(), key=read_private(key)).to_json()

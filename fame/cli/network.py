@@ -68,7 +68,7 @@ def without_ros_arguments(words: Sequence[str]) -> list[str]:
 @contextmanager
 def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]]:
     """A scheduler and a middleware for a command that asks something and ends."""
-    from fame.remote import connect, scheduler_for
+    from fame.scenario import connect, scheduler_for
 
     scheduler = scheduler_for(arguments.middleware)
     middleware = connect(arguments.middleware, scheduler, arguments.network)
@@ -80,7 +80,7 @@ def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]
 
 def say_ready(text: str) -> None:
     """Tell whoever started this command in a terminal of its own that it is there, and how it ends."""
-    from fame.remote.children import is_child
+    from fame.scenario.subprocesses import is_child
 
     if not is_child():
         note(f"{text}; Ctrl-C ends it")

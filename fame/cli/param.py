@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Ask the node, and print what it says."""
-    from fame.pipeline.parameters import ParameterClient
+    from fame.monitor.pipeline.parameters import ParameterClient
 
     with connected(arguments) as (scheduler, middleware):
         node = middleware.node("fame_param")
@@ -65,7 +65,7 @@ def _get(client: Any, arguments: Namespace) -> int:
 
 
 def _set(client: Any, arguments: Namespace) -> int:
-    from fame.documents import parse_document
+    from fame.config.yaml import parse_document
 
     client.set(arguments.name, parse_document(arguments.value, arguments.name))
     return _get(client, arguments)

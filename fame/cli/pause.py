@@ -21,7 +21,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Ask the world."""
-    from fame.remote.world import PAUSE
+    from fame.scenario.world_process import PAUSE
 
     return ask(arguments, PAUSE)
 
@@ -30,7 +30,7 @@ def ask(arguments: Namespace, service: str) -> int:
     """Call a service of the world that takes and gives nothing, and wait until it has answered."""
     from fame.clock import SECOND
     from fame.errors import DeploymentError
-    from fame.remote.world import EMPTY
+    from fame.scenario.world_process import EMPTY
 
     answers: list[object] = []
     with connected(arguments) as (scheduler, middleware):

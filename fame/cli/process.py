@@ -13,7 +13,7 @@ from fame.cli.output import note
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import Middleware
-    from fame.pipeline.configuration import Configuration
+    from fame.monitor.pipeline.configuration import Configuration
 
 _EXAMPLES = (
     "fame process models/monitoring/joint_monitor/low_pass.yaml",
@@ -46,7 +46,7 @@ def add(commands: Commands) -> None:
 
 def assignment(text: str) -> tuple[str, Any]:
     """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
-    from fame.documents import parse_document
+    from fame.config.yaml import parse_document
     from fame.errors import ConfigError
 
     name, equals, value = text.partition("=")
@@ -77,13 +77,13 @@ class Nodes:
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
     from fame.clock import SECOND
-    from fame.pipeline.loading import assign, make_processors
-    from fame.pipeline.node import ProcessingNode
-    from fame.remote import serve
+    from fame.monitor.pipeline.loading import assign, make_processors
+    from fame.monitor.pipeline.node import ProcessingNode
+    from fame.scenario import serve
 
     configurations = [_configured(path, arguments) for path in arguments.configurations]
     if arguments.graph is not None:
-        from fame.pipeline.graph import draw
+        from fame.monitor.pipeline.graph import draw
 
         draw(configurations, arguments.graph)
         return 0
@@ -113,7 +113,7 @@ def _configured(path: Path, arguments: Namespace) -> Configuration:
     """A configuration, with what the command line says instead."""
     from dataclasses import replace
 
-    from fame.pipeline.configuration import hertz, load, stages_of
+    from fame.monitor.pipeline.configuration import hertz, load, stages_of
 
     configuration = load(path)
     if arguments.processor:

@@ -13,7 +13,7 @@ from fame.cli.output import note, print_json
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import Middleware
-    from fame.pipeline.recording import RecordingNode
+    from fame.monitor.pipeline.recording import RecordingNode
 
 _EXAMPLES = (
     "fame record joints.yaml -o runs.csv",
@@ -50,9 +50,9 @@ def run(arguments: Namespace) -> int:
     """Record until interrupted, or until the bag ends."""
     from fame.clock import SECOND
     from fame.errors import MissionError
-    from fame.pipeline.configuration import load
-    from fame.pipeline.recording import RecordingNode, record_bag
-    from fame.remote import serve
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.recording import RecordingNode, record_bag
+    from fame.scenario import serve
 
     configuration = load(arguments.configuration)
     options = {

@@ -20,6 +20,6 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Ask the world."""
-    from fame.remote.world import RESUME
+    from fame.scenario.world_process import RESUME
 
     return ask(arguments, RESUME)

@@ -20,9 +20,8 @@ from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
-    from fame.observation import Observer
-    from fame.remote import Sight
-    from fame.scenario import Result, RobotResult, Scenario
+    from fame.robot.events import Observer
+    from fame.scenario import Result, RobotResult, Scenario, Sight
 
 _EXAMPLES = (
     "fame run examples/ground_vehicles.yaml",
@@ -120,7 +119,7 @@ def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
 
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
-    from fame.observation import together
+    from fame.robot.events import together
     from fame.scenario import Completion, Fault, Scenario
 
     scenario = Scenario.load(
@@ -171,7 +170,7 @@ def _say_stopping() -> None:
 
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     """World and engines in processes of their own."""
-    from fame.remote import Team
+    from fame.scenario import Team
 
     wanted = ("log", "picture", "animate", "robots", "fault")
     for option in wanted:

@@ -23,9 +23,9 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Write the files and name them."""
+    from fame.bpmn.library import Library
     from fame.bpmn.reader import read
-    from fame.library import Library
-    from fame.splitter import split
+    from fame.bpmn.split import split
 
     parts = split(read(arguments.model), Library(arguments.library))
     arguments.output.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from fame.errors import FameError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
-    from fame.deployment import SplitterNode
+    from fame.deploy import SplitterNode
     from fame.middleware.interface import Middleware
 
 _OPEN = f"{OPEN}: give --key FILE.key, or --insecure to take what anybody sends"
@@ -41,10 +41,10 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    from fame.deployment import SplitterNode
-    from fame.library import Library
-    from fame.remote import serve
-    from fame.signing import read_private, read_trusted
+    from fame.bpmn.library import Library
+    from fame.deploy import SplitterNode
+    from fame.deploy.signing import read_private, read_trusted
+    from fame.scenario import serve
 
     key = read_private(arguments.key) if arguments.key is not None else None
     trusted = read_trusted(arguments.trust) if arguments.trust else []

@@ -13,7 +13,7 @@ from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
 
 if TYPE_CHECKING:
-    from fame.deployment import Report
+    from fame.deploy import Report
 
 _LISTENING = 1.5  # heartbeats
 HEADS = ("robot", "state", "model", "instances", "token at", "since", "waits for", "publishers")
@@ -38,11 +38,11 @@ def run(arguments: Namespace) -> int:
     from dataclasses import asdict
 
     from fame.clock import SECOND
-    from fame.deployment import STATUS_QOS, STRING, engines
-    from fame.deployment.reporting import HEARTBEAT
-    from fame.deployment.voice import Voice
+    from fame.deploy import STATUS_QOS, STRING, engines
+    from fame.deploy.reports import HEARTBEAT
+    from fame.deploy.signing import read_trusted
+    from fame.deploy.voice import Voice
     from fame.errors import DeploymentError
-    from fame.signing import read_trusted
 
     reports: dict[str, Report] = {}
     belief: dict[str, Any] = {"signed": bool(arguments.trust), "trusted": ()}

@@ -22,8 +22,8 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Write the files and name them."""
-    from fame.behaviours import behaviours
-    from fame.templates import templates, write
+    from fame.check.behaviours import behaviours
+    from fame.check.element_templates import templates, write
 
     made = templates(behaviours(arguments.library))
     arguments.output.mkdir(parents=True, exist_ok=True)

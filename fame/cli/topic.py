@@ -73,8 +73,8 @@ def _list(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
 def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.middleware import messages
-    from fame.pipeline.fields import Unusable, reader
-    from fame.pipeline.looking import parse_path, shown
+    from fame.monitor.pipeline.fields import Unusable, reader
+    from fame.monitor.pipeline.topic_tools import parse_path, shown
 
     type = _type(arguments, scheduler, middleware)
     read = reader(type, parse_path(arguments.field)) if arguments.field else None
@@ -99,7 +99,7 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
 def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.clock import SECOND
-    from fame.pipeline.looking import Times
+    from fame.monitor.pipeline.topic_tools import Times
 
     type = _type(arguments, scheduler, middleware)
     times = Times()
@@ -122,8 +122,8 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
 def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.errors import ConfigError, MissionError
     from fame.extras import require
-    from fame.pipeline.looking import Series, parse_path, wait_for_types
-    from fame.pipeline.plots import plot_series
+    from fame.monitor.pipeline.plots import plot_series
+    from fame.monitor.pipeline.topic_tools import Series, parse_path, wait_for_types
 
     if arguments.output.suffix.lower() != ".png":
         raise ConfigError(
@@ -146,7 +146,7 @@ def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
 
 def _type(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> str:
-    from fame.pipeline.looking import wait_for_types
+    from fame.monitor.pipeline.topic_tools import wait_for_types
 
     if not arguments.topic.startswith("/"):
         arguments.topic = f"/{arguments.topic}"

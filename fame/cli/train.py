@@ -28,10 +28,10 @@ def run(arguments: Namespace) -> int:
 
     from fame.errors import ConfigError
     from fame.extras import require
-    from fame.pipeline.configuration import load
-    from fame.pipeline.model import TrainedModel
-    from fame.pipeline.tables import hash_files
-    from fame.pipeline.train import train, training_of
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.model import TrainedModel
+    from fame.monitor.pipeline.tables import hash_files
+    from fame.monitor.pipeline.train import train, training_of
 
     if arguments.onnx is not None:
         require("onnx")
@@ -51,7 +51,7 @@ def run(arguments: Namespace) -> int:
         model = train(training)
         model.save(path)
     if arguments.onnx is not None:
-        from fame.pipeline.onnx import save_onnx
+        from fame.monitor.pipeline.onnx import save_onnx
 
         save_onnx(model, arguments.onnx)
     if arguments.json:

@@ -36,8 +36,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    from fame.remote import WorldPart, serve
-    from fame.scenario import read_scenario_world
+    from fame.scenario import WorldPart, read_scenario_world, serve
 
     config, seed = read_scenario_world(arguments.world)
     if config is None:

@@ -13,7 +13,7 @@ from fame.clock import SECOND
 from fame.engine.program import Mark
 from fame.engine.state import Trail
 from fame.log.naming import UNNAMED, Named
-from fame.observation import Event, Observer
+from fame.robot.events import Event, Observer
 
 COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
 """Of a table, and the keys of a JSON line (where those without a value are left out)."""

@@ -17,7 +17,7 @@ from fame.errors import ConfigError
 from fame.log.lines import jsonl, table
 from fame.log.naming import Named, names
 from fame.log.xes import xes
-from fame.observation import Event, Observer, by_trails
+from fame.robot.events import Event, Observer, by_trails
 
 _BUFFER = 1 << 16
 """Bytes that are written at a time."""

@@ -23,7 +23,7 @@ from fame.engine.program import Mark
 from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime
 from fame.log.naming import Named
-from fame.observation import Event, Observer
+from fame.robot.events import Event, Observer
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
 """Which transition of the standard life cycle an observation of an activity is (IEEE 1849, extension Lifecycle)."""

@@ -12,7 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, cast
 
 from fame.errors import MessageError
-from fame.middleware import basics, typesystem
+from fame.middleware import builtin_types, typesystem
 from fame.middleware.classes import Message, message_class
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.primitives import DTYPES
@@ -30,8 +30,8 @@ def serialize(message: Message) -> bytes:
     """
     name = message.__msgtype__
     try:
-        if name == basics.STRING:
-            return basics.pack_text(message.data)
+        if name == builtin_types.STRING:
+            return builtin_types.pack_text(message.data)
         return bytes(typestore(name).serialize_cdr(message, name, little_endian=True))
     except Exception as error:  # the generated code raises what the field's value makes it raise
         raise MessageError(f"cannot be written: {error}", type=name) from None
@@ -40,8 +40,8 @@ def serialize(message: Message) -> bytes:
 def deserialize(data: bytes | memoryview, type: str) -> Message:
     """The message that CDR `data` holds; its arrays are views of `data`. Raises MessageError if the data do not fit."""
     name = typesystem.definition(type).name
-    if name == basics.STRING:
-        return message_class(name)(basics.unpack_text(data))  # type: ignore[call-arg]
+    if name == builtin_types.STRING:
+        return message_class(name)(builtin_types.unpack_text(data))  # type: ignore[call-arg]
     try:
         message: Any = typestore(name).deserialize_cdr(data, name)
     except Exception as error:  # rosbags' own, or what the bytes make the generated code raise
@@ -53,8 +53,8 @@ def deserialize(data: bytes | memoryview, type: str) -> Message:
 def type_hash(type: str) -> str:
     """``RIHS01_...``, the hash of the description of a type."""
     name = typesystem.definition(type).name
-    if name in basics.HASHES:
-        return basics.HASHES[name]
+    if name in builtin_types.HASHES:
+        return builtin_types.HASHES[name]
     from rosbags.typesys.store import Typestore
 
     store = Typestore()

@@ -17,12 +17,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
+from fame.middleware.errors import loss, second_type, unpublishable
 from fame.middleware.interface import LARGEST, SIGNAL, Message, QoS, TopicInfo, resolve
 from fame.middleware.local_services import LocalClient, LocalService
 from fame.middleware.qos import compatible, counts_losses
-from fame.middleware.refusals import NAMES, is_ros_name, loss, second_type, unpublishable
 
 
 class LocalMiddleware:

@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.middleware import messages
+from fame.middleware.errors import second_service, unanswered, unavailable
 from fame.middleware.interface import Message, respond
-from fame.middleware.refusals import second_service, unanswered, unavailable
 
 if TYPE_CHECKING:
     from fame.middleware.local import LocalNode

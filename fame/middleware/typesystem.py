@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.errors import MessageError
-from fame.middleware import basics
+from fame.middleware import builtin_types
 from fame.middleware.definitions import Definition, from_rosbags, from_text
 
 _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
@@ -39,8 +39,8 @@ def definition(name: str) -> Definition:
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/msg/")
-    if full in basics.DEFINITIONS:
-        return basics.DEFINITIONS[full]
+    if full in builtin_types.DEFINITIONS:
+        return builtin_types.DEFINITIONS[full]
     known = _table()
     if full in known or _sourced(full):
         return known[full]

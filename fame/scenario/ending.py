@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from fame.bpmn.split import Pool
     from fame.scenario.result import RobotResult, Status
-    from fame.splitter import Pool
 
 
 def never_started(cast: Mapping[str, Pool], robots: Sequence[RobotResult]) -> tuple[str, ...]:

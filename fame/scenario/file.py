@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.clock import EPOCH, parse_epoch
+from fame.config.kind import meant_for
 from fame.engine.data import is_variable
 from fame.errors import ConfigError
-from fame.purposes import meant_for
 from fame.scenario.result import Completion
 
 if TYPE_CHECKING:
+    from fame.config.fields import Entry
     from sim2d.config import WorldConfig
-    from sim2d.reading import Entry
 
 DURATION = 600.0
 """Simulated seconds after which a run ends if nobody says otherwise."""
@@ -44,8 +44,8 @@ class Said:
 
 
 def read_scenario(path: Path) -> Said:
+    from fame.config.fields import Entry, read_yaml
     from sim2d.config import read_world, world_config
-    from sim2d.reading import Entry, read_yaml
 
     data, source = read_yaml(path)
     if other := meant_for(data, "scenario"):
@@ -109,8 +109,8 @@ def _completion(entry: Entry) -> tuple[Completion, int]:
 
 def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
     """The world of a scenario file, or of a file that is a world itself, and its seed. Raises ConfigError."""
+    from fame.config.fields import read_yaml
     from sim2d.config import read_world
-    from sim2d.reading import read_yaml
 
     data, _ = read_yaml(path)
     if isinstance(data, Mapping) and "model" in data:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
-from fame.node import Ahead, Event, Wait
-from fame.node.waits import SOMEBODY
+from fame.robot import Ahead, Event, Wait
+from fame.robot.waiting_tokens import SOMEBODY
 
 if TYPE_CHECKING:
     from sim2d.record import Record

@@ -10,20 +10,20 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.check.refusing import refuse_literals
+from fame.bpmn.split import pools_of, shared_topics
+from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
-from fame.monitoring import UNITS
-from fame.node import Event, RobotNode, Wait, mission
-from fame.observation import Observer, together
-from fame.scenario.captions import Captions
+from fame.monitor.services import UNITS
+from fame.robot import Event, RobotNode, Wait, mission
+from fame.robot.events import Observer, together
 from fame.scenario.ending import at_rest, never_started, status_of
-from fame.scenario.garbage import seldom_collected
+from fame.scenario.film_captions import Captions
+from fame.scenario.gc_tuning import seldom_collected
 from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult
-from fame.scenario.unheard import unheard
+from fame.scenario.topic_typos import unheard
 from fame.scripting import heartbeat
-from fame.splitter import pools_of, shared_topics
 
 if TYPE_CHECKING:
     from fame.scenario.scenario import Scenario

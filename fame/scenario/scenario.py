@@ -11,14 +11,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
+from fame.bpmn.split import Pool, bind, pools_of
 from fame.clock import EPOCH
 from fame.errors import ConfigError, expect
-from fame.library import Library
-from fame.node import Event
+from fame.robot import Event
 from fame.scenario.file import Said, read_scenario
 from fame.scenario.result import Completion, Fault, Progress, Result
-from fame.splitter import Pool, bind, pools_of
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 from fame.bpmn.model import Expression
 from fame.scripting.interface import interface
-from fame.scripting.javascript.words import words_of
+from fame.scripting.javascript.identifiers import words_of
 from fame.scripting.languages import parse_expression
 from fame.scripting.python import parse_python
 

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from fame.anomaly.packages import scipy
+from fame.config.fields import parameter
 from fame.errors import ConfigError
+from fame.monitor.anomaly.packages import scipy
 from robots.arm.mh5 import MH5
 from robots.arm.noise import simulated
 from robots.arm.program import RETURN, cutting_run, movement
@@ -29,11 +30,10 @@ from robots.body import body_of, rectangle
 from robots.robot import MEASUREMENT, Command, Look, Pose, Workpiece, period
 from robots.template import constructor, header_maker
 from robots.vehicle import check_fault
-from sim2d.reading import parameter
 
 if TYPE_CHECKING:
-    from fame.anomaly.recording import Floats
     from fame.middleware.interface import Message
+    from fame.monitor.anomaly.recording import Floats
     from robots.robot import Surroundings
     from sim2d.config import RobotConfig
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fame.anomaly.chain import Chain
-from fame.anomaly.recording import ANOMALOUS, Floats, Recording, of_runs
 from fame.errors import ConfigError
+from fame.monitor.anomaly.chain import Chain
+from fame.monitor.anomaly.recording import ANOMALOUS, Floats, Recording, of_runs
 from robots.arm.sabotage import Knot, alter
 from robots.arm.task import Polygon, find_cut
 

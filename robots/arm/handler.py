@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from fame.clock import SECOND
+from fame.config.fields import Point, parameter
 from fame.errors import MissionError
 from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench
@@ -28,12 +29,11 @@ from robots.body import body_of, rectangle
 from robots.robot import MEASUREMENT, Command, Look, Pose, Workpiece, period
 from robots.template import constructor, header_maker
 from robots.vehicle import check_fault
-from sim2d.reading import Point, parameter
 from sim2d.shapes import disc
 
 if TYPE_CHECKING:
-    from fame.anomaly.recording import Floats
     from fame.middleware.interface import Message, Node
+    from fame.monitor.anomaly.recording import Floats
     from robots.robot import Surroundings
     from sim2d.config import RobotConfig
 

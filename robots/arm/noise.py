@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
-from fame.anomaly.chain import Chain
-from fame.anomaly.packages import scipy
-from fame.anomaly.recording import Floats, Recording
+from fame.monitor.anomaly.chain import Chain
+from fame.monitor.anomaly.packages import scipy
+from fame.monitor.anomaly.recording import Floats, Recording
 
 LATE, LATEST = 0.03, 0.5
 """Part of the samples that come late, and by how many periods at most."""

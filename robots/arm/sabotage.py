@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fame.anomaly.chain import Chain
-from fame.anomaly.packages import scipy
-from fame.anomaly.recording import Floats
 from fame.errors import ConfigError
+from fame.monitor.anomaly.chain import Chain
+from fame.monitor.anomaly.packages import scipy
+from fame.monitor.anomaly.recording import Floats
 from robots.arm.inverse import inverse
 from robots.arm.mh5 import MH5
 from robots.arm.task import TRIANGLE, Cut, Polygon, find_cut

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fame.anomaly.recording import Floats, Whole
+from fame.config.fields import Entry, read_yaml
 from fame.errors import ConfigError
-from sim2d.reading import Entry, read_yaml
+from fame.monitor.anomaly.recording import Floats, Whole
 
 DEPTH = 5e-4
 """How far (m) from the cutting plane still counts as cutting: benign runs stay within 0.3 mm of it."""

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fame.anomaly.chain import Chain
-from fame.anomaly.recording import Floats
 from fame.errors import MissionError
+from fame.monitor.anomaly.chain import Chain
+from fame.monitor.anomaly.recording import Floats
 from robots.arm.inverse import inverse
 
 SPEED = 0.25

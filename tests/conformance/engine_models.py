@@ -27,7 +27,7 @@ import fame
 from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.engine import Instance, restore, snapshot
-from fame.node import Event
+from fame.robot import Event
 
 HEAD = (
     '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'

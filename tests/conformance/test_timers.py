@@ -60,7 +60,7 @@ def test_a_timer_of_a_cancelled_activity_does_not_fire(play: Play) -> None:
 
 
 def test_a_loop_over_a_timer_that_takes_no_time_fails(play: Play, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fame.node.timers.AT_ONE_INSTANT", 100)
+    monkeypatch.setattr("fame.robot.timers.AT_ONE_INSTANT", 100)
     run = play(start() + catch("c", timer("PT0S")) + path("s c") + flow("c", "c")).run()
     assert run.status == "failed"
     assert "100 timers without time going on" in str(run.instance.error)
@@ -70,6 +70,6 @@ def test_a_loop_over_a_timer_that_takes_no_time_fails(play: Play, monkeypatch: p
 def test_timers_that_take_no_time_are_counted_anew_when_time_goes_on(
     play: Play, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fame.node.timers.AT_ONE_INSTANT", 100)
+    monkeypatch.setattr("fame.robot.timers.AT_ONE_INSTANT", 100)
     content = start() + catch("c", timer("PT0S")) + catch("d", timer("PT1S")) + path("s c d c")
     assert play(content).run(150.5).visits["c"] == 151

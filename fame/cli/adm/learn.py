@@ -12,7 +12,7 @@ from fame.cli.adm.sources import say, writable
 from fame.cli.arguments import Commands, add_json, command
 
 if TYPE_CHECKING:
-    from fame.anomaly.learn import Data, Learned, Progress
+    from fame.monitor.anomaly.learn import Data, Learned, Progress
 
 
 def add(parts: Commands) -> None:
@@ -30,10 +30,10 @@ def add(parts: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Fit, judge, store the best, and print how all of them did."""
-    from fame.anomaly.config import load
-    from fame.anomaly.learn import best, learn, read_data
-    from fame.anomaly.persist import save_model
-    from fame.anomaly.table import plain, render, rows
+    from fame.monitor.anomaly.config import load
+    from fame.monitor.anomaly.learn import best, learn, read_data
+    from fame.monitor.anomaly.storage import save_model
+    from fame.monitor.anomaly.table import plain, render, rows
 
     learning = load(arguments.config)
     writable(arguments.output)
@@ -61,11 +61,11 @@ def run(arguments: Namespace) -> int:
 
 
 def _plot(folder: Path, learned: list[Learned], chosen: Learned, data: Data) -> None:
-    """What `fame.anomaly.plots` can draw of it."""
-    from fame.anomaly.paths import PathDetector
-    from fame.anomaly.plots import deviations, joint_space, matrices
-    from fame.anomaly.recording import BENIGN
-    from fame.anomaly.table import data_name
+    """What `fame.monitor.anomaly.plots` can draw of it."""
+    from fame.monitor.anomaly.paths import PathDetector
+    from fame.monitor.anomaly.plots import deviations, joint_space, matrices
+    from fame.monitor.anomaly.recording import BENIGN
+    from fame.monitor.anomaly.table import data_name
 
     whole = data.both or data.benign
     assert whole is not None

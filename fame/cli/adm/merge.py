@@ -11,7 +11,7 @@ from fame.cli.arguments import Commands, add_json, command
 from fame.cli.output import print_json
 
 if TYPE_CHECKING:
-    from fame.anomaly.recording import Recording
+    from fame.monitor.anomaly.recording import Recording
 
 
 def add(parts: Commands) -> None:
@@ -27,7 +27,7 @@ def add(parts: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Join them, write the result, and say so."""
-    from fame.anomaly.files import merge, write_csv
+    from fame.monitor.anomaly.files import merge, write_csv
 
     recording = merge(arguments.files)
     write_csv(arguments.output, recording)

@@ -14,10 +14,10 @@ from fame.cli.output import print_json
 from fame.errors import MissionError
 
 if TYPE_CHECKING:
-    from fame.anomaly.live import RunReport
-    from fame.anomaly.operate import Operate
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
+    from fame.monitor.anomaly.live import RunReport
+    from fame.monitor.anomaly.operate import Operate
 
 _EXAMPLES = (
     "fame adm operate --model best.skops --threshold 0.01",
@@ -41,8 +41,8 @@ def add(parts: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Judge until all runs are judged, the bag is over, or somebody interrupts. 1 if one was anomalous."""
     settle(arguments, "model")
-    from fame.anomaly.operate import Operate
-    from fame.anomaly.persist import load_model
+    from fame.monitor.anomaly.operate import Operate
+    from fame.monitor.anomaly.storage import load_model
 
     model = load_model(arguments.model)
     nodes: list[Operate] = []

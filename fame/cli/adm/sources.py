@@ -97,13 +97,13 @@ def drive(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
 
 def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
     """A bag on topics within this process, in the time of the bag."""
-    from fame.anomaly.bags import read_bag
-    from fame.anomaly.joints import TYPE
-    from fame.anomaly.operate import EMPTY, END, START
     from fame.clock import SECOND, Kind, Scheduler
     from fame.middleware import messages
     from fame.middleware.interface import SENSOR_DATA
     from fame.middleware.local import LocalMiddleware
+    from fame.monitor.anomaly.bags import read_bag
+    from fame.monitor.anomaly.joint_states import TYPE
+    from fame.monitor.anomaly.operate import EMPTY, END, START
 
     scheduler = Scheduler()
     middleware = LocalMiddleware(scheduler)

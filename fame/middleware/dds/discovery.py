@@ -19,7 +19,7 @@ from cyclonedds.core import InstanceState
 from cyclonedds.sub import DataReader
 
 from fame.errors import MessageError
-from fame.middleware.basics import PARTICIPANT
+from fame.middleware.builtin_types import PARTICIPANT
 from fame.middleware.dds import information, policies, wire
 from fame.middleware.dds.entities import Entities
 from fame.middleware.dds.information import NodeEntry

@@ -14,7 +14,7 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain
 
 from fame.errors import ConfigError
-from fame.middleware.dds.confinement import confine
+from fame.middleware.dds.loopback_filter import confine
 from fame.middleware.interface import LARGEST
 
 _LAST_DOMAIN = 232

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fame.errors import MessageError
-from fame.middleware.basics import LITTLE, ORDERS, PARTICIPANT
+from fame.middleware.builtin_types import LITTLE, ORDERS, PARTICIPANT
 from fame.middleware.interface import resolve
 
 _GID = 16  # bytes

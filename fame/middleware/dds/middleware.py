@@ -34,7 +34,7 @@ from fame.middleware.dds.scheduler import DdsScheduler
 from fame.middleware.dds.services import DdsClient
 from fame.middleware.interface import UNKNOWN, TopicInfo
 from fame.middleware.qos import compatible
-from fame.middleware.wired import NAMING, WireMiddleware
+from fame.middleware.wire_base import NAMING, WireMiddleware
 
 
 class DdsMiddleware(WireMiddleware):

@@ -15,7 +15,7 @@ from fame.middleware.dds.information import NodeEntry
 from fame.middleware.dds.services import DdsClient, DdsService
 from fame.middleware.interface import Message, QoS
 from fame.middleware.qos import counts_losses, one_more
-from fame.middleware.wired import Kinds, TopicEnd, WireNode
+from fame.middleware.wire_base import Kinds, TopicEnd, WireNode
 
 if TYPE_CHECKING:
     from fame.middleware.dds.middleware import DdsMiddleware

@@ -21,7 +21,7 @@ from fame.middleware import codec, messages
 from fame.middleware.dds import policies, wire
 from fame.middleware.dds.entities import matched
 from fame.middleware.interface import Message, QoS, respond
-from fame.middleware.wired import ClientEnd, ServiceEnd
+from fame.middleware.wire_base import ClientEnd, ServiceEnd
 
 if TYPE_CHECKING:
     from fame.middleware.dds.nodes import DdsNode

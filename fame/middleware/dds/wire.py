@@ -13,9 +13,9 @@ from typing import Any
 from cyclonedds.idl import make_idl_struct, types
 
 from fame.middleware import codec, typesystem
-from fame.middleware.dds.described import describe
+from fame.middleware.dds.type_descriptors import describe
 from fame.middleware.definitions import EMPTY_FIELD, Field
-from fame.middleware.refusals import check_name
+from fame.middleware.errors import check_name
 
 idl: Any = types  # for mypy: its types are made by indexing instances
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"

@@ -23,7 +23,7 @@ from fame.middleware.interface import TopicInfo, resolve
 from fame.middleware.qos import compatible
 from fame.middleware.ros.nodes import RosNode, RosPublisher
 from fame.middleware.ros.translation import from_profile, owner
-from fame.middleware.wired import NAMING, WireMiddleware
+from fame.middleware.wire_base import NAMING, WireMiddleware
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _EVERYWHERE = ("/rosout", "/parameter_events")

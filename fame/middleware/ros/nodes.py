@@ -1,7 +1,7 @@
 """Nodes, and their ends of topics.
 
 rclpy brings a node its own messages back: each subscription keeps what publishers of its own node have sent to it, and
-drops the echo (`fame.middleware.echoes`).
+drops the echo (`fame.middleware.self_echo_filter`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.node import Node
 
 from fame.errors import ConfigError
-from fame.middleware.echoes import Echoes
 from fame.middleware.interface import Message, QoS
 from fame.middleware.qos import compatible, counts_losses, one_more
 from fame.middleware.ros.services import RosClient, RosService
 from fame.middleware.ros.translation import profile, ros_class
-from fame.middleware.wired import Kinds, TopicEnd, WireNode
+from fame.middleware.self_echo_filter import Echoes
+from fame.middleware.wire_base import Kinds, TopicEnd, WireNode
 
 if TYPE_CHECKING:
     from fame.middleware.ros.middleware import RosMiddleware

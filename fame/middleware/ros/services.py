@@ -14,7 +14,7 @@ from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.interface import Message, respond
 from fame.middleware.ros.translation import from_ros, ros_class, to_ros
-from fame.middleware.wired import ClientEnd, ServiceEnd
+from fame.middleware.wire_base import ClientEnd, ServiceEnd
 
 if TYPE_CHECKING:
     from fame.middleware.ros.nodes import RosNode

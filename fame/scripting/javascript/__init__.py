@@ -21,9 +21,9 @@ from typing import Any
 from fame.bpmn.model import Expression
 from fame.engine.variables import BUILTINS, Variables
 from fame.scripting.javascript.errors import JavaScriptError
+from fame.scripting.javascript.host_api import REALM, SURROUNDINGS, Surroundings
 from fame.scripting.javascript.realm import Realm
 from fame.scripting.javascript.source import Script, read_script
-from fame.scripting.javascript.surroundings import REALM, SURROUNDINGS, Surroundings
 
 __all__ = ["SURROUNDINGS", "JavaScriptError", "Surroundings", "compile_javascript"]
 

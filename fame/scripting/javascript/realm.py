@@ -31,12 +31,12 @@ from typing import Any
 from fame.engine.variables import BUILTINS
 from fame.errors import UnavailableError
 from fame.scripting.javascript import limits
+from fame.scripting.javascript.commands import carry_out
 from fame.scripting.javascript.environment import Environment
 from fame.scripting.javascript.errors import JavaScriptError, located, thrown
-from fame.scripting.javascript.orders import carry_out
+from fame.scripting.javascript.host_api import REALM, Surroundings
 from fame.scripting.javascript.run import Run, Suspended
 from fame.scripting.javascript.source import Script
-from fame.scripting.javascript.surroundings import REALM, Surroundings
 from fame.scripting.javascript.values import Digits, decode, encode
 
 _PROMISING = frozenset(

@@ -1,0 +1,142 @@
+"""Draws a model as its diagram interchange says, as SVG; with the path of a run on it, if given.
+
+`fame.bpmn.draw` has a function for each kind of thing, giving SVG text. Containers come first, then flows, then what
+stands on them; every diagram of the file is drawn, the first on top.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from fame.bpmn.draw.edges import draw_edge, draw_edge_label
+from fame.bpmn.draw.labels import Label, place_labels
+from fame.bpmn.draw.outcome import OUTCOMES, Tally, badges, legend
+from fame.bpmn.draw.picture import INK, PAPER, SMALL, Picture
+from fame.bpmn.draw.shapes import draw_shape, name_beside, stand_in
+from fame.bpmn.draw.svg import FONT, lettering, moved, number, tag
+from fame.bpmn.model import Bounds, Definitions, Edge, Element, Shape, SubProcess
+from fame.errors import ModelError
+
+MARGIN = 12.0
+BADGE = 10.0
+"""How far badges reach beyond the corner of their shape."""
+
+
+def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
+    """The diagrams of a file as one SVG document.
+
+    `visited` are ids of elements and flows, as often as they were completed; or how often each was; or, by id, how
+    often each outcome came about (`fame.log.outcomes`). Each outcome has its colour, its symbol, and its number.
+    Raises ModelError if the file has no diagram.
+    """
+    if not definitions.shapes:
+        raise ModelError(
+            "the file has no diagram (BPMNDI), so there is nothing to draw: draw it in a modeler", file=definitions.file
+        )
+    elements = {shape.element: stand_in(shape) for shape in definitions.shapes}
+    elements.update((one.id, one) for one in _elements(definitions))
+    picture = Picture(elements, _tallies(visited))
+    parts: list[str] = []
+    width, top = 0.0, MARGIN
+    for plane, shown in enumerate(definitions.planes):
+        shapes = _opened(picture, [shape for shape in definitions.shapes if shape.plane == plane])
+        edges = [edge for edge in definitions.edges if edge.plane == plane]
+        if not shapes:
+            continue
+        picture.labels = _labels(picture, shapes, edges)
+        if parts:
+            title = picture.elements[shown].label if shown in picture.elements else ""
+            parts.append(lettering([title], MARGIN, top, size=14, fill=INK, anchor="start"))
+            top += 28
+        frame = _frame(picture, shapes, edges)
+        parts.append(moved(MARGIN - frame.x, top - frame.y, *_plane(picture, shapes, edges)))
+        width, top = max(width, frame.width), top + frame.height + 2 * MARGIN
+    tallies = [picture.visits.get(shape.element, {}) for shape in definitions.shapes]
+    present = [outcome for outcome in OUTCOMES if any(tally.get(outcome) for tally in tallies)]
+    if present:
+        parts.append(legend(present, MARGIN, top))
+        top += 2 * MARGIN
+    return _document(width + 2 * MARGIN, top - MARGIN, parts)
+
+
+def _tallies(visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:
+    """Outcomes by id: what is only counted was completed."""
+    counts = visited if isinstance(visited, Mapping) else Counter(visited)
+    return {id: {"completed": count} if isinstance(count, int) else count for id, count in counts.items()}
+
+
+def _labels(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> dict[str, Label]:
+    """The names that stand beside shapes and flows."""
+    known = picture.elements
+    names = {shape.element: name_beside(shape, known[shape.element]) for shape in shapes}
+    names |= {edge.element: known[edge.element].name for edge in edges if edge.element in known}
+    return place_labels(shapes, edges, names, (shape.element for shape in shapes if _is_frame(shape)), SMALL)
+
+
+def _document(width: float, height: float, parts: Iterable[str]) -> str:
+    size = number(width), number(height)
+    paper = tag("rect", width="100%", height="100%", fill=PAPER)
+    namespace = {"xmlns": "http://www.w3.org/2000/svg", "viewBox": f"0 0 {size[0]} {size[1]}", "font_family": FONT}
+    return tag("svg", paper, *parts, width=size[0], height=size[1], **namespace) + "\n"
+
+
+def _elements(definitions: Definitions) -> Iterable[Element]:
+    yield from (*definitions.processes, *definitions.participants, *definitions.message_flows, *definitions.artifacts)
+    for process in definitions.processes:
+        yield from process.lanes
+        bodies = [process.body]
+        for body in bodies:
+            yield from (*body.nodes, *body.flows, *body.data_objects)
+            bodies += [node.body for node in body.nodes if isinstance(node, SubProcess)]
+
+
+def _opened(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
+    """Sub-processes whose content is drawn on the same plane are open, whatever their shape says."""
+    here = {shape.element for shape in shapes}
+    found = []
+    for shape in shapes:
+        element = picture.elements.get(shape.element)
+        inside = element.body.nodes if isinstance(element, SubProcess) else ()
+        is_open = shape.expanded or any(node.id in here for node in inside)
+        found.append(replace(shape, expanded=True) if is_open and not shape.expanded else shape)
+    return found
+
+
+def _frame(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> Bounds:
+    """What everything fits in."""
+    boxes = [shape.bounds for shape in shapes] + [label.box for label in picture.labels.values()]
+    points = [point for edge in edges for point in edge.waypoints]
+    lefts, tops = [box.x for box in boxes] + [x for x, _ in points], [box.y for box in boxes] + [y for _, y in points]
+    rights = [box.x + box.width for box in boxes] + [x for x, _ in points]
+    bottoms = [box.y + box.height for box in boxes] + [y for _, y in points]
+    return Bounds(min(lefts), min(tops), max(rights) - min(lefts), max(bottoms) - min(tops))
+
+
+def _plane(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> list[str]:
+    frames = [shape for shape in shapes if _is_frame(shape)]
+    frames.sort(key=lambda shape: -shape.bounds.width * shape.bounds.height)
+    others = [shape for shape in shapes if not _is_frame(shape)]
+    others.sort(key=lambda shape: shape.kind == "boundaryEvent" or bool(shape.band))
+    parts = [draw_shape(picture, shape) for shape in frames]
+    parts += [draw_edge(picture, edge) for edge in edges]
+    parts += [draw_shape(picture, shape) for shape in others]
+    parts += [draw_edge_label(picture, edge) for edge in edges]
+    parts += [_counts(picture, shape) for shape in shapes]
+    return [part for part in parts if part]
+
+
+def _is_frame(shape: Shape) -> bool:
+    """Whether others stand on it."""
+    bodies = ("subProcess", "transaction", "adHocSubProcess", "subChoreography")
+    holds = shape.kind in ("participant", "lane", "group") and not shape.band
+    return holds or (shape.expanded and shape.kind in bodies)
+
+
+def _counts(picture: Picture, shape: Shape) -> str:
+    """How often it was visited with which outcome, at its upper right corner."""
+    tally = picture.visits.get(shape.element, {})
+    if shape.kind in ("participant", "lane"):
+        return ""
+    return badges(tally, shape.bounds.x + shape.bounds.width + BADGE, shape.bounds.y)

@@ -1,0 +1,100 @@
+"""Where names go that stand beside their shape or flow, if the diagram does not say it: where they cover least."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+from fame.bpmn.draw.svg import LINE_HEIGHT, Point, fitted, middle, text_width, wrap
+from fame.bpmn.model import Bounds, Edge, Shape
+
+_GAP = 4.0
+"""Pixels between a name and what it belongs to."""
+_WIDTH = 90.0
+"""Pixels after which a name goes on in the next line."""
+
+
+class Label(NamedTuple):
+    """The lines of a name, centred in their box."""
+
+    lines: tuple[str, ...]
+    box: Bounds
+
+
+@dataclass(slots=True)
+class Taken:
+    """What names must not cover: boxes of shapes and of other names, and lines."""
+
+    boxes: list[Bounds] = field(default_factory=list)
+    lines: list[tuple[Point, Point]] = field(default_factory=list)
+
+    def count(self, box: Bounds) -> int:
+        """How much a name in a box would cover."""
+        boxes = sum(overlap(box, other) for other in self.boxes)
+        return boxes + sum(crosses(box, *line) for line in self.lines)
+
+
+def place_labels(
+    shapes: Sequence[Shape], edges: Sequence[Edge], names: Mapping[str, str], frames: Iterable[str], size: float
+) -> dict[str, Label]:
+    """The names of those shapes and edges that have `names`, by id; `frames` may be covered."""
+    inside = set(frames)
+    taken = Taken(
+        [shape.bounds for shape in shapes if shape.element not in inside],
+        [line for edge in edges for line in pairwise(edge.waypoints)],
+    )
+    things: list[Shape | Edge] = [*shapes, *edges]
+    named = [thing for thing in things if names.get(thing.element)]
+    found: dict[str, Label] = {}
+    for thing in sorted(named, key=lambda thing: _own(thing) is None):  # what is fixed first
+        name, own = names[thing.element], _own(thing)
+        lines = fitted(name, own, size) if own is not None else wrap(name, _WIDTH, size)
+        extent = max(text_width(line, size) for line in lines), len(lines) * size * LINE_HEIGHT
+        spots = [(own.x + (own.width - extent[0]) / 2, own.y)] if own is not None else _spots(thing, *extent)
+        box = min((Bounds(*spot, *extent) for spot in spots), key=taken.count)
+        taken.boxes.append(box)
+        found[thing.element] = Label(tuple(lines), box)
+    return found
+
+
+def overlap(a: Bounds, b: Bounds) -> bool:
+    """Whether two boxes have area in common."""
+    across = min(a.x + a.width, b.x + b.width) - max(a.x, b.x)
+    return across > 0 and min(a.y + a.height, b.y + b.height) - max(a.y, b.y) > 0
+
+
+def crosses(box: Bounds, start: Point, end: Point) -> bool:
+    """Whether a line from `start` to `end` goes through a box (Liang and Barsky 1984)."""
+    first, last = 0.0, 1.0
+    sides = ((start[0], end[0], box.x, box.x + box.width), (start[1], end[1], box.y, box.y + box.height))
+    for begin, stop, low, high in sides:
+        if begin == stop:
+            if not low < begin < high:
+                return False
+            continue
+        enter, leave = sorted(((low - begin) / (stop - begin), (high - begin) / (stop - begin)))
+        first, last = max(first, enter), min(last, leave)
+    return first < last
+
+
+def _own(thing: Shape | Edge) -> Bounds | None:
+    """The place that the diagram says, if it says one."""
+    return thing.label if thing.label is not None and thing.label.width > 0 else None
+
+
+def _spots(thing: Shape | Edge, width: float, height: float) -> list[Point]:
+    """Around a shape, or around the middle of a line: below or above, to the right, to the left; the usual first."""
+    if isinstance(thing, Shape):
+        box = thing.bounds
+    else:
+        x, y = middle(thing.waypoints)
+        box = Bounds(x, y, 0, 0)
+    x, y = box.x + (box.width - width) / 2, box.y + (box.height - height) / 2
+    over, under = box.y - height - _GAP, box.y + box.height + _GAP
+    right, left = box.x + box.width + _GAP, box.x - width - _GAP
+    around = [(x, under), (x, over), (right, y), (left, y), (right, under), (left, under), (right, over), (left, over)]
+    if isinstance(thing, Edge):
+        around[:2] = [(x, over), (x, under)]
+    return around

@@ -1,0 +1,78 @@
+"""What became of the executions of an element in a run, and how each outcome is drawn: a colour and a symbol."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Literal, NamedTuple, get_args
+
+from fame.bpmn.draw.svg import lettering, moved, tag, text_width
+
+Outcome = Literal["failed", "waiting", "completed", "cancelled"]
+Tally = Mapping[Outcome, int]
+"""How many executions had each outcome."""
+
+OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
+"""The first of them that an element has gives its colour."""
+
+
+class Style(NamedTuple):
+    """The colours of an outcome, and the path of its symbol around (0, 0), 8 pixels across."""
+
+    stroke: str
+    paper: str
+    symbol: str
+
+
+STYLES: Mapping[Outcome, Style] = {
+    "failed": Style("#cf222e", "#ffebe9", "M-2.7 -2.7L2.7 2.7M-2.7 2.7L2.7 -2.7"),
+    "waiting": Style("#9a6700", "#fff8c5", "M-1.7 -3V3M1.7 -3V3"),
+    "completed": Style("#1a7f37", "#e3f4e6", "M-3.2 0.2L-0.9 2.6L3.2 -2.6"),
+    "cancelled": Style("#57606a", "#eaeef2", "M-2.1 2.1L2.1 -2.1M3 0A3 3 0 1 1 -3 0A3 3 0 1 1 3 0"),
+}
+_LIGHT = "#ffffff"
+_PILL, _SYMBOL = 16.0, 9.0
+
+
+def style_of(tally: Tally) -> Style | None:
+    """The style of an element that was visited, None of one that was not."""
+    return next((STYLES[outcome] for outcome in OUTCOMES if tally.get(outcome)), None)
+
+
+def badge(content: str, x: float, y: float, outcome: Outcome = "completed", *, symbol: bool = False) -> str:
+    """A number on a pill around a point, after the symbol of its outcome if wanted."""
+    left = _SYMBOL if symbol else 0.0
+    width = _width(content, symbol=symbol)
+    pill = tag(
+        "rect", x=x - width / 2, y=y - 8, width=width, height=_PILL, rx=8, fill=STYLES[outcome].stroke, stroke=_LIGHT
+    )
+    sign = moved(x - width / 2 + 4 + left / 2, y, _sign(outcome, _LIGHT)) if symbol else ""
+    return pill + sign + lettering([content], x + left / 2, y - 6, size=10, fill=_LIGHT)
+
+
+def badges(tally: Tally, right: float, y: float) -> str:
+    """A badge for each outcome that there was, side by side up to `right`."""
+    drawn = ""
+    for outcome in reversed(OUTCOMES):
+        if count := tally.get(outcome, 0):
+            width = _width(str(count), symbol=True)
+            drawn += tag("g", tag("title", outcome), badge(str(count), right - width / 2, y, outcome, symbol=True))
+            right -= width + 1
+    return drawn
+
+
+def legend(present: Iterable[Outcome], x: float, y: float) -> str:
+    """The symbols that are on the drawing, each with the name of its outcome; (x, y) is the left end."""
+    drawn = ""
+    for outcome in present:
+        drawn += moved(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
+        drawn += lettering([outcome], x + 20, y - 7, size=11, fill=STYLES[outcome].stroke, anchor="start")
+        x += 40 + text_width(outcome, 11)
+    return drawn
+
+
+def _width(content: str, *, symbol: bool) -> float:
+    return max(_PILL, text_width(content, 10) + 9 + (_SYMBOL if symbol else 0.0))
+
+
+def _sign(outcome: Outcome, ink: str) -> str:
+    return tag("path", d=STYLES[outcome].symbol, fill="none", stroke=ink, stroke_width=1.5, stroke_linecap="round")

@@ -1,1 +1,0 @@
-"""The parts that a drawing is made of; `fame.bpmn.draw` puts them together."""

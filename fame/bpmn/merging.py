@@ -1,0 +1,227 @@
+"""What one file gives to a file that is put together: copies of processes and of all that belongs to them.
+
+A copy holds the pool (if it is wanted), the processes, what these refer to at the root (signals, messages, errors ...)
+and the diagrams that show them; the types of topics that are said elsewhere are written into the events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+
+from fame.bpmn.context import Context, find
+from fame.bpmn.data import shared_stores
+from fame.bpmn.dialects.current import add_property
+from fame.bpmn.dialects.fame_g2 import unfold
+from fame.bpmn.ids import is_reference
+from fame.bpmn.message_flows import connect
+from fame.bpmn.model import Bounds, Definitions, FlowNode, Participant, Process
+from fame.bpmn.reader import read_tree
+from fame.bpmn.topics import topics_of
+from fame.bpmn.xml import BPMN, BPMNDI, Node, parse, text_of
+
+_B = f"{{{BPMN}}}"
+_PROCESS, _COLLABORATION, _DIAGRAM = f"{_B}process", f"{_B}collaboration", f"{{{BPMNDI}}}BPMNDiagram"
+_PLANE = f"{{{BPMNDI}}}BPMNPlane"
+_EXTENSION_ELEMENTS = f"{_B}extensionElements"
+_OF_THE_FILE = {_PROCESS, _COLLABORATION, _DIAGRAM, _EXTENSION_ELEMENTS, f"{_B}documentation", f"{_B}import"}
+_OF_OTHER_POOLS = {
+    f"{_B}{name}"
+    for name in ("participant", "messageFlow", "messageFlowAssociation", "conversation", "conversationLink")
+}
+_BEFORE_FLOWS = {
+    f"{_B}{name}"
+    for name in ("documentation", "extensionElements", "auditing", "monitoring", "ioSpecification", "ioBinding",
+                 "supportedInterfaceRef", "property", "laneSet")
+}  # fmt: skip
+_ARTIFACTS = {f"{_B}{name}" for name in ("textAnnotation", "group", "association")}
+
+
+@dataclass(slots=True)
+class Piece:
+    """What one file gives to the new one: copies, not yet in it. `ids`: of its processes, there -> in the new file."""
+
+    definitions: Definitions
+    root: Node
+    ids: dict[str, str]
+    collaboration: Node | None = None
+    processes: list[Node] = field(default_factory=list)
+    shared: list[Node] = field(default_factory=list)
+    diagrams: list[Node] = field(default_factory=list)
+
+    def elements(self) -> Iterator[Node]:
+        """Every element of the model in it (not of the drawing)."""
+        if self.collaboration is not None:
+            yield from self.collaboration.iter("*")
+        for one in (*self.processes, *self.shared):
+            yield from one.iter("*")
+
+    def everything(self) -> Iterator[Node]:
+        """Also those of the drawing."""
+        yield from self.elements()
+        for one in self.diagrams:
+            yield from one.iter("*")
+
+
+def copied(
+    definitions: Definitions, processes: Iterable[Process], pool: Participant | None, types: Mapping[str, str]
+) -> Piece:
+    """Copies of what processes of a file are made of, with the types of their topics written down."""
+    root = whole_tree(definitions)
+    piece = Piece(definitions, root, {process.id: process.id for process in processes})
+    by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
+    for process in processes:
+        piece.processes.append(deepcopy(by_id[process.id]))
+        _write_types(piece.processes[-1], process, types)
+        if process.by_prefix and not _says(piece.processes[-1], "fields"):
+            add_property(piece.processes[-1], "fields", "prefix")  # what tells it may stand in another pool
+    for process_copy in piece.processes:
+        _bring_stores(process_copy, piece, root)
+    if pool is not None:
+        piece.collaboration = _collaboration(definitions, root, pool)
+    piece.shared = [deepcopy(one) for one in _needed(root, piece)]
+    kept = {id for one in piece.elements() if (id := one.get("id"))}
+    for diagram in root.iterchildren(_DIAGRAM):
+        copy = _diagram(diagram, kept, piece.processes[0].get("id", ""), root)
+        if copy is not None:
+            piece.diagrams.append(copy)
+    return piece
+
+
+def _bring_stores(copy: Node, piece: Piece, root: Node) -> None:
+    """Give a process the data stores that it shares with one that is left behind."""
+    context, here = Context(piece.definitions.file), {one.get("id") for one in piece.elements()}
+    original = next(one for one in root.iterchildren(_PROCESS) if one.get("id") == copy.get("id"))
+    for store in shared_stores(context, original):
+        around = store.getparent()
+        if store.get("id") not in here and around is not None and around is not root:
+            copy.insert(copy.index(next(_flow_elements(copy))), deepcopy(store))
+
+
+def _flow_elements(process: Node) -> Iterator[Node]:
+    """What stands in it from the first flow node, flow or data object on."""
+    return (one for one in process.iterchildren(f"{_B}*") if one.tag not in _BEFORE_FLOWS)
+
+
+def _collaboration(definitions: Definitions, root: Node, pool: Participant) -> Node | None:
+    for original in root.iterchildren(_COLLABORATION):
+        if any(one.get("id") == pool.id for one in original.iterchildren("*")):
+            copy = deepcopy(original)
+            inside = _inside(definitions, pool.id) | {pool.id}
+            for one in list(copy.iterchildren("*")):
+                of_another = one.tag in _OF_OTHER_POOLS or one.tag in _ARTIFACTS
+                if of_another and one.get("id") not in inside and not _joins(one, definitions, pool, inside):
+                    copy.remove(one)
+            return copy
+    return None
+
+
+def _joins(association: Node, definitions: Definitions, pool: Participant, inside: set[str]) -> bool:
+    """Whether it is an association between things of the pool."""
+    if association.tag != f"{_B}association":
+        return False
+    process = definitions.process(pool.process)
+    own = {node.id for node in process.body.walk()} if process is not None else set()
+    return all(association.get(end, "") in own | inside for end in ("sourceRef", "targetRef"))
+
+
+def _inside(definitions: Definitions, pool: str) -> set[str]:
+    """Ids of the artifacts that are drawn within a pool."""
+    frame = next((shape.bounds for shape in definitions.shapes if shape.element == pool), None)
+    artifacts = {one.id for one in definitions.artifacts}
+    shapes = [shape for shape in definitions.shapes if shape.element in artifacts]
+    return {shape.element for shape in shapes if frame is not None and _holds(frame, shape.bounds)}
+
+
+def _holds(frame: Bounds, bounds: Bounds) -> bool:
+    x, y = bounds.x + bounds.width / 2, bounds.y + bounds.height / 2
+    return frame.x <= x <= frame.x + frame.width and frame.y <= y <= frame.y + frame.height
+
+
+def _needed(root: Node, piece: Piece) -> list[Node]:
+    """What stands at the root and is referred to, directly or through one another; in document order."""
+    roots = [one for one in root.iterchildren("*") if one.tag not in _OF_THE_FILE]
+    homes = {id: one for one in roots for inner in one.iter("*") if (id := inner.get("id"))}
+    homes.update({one.get("id", ""): one for one in roots})
+    found: dict[Node, None] = {}
+    waiting = list(piece.elements())
+    for element in waiting:
+        for reference in _references(element):
+            home = find(homes, reference)
+            if home is not None and home not in found:
+                found[home] = None
+                waiting.extend(home.iter("*"))
+    for one in root.iterchildren(f"{_B}correlationProperty"):
+        if any(find({shared.get("id", ""): 1 for shared in found}, inner.get("messageRef")) for inner in one.iter("*")):
+            found[one] = None
+    return [one for one in root.iterchildren("*") if one in found]
+
+
+def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | None:
+    """The part of a diagram that shows what is kept. The plane of a lost collaboration becomes the process'."""
+    copy = deepcopy(diagram)
+    plane = copy.find(_PLANE)
+    if plane is None:
+        return None
+    for one in list(plane.iterchildren("*")):
+        if one.get("bpmnElement") is not None and find(dict.fromkeys(kept, True), one.get("bpmnElement")) is None:
+            plane.remove(one)
+    shown = plane.get("bpmnElement", "")
+    if shown not in kept:
+        if not any(one.get("id") == shown for one in root.iterchildren(_COLLABORATION)) or not len(plane):
+            return None
+        plane.set("bpmnElement", process)
+    return copy
+
+
+def whole_tree(definitions: Definitions) -> Node:
+    """The file with all that is in it, and the ids that the reader makes where there is none."""
+    root = parse(definitions.source, definitions.file, keep_all=True)
+    context = Context(definitions.file)
+    unfold(context, root)
+    connect(context, root)
+    as_read = parse(definitions.source, definitions.file)
+    read_tree(as_read, definitions.source, definitions.file)
+    for element, other in zip(root.iter("*"), as_read.iter("*"), strict=True):
+        id = other.get("id", "")
+        if id and not element.get("id"):
+            element.set("id", id)
+    return root
+
+
+def _references(element: Node) -> Iterator[str]:
+    for name, value in element.items():
+        if is_reference(str(name)) or name == "calledElement":  # a global task stands at the root
+            yield str(value)
+    if element.tag.endswith(("Ref", "Refs")):
+        yield text_of(element)
+
+
+# ---- types -----------------------------------------------------------------------------------------------------------
+
+
+def _write_types(element: Node, process: Process, types: Mapping[str, str]) -> None:
+    by_id = {one.get("id"): one for one in element.iter("*") if one.tag.startswith(_B)}
+    for node in process.body.walk():
+        topics = [topic for topic, _ in topics_of(node)]
+        if all(topic.type is not None or topic.qualified not in types for topic in topics):
+            continue
+        holders = _holders(by_id[node.id], node, len(topics))
+        for topic, holder in zip(topics, holders, strict=True):
+            if topic.type is None and topic.qualified in types:
+                add_property(holder, "type", types[topic.qualified])
+
+
+def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
+    """Where the type of each topic of a node is written: on the node if it has one, else on each definition."""
+    if count == 1:
+        return [element]
+    tags = (f"{_B}signalEventDefinition", f"{_B}messageEventDefinition")
+    return [one for one in element.iterchildren("*") if one.tag in tags]
+
+
+def _says(element: Node, name: str) -> bool:
+    """Whether its own extension elements have a property of that name."""
+    extensions = element.find(_EXTENSION_ELEMENTS)
+    return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))

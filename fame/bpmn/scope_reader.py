@@ -1,0 +1,261 @@
+"""The content of a scope: its flow nodes, flows and data, read and checked to hang together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Literal
+
+from fame.bpmn.activities import TASKS, read_activity, read_call, read_task
+from fame.bpmn.context import Context, find, id_in, truth
+from fame.bpmn.data import read_data_objects
+from fame.bpmn.dialects import extensions_of
+from fame.bpmn.events import read_definitions, read_mapping
+from fame.bpmn.expressions import condition, variable
+from fame.bpmn.model import (
+    EMPTY,
+    GATEWAYS,
+    PLACES,
+    Activity,
+    Body,
+    CompensateDefinition,
+    Event,
+    Expression,
+    FlowNode,
+    Gateway,
+    SequenceFlow,
+    SubProcess,
+)
+from fame.bpmn.node_reader import Surroundings, Wiring, documentation, half_read
+from fame.bpmn.xml import BPMN, Node, Parts, attributes, child, line_of, local
+
+_SUB_PROCESSES: Mapping[str, Literal["embedded", "transaction", "adhoc"]] = {
+    "subProcess": "embedded",
+    "transaction": "transaction",
+    "adHocSubProcess": "adhoc",
+}
+_OTHER = {
+    "documentation", "extensionElements", "auditing", "monitoring", "ioSpecification", "ioBinding", "property",
+    "laneSet", "incoming", "outgoing", "dataInputAssociation", "dataOutputAssociation", "association", "group",
+    "textAnnotation", "resourceRole", "performer", "humanPerformer", "potentialOwner", "correlationSubscription",
+    "supports", "categoryValueRef", "multiInstanceLoopCharacteristics", "standardLoopCharacteristics",
+    "completionCondition", "sequenceFlow", "dataObject", "dataObjectReference", "dataStoreReference",
+}  # fmt: skip
+"""What stands in a scope and is no flow node."""
+_B = f"{{{BPMN}}}"
+
+
+def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
+    """The content of a process or sub-process.
+
+    Faults are a flow node that BPMN 2.0 does not have, a sequence flow or boundary event that hangs in the air or
+    crosses the border of the scope, a default flow that does not leave its node.
+    """
+    context = around.context
+    wiring, flows = _wiring(context, element, parts)
+    nodes: dict[str, FlowNode] = {}
+    for one in element:
+        read = _READERS.get(one.tag)
+        if read is None:
+            _pass_over(context, one)
+        else:
+            node = read(around, one, wiring)
+            nodes[node.id] = node
+    return Body(
+        nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
+        flows=tuple(_flow(context, one) for one in flows),
+        data_objects=read_data_objects(context, parts),
+        associations=tuple(_associations(context, nodes)),
+    )
+
+
+def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Wiring, list[Node]]:
+    """The sequence flows that lead from one node of the scope to another."""
+    wiring: dict[str, tuple[list[str], list[str]]] = {}
+    nodes = {one.get("id", "") for one in element if one.tag in _READERS} - {""}
+    ids = {context.claim(flow): flow for flow in parts.get("sequenceFlow", ())}
+    flows = {id: flow for id, flow in ids.items() if _leads(context, flow, nodes)}
+    for id, flow in flows.items():
+        wiring.setdefault(flow.get("sourceRef", "").strip(), ([], []))[1].append(id)
+        wiring.setdefault(flow.get("targetRef", "").strip(), ([], []))[0].append(id)
+    return wiring, list(flows.values())
+
+
+def _pass_over(context: Context, element: Node) -> None:
+    if not element.tag.startswith(_B):
+        context.note(element, f"<{element.tag}> is not of BPMN: it stays in the file and has no effect")
+    elif local(element) not in _OTHER:
+        context.fault(element, f"<{local(element)}> is not a flow element that FAME knows")
+
+
+# ---- checks ----------------------------------------------------------------------------------------------------------
+
+
+def _leads(context: Context, flow: Node, nodes: set[str]) -> bool:
+    """Whether both ends of a sequence flow are nodes of its scope."""
+    for end, preposition in (("sourceRef", "from"), ("targetRef", "to")):
+        reference = flow.get(end, "").strip()
+        if reference in nodes:
+            continue
+        text = (
+            f"goes {preposition} {reference!r}: {_why_not(context, flow, reference)}" if reference else f"has no {end}"
+        )
+        context.fault(flow, f"the sequence flow {text}")
+        return False
+    return True
+
+
+def _why_not(context: Context, flow: Node, reference: str) -> str:
+    """Why what is referred to is no flow node of the same scope."""
+    found = context.anywhere(flow, reference)
+    if found is None:
+        return "there is no such flow node"
+    if found.tag in _READERS:
+        return "it crosses the border of its scope"
+    namespace, _, name = found.tag.rpartition("}")
+    if f"{namespace}}}" == _B:
+        return f"that is a <{name}>, no flow node"
+    where = f"of namespace {namespace[1:]}" if namespace else "without a namespace"
+    return f"that is a <{name}> {where}, which is no flow node of BPMN 2.0"
+
+
+def _checked(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> FlowNode:
+    """The node, without a default flow that it cannot have; a boundary event without a host is an intermediate one."""
+    fault = partial(context.fault, context.elements[node.id])
+    if isinstance(node, Event) and node.place == "boundary":
+        why = _no_host(node.attached_to, nodes.get(node.attached_to))
+        if why:
+            fault(f"the boundary event is attached to {why}")
+            return replace(node, place="catch", attached_to="")
+    if isinstance(node, Activity | Gateway) and node.default and node.default not in node.outgoing:
+        fault(f"its default flow {node.default!r} is not one of those that leave it")
+        return replace(node, default="")
+    return node
+
+
+def _no_host(id: str, host: FlowNode | None) -> str:
+    """Why nothing can be attached to it; empty if something can."""
+    if not id:
+        return "nothing"
+    if host is None:
+        return f"{id!r}: there is no such activity in its scope"
+    if not isinstance(host, Activity):
+        return f"{id!r}, which is not an activity"
+    return f"{id!r}, an event sub-process: it has none" if getattr(host, "triggered_by_event", False) else ""
+
+
+# ---- flows -----------------------------------------------------------------------------------------------------------
+
+
+def _flow(context: Context, element: Node) -> SequenceFlow:
+    extensions = extensions_of(context, element) if len(element) else None
+    return SequenceFlow(
+        id=element.get("id", ""),
+        name=element.get("name", ""),
+        line=line_of(element),
+        documentation=documentation(element) if len(element) else "",
+        properties=extensions.rest() if extensions is not None else EMPTY,
+        source=element.get("sourceRef", "").strip(),
+        target=element.get("targetRef", "").strip(),
+        condition=_condition(context, element) if len(element) else None,
+    )
+
+
+def _condition(context: Context, flow: Node) -> Expression | None:
+    holder = child(flow, "conditionExpression")
+    if holder is None:
+        return None
+    for name in attributes(holder):
+        if name.endswith("}resource"):
+            text = f"its condition is the resource {holder.get(name)}; put its text into the condition"
+            context.fault(flow, text)
+            return None
+    return condition(context, holder)
+
+
+def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
+    """Those between flow nodes of a scope, wherever they stand; from compensation event to handler, however drawn."""
+    for one in dict.fromkeys(one for id in nodes for one in context.associations.get(id, ())):
+        source, target = find(nodes, one.get("sourceRef")), find(nodes, one.get("targetRef"))
+        if source is None or target is None:
+            continue
+        if _compensates(target) and not _compensates(source):
+            source, target = target, source
+        yield source.id, target.id
+
+
+def _compensates(node: FlowNode) -> bool:
+    return (
+        isinstance(node, Event)
+        and node.place == "boundary"
+        and any(isinstance(one, CompensateDefinition) for one in node.definitions)
+    )
+
+
+# ---- flow nodes ------------------------------------------------------------------------------------------------------
+
+
+def _event(around: Surroundings, element: Node, wiring: Wiring) -> Event:
+    node = half_read(around, element, wiring)
+    place = PLACES[local(element)]
+    definitions = read_definitions(node, place)
+    return Event(
+        place=place,
+        definitions=definitions,
+        io=read_mapping(node, place, definitions),
+        attached_to=id_in(element, "attachedToRef"),
+        interrupting=node.flag("cancelActivity" if place == "boundary" else "isInterrupting", True),
+        parallel=node.flag("parallelMultiple"),
+        properties=node.extensions.rest(),
+        **node.common,
+    )
+
+
+def _gateway(around: Surroundings, element: Node, wiring: Wiring) -> Gateway:
+    node = half_read(around, element, wiring)
+    activation = node.parts.get("activationCondition")
+    return Gateway(
+        kind=GATEWAYS[local(element)],
+        default=node.get("default"),
+        activation=condition(node.context, activation[0]) if activation else None,
+        instantiate=node.flag("instantiate"),
+        all_events=node.get("eventGatewayType") == "Parallel",
+        properties=node.extensions.rest(),
+        **node.common,
+    )
+
+
+def _task(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
+    return read_task(half_read(around, element, wiring), TASKS[local(element)])
+
+
+def _call(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
+    return read_call(half_read(around, element, wiring))
+
+
+def _sub_process(around: Surroundings, element: Node, wiring: Wiring) -> SubProcess:
+    node = half_read(around, element, wiring)
+    resume = node.extensions.take("resume")
+    completion, active = node.parts.get("completionCondition"), node.extensions.active.strip()
+    listed = node.extensions.take("activities") if local(element) == "adHocSubProcess" else None
+    active = listed.value if listed is not None else active
+    return SubProcess(
+        kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local(element)],
+        body=read_body(around, element, node.parts),
+        resume=truth(node.context, element, "resume", resume.value) if resume is not None else False,
+        completion=condition(node.context, completion[0]) if completion else None,
+        active=variable(node.context, element, active) if active else None,
+        sequential=node.get("ordering") == "Sequential",
+        cancel_remaining=node.flag("cancelRemainingInstances", True),
+        **read_activity(node),
+    )
+
+
+_READERS: Mapping[str, Callable[[Surroundings, Node, Wiring], FlowNode]] = {
+    **{f"{_B}{tag}": _event for tag in PLACES},
+    **{f"{_B}{tag}": _gateway for tag in GATEWAYS},
+    **{f"{_B}{tag}": _task for tag in TASKS},
+    **{f"{_B}{tag}": _sub_process for tag in _SUB_PROCESSES},
+    f"{_B}callActivity": _call,
+}

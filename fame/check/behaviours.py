@@ -1,0 +1,211 @@
+"""What the behaviours of a library path are: what each needs, hears and tells, what it calls, and what is said of it.
+
+A behaviour is a process that a call activity can name: that of a file ``<name>.bpmn`` with the id ``<name>`` or, if the
+file has just one process, that. All that is told here is drawn in the file; nothing is written down twice.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fame.bpmn.library import BUILT_IN, Library
+from fame.bpmn.model import (
+    Body,
+    CallActivity,
+    DataObject,
+    Definitions,
+    Event,
+    Expression,
+    FlowNode,
+    Process,
+    SubProcess,
+    Task,
+)
+from fame.bpmn.topics import topic_table
+from fame.check.texts import names_of, texts_of
+from fame.errors import ConfigError
+from fame.scripting.python import parse_python
+from fame.scripting.topics import Direction, script_topics
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviourTopic:
+    """A topic (``~/odom`` is the robot's own, ``/weed_found`` everyone's) or, of direction ``call``, a service.
+
+    `type` is empty where the behaviour does not say it.
+    """
+
+    name: str
+    type: str
+    direction: Direction
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """A process to call.
+
+    name    what `calledElement` says; `label` what is drawn
+    inputs  the variables of its data objects that something reads before anything has set them
+    topics  those that it uses itself, not those of what it calls
+    calls   the called elements, each once
+    """
+
+    name: str
+    label: str
+    file: str
+    inputs: tuple[str, ...]
+    topics: tuple[BehaviourTopic, ...]
+    calls: tuple[str, ...]
+    documentation: str
+
+
+def behaviours(folders: Sequence[Path] = ()) -> list[Behaviour]:
+    """Those of `folders` and of what is built in, by name; of two with one name that of the first folder.
+
+    Raises ConfigError for a folder that is not there, and ModelError for a file that cannot be read.
+    """
+    library, found = Library(), dict[str, Behaviour]()
+    for folder in (*folders, *BUILT_IN):
+        if not folder.is_dir():
+            raise ConfigError("there is no such folder", file=str(folder))
+        for path in sorted(folder.glob("*.bpmn")):
+            definitions = library.read(path)
+            process = definitions.process(path.stem)
+            if process is None and len(definitions.processes) == 1:
+                process = definitions.processes[0]
+            if process is not None and path.stem not in found:
+                found[path.stem] = _behaviour(path.stem, definitions, process, library)
+    return [found[name] for name in sorted(found)]
+
+
+def _behaviour(name: str, definitions: Definitions, process: Process, library: Library) -> Behaviour:
+    nodes = list(process.body.walk())
+    return Behaviour(
+        name=name,
+        label=process.label,
+        file=definitions.file,
+        inputs=tuple(_inputs(definitions, process, library)),
+        topics=tuple(_topics(definitions, process, nodes)),
+        calls=tuple(dict.fromkeys(node.called for node in nodes if isinstance(node, CallActivity))),
+        documentation=process.documentation.strip(),
+    )
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode]) -> Iterator[BehaviourTopic]:
+    """Sorted by direction and name. What a script does not say of a topic's type, an event or another script may."""
+    used: dict[tuple[Direction, str], str] = {}
+    for use in topic_table(definitions, [process.id]).values():
+        directions: dict[Direction, object] = {"publish": use.throws, "subscribe": use.catches}
+        used.update({(direction, use.name): use.type for direction, ends in directions.items() if ends})
+    types = {name: type for (_, name), type in used.items()}
+    for node in nodes:
+        for topic in script_topics(node.script) if isinstance(node, Task) and node.script is not None else ():
+            name = topic.name if topic.name[0] in "/~" else f"~/{topic.name}"
+            used.setdefault((topic.direction, name), topic.type or "")
+            types[name] = types.get(name) or topic.type or ""
+    for direction, name in sorted(used):
+        yield BehaviourTopic(name, used[direction, name] or types[name], direction)
+
+
+# ---- inputs ----------------------------------------------------------------------------------------------------------
+
+
+def _inputs(definitions: Definitions, process: Process, library: Library) -> Iterator[str]:
+    """In the order in which data objects name them."""
+    uses = _Uses({}, {}, {})
+    for body in _bodies(process):
+        _gather(body, uses)
+    for node in process.body.walk():
+        if isinstance(node, CallActivity) and node.io is None:  # it shares the variables, and sets them as it likes
+            for _, called in library.closure(*library.find(definitions, node)):
+                uses.sets[node.id] |= {name for body in _bodies(called) for name in _set_in(body)}
+    for name in dict.fromkeys(name for item in uses.objects.values() for name in item.names):
+        if _passes(process.body, name, uses)[0]:
+            yield name
+
+
+@dataclass(frozen=True, slots=True)
+class _Uses:
+    """The data objects of a process, and what each of its flow nodes and flows reads from variables and sets."""
+
+    objects: dict[str, DataObject]
+    reads: dict[str, set[str]]
+    sets: dict[str, set[str]]
+
+
+def _bodies(process: Process) -> list[Body]:
+    return [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
+
+
+def _gather(body: Body, uses: _Uses) -> None:
+    objects = {item.id: item for item in body.data_objects}
+    uses.objects.update(objects)
+    for element in (*body.nodes, *body.flows):
+        uses.reads[element.id], uses.sets[element.id] = set(), set()
+    for text in texts_of(body):
+        if text.element.id in uses.reads:
+            first = _read_first(text.expression) if text.use == "script" else text.reads
+            uses.reads[text.element.id] |= first
+            uses.sets[text.element.id] |= text.writes
+    for node in body.nodes:
+        for item in (uses.objects[id] for id in node.data_inputs if id in uses.objects):
+            given = {name for name in item.names if _has_value(item, name)}
+            uses.reads[node.id] |= set(item.names) - given
+            uses.reads[node.id] -= given
+            uses.sets[node.id] |= given
+        uses.sets[node.id].update(*(uses.objects[id].names for id in node.data_outputs if id in uses.objects))
+
+
+def _set_in(body: Body) -> set[str]:
+    uses = _Uses({}, {}, {})
+    _gather(body, uses)
+    return set().union(*uses.sets.values())
+
+
+def _read_first(script: Expression) -> set[str]:
+    """The names that a script in Python takes from the variables before it sets them."""
+    if script.language != "python":
+        return set()
+    found, written = set[str](), set[str]()
+    for statement in ast.iter_child_nodes(parse_python(script)):
+        reads, writes = names_of(replace(script, text=ast.unparse(statement)), script=True)
+        found |= reads - written
+        written |= writes
+    return found
+
+
+def _has_value(item: DataObject, name: str) -> bool:
+    """Whether a data object gives a variable a value: neither nothing nor its own."""
+    return all(text.text.strip() not in ("", f"${{{name}}}") for given, text in item.values if given == name)
+
+
+def _passes(body: Body, name: str, uses: _Uses) -> tuple[bool, bool]:
+    """Whether something reads a variable that nothing has set, and whether a token may come through without setting it.
+
+    Every way that is drawn counts, whatever its condition.
+    """
+    flows, nodes = {flow.id: flow for flow in body.flows}, {node.id: node for node in body.nodes}
+    pending = [node for node in body.nodes if not node.incoming and not (isinstance(node, Event) and node.attached_to)]
+    reads, through, seen = False, False, set[str]()
+    for node in pending:
+        if node.id in seen:
+            continue
+        seen.add(node.id)
+        pending += [other for other in body.nodes if isinstance(other, Event) and other.attached_to == node.id]
+        reads |= name in uses.reads[node.id]
+        onward = name not in uses.sets[node.id]
+        if isinstance(node, SubProcess) and onward:
+            inner, onward = _passes(node.body, name, uses)
+            reads |= inner
+        if onward and not (isinstance(node, SubProcess) and node.triggered_by_event):
+            leaving = [flows[id] for id in node.outgoing if id in flows]
+            reads |= any(name in uses.reads[flow.id] for flow in leaving)
+            pending += [nodes[flow.target] for flow in leaving]
+            through |= not leaving
+    return reads, through

@@ -1,0 +1,201 @@
+"""Element templates for Camunda Modeler: message types, payloads and behaviours to choose from, not to type in.
+
+They follow the schema of Camunda 7. A template sets `camunda:property` entries, as somebody would by hand, so a model
+that was made with templates is read like any other. `templates` gives the files: what to publish, what to receive, data
+objects, and calls. Each template shows the other entries of the properties panel too, since a signal is chosen there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from fame.bpmn.dialects.qos import CHOICES
+from fame.check.behaviours import Behaviour
+from fame.middleware import messages
+
+Template = dict[str, Any]
+
+SCHEMA = "https://unpkg.com/@camunda/element-templates-json-schema/resources/schema.json"
+PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs")
+"""Whose types are to choose from."""
+COMMON = (
+    "std_msgs/msg/Bool",
+    "std_msgs/msg/ColorRGBA",
+    "std_msgs/msg/Empty",
+    "std_msgs/msg/Float64",
+    "std_msgs/msg/Int32",
+    "std_msgs/msg/String",
+    "geometry_msgs/msg/Point",
+    "geometry_msgs/msg/PointStamped",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/Twist",
+    "geometry_msgs/msg/Vector3",
+    "geometry_msgs/msg/Vector3Stamped",
+    "geometry_msgs/msg/Wrench",
+)
+"""Types with templates of their own, in which the fields of the payload are there to be filled in."""
+THROWS = ("bpmn:IntermediateThrowEvent", "bpmn:EndEvent")
+CATCHES = ("bpmn:StartEvent", "bpmn:IntermediateCatchEvent", "bpmn:BoundaryEvent")
+_QOS = "qos"
+
+
+def templates(behaviours: Iterable[Behaviour]) -> dict[str, list[Template]]:
+    """The templates by the name of their file, without its ending."""
+    known = list(behaviours)
+    return {
+        "publish": [_publish(), *map(_publish_type, COMMON)],
+        "receive": [_receive()],
+        "data": [*map(_inputs, filter(lambda one: one.inputs, known)), *map(_fields, filter(fields_of, COMMON))],
+        "library": [_call(one) for one in known],
+    }
+
+
+def write(found: Sequence[Template]) -> str:
+    """The text of a file."""
+    return json.dumps(found, indent=2) + "\n"
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+def _publish() -> Template:
+    payload = _text("payload", "Payload", "YAML or JSON with ${variables}; nothing sends a message of defaults")
+    payload["placeholder"] = "{x: ${x_weed}, y: ${y_weed}}"
+    text = "Throws a signal as a message on the topic of its name."
+    return _template("publish", "ROS 2 publish", text, THROWS, [_types(), payload, _scope(), *_qos()], qos=True)
+
+
+def _publish_type(type: str) -> Template:
+    """With the type's fields at their defaults as payload."""
+    fields = [_property("type", "Hidden", type)]
+    value = payload_of(type)
+    if value:
+        fields.append(_text("payload", "Payload", "a ${variable} may stand for any value") | {"value": value})
+    text = f"Throws a signal as a {type} on the topic of its name."
+    return _template(f"publish.{_dotted(type)}", f"ROS 2 publish {_short(type)}", text, THROWS, [*fields, _scope()])
+
+
+def _receive() -> Template:
+    queue = _text("queue", "Queue", "how many messages it keeps from the time its scope is entered; nothing: none")
+    queue["constraints"] = {"pattern": {"value": r"\d*", "message": "a whole number"}}
+    text = "Catches a message on the topic of the signal's name. The fields go to the data object that it points to."
+    return _template("receive", "ROS 2 receive", text, CATCHES, [_types(), queue, _scope(), *_qos()], qos=True)
+
+
+def _types() -> Template:
+    names = [name for name in messages.types() if name.split("/")[:2] in [[package, "msg"] for package in PACKAGES]]
+    ordered = [*COMMON, *(name for name in names if name not in COMMON)]
+    return _property("type", "Dropdown", COMMON[0], label="Message type") | {"choices": _choices(ordered)}
+
+
+def _scope() -> Template:
+    whose = [{"name": "everyone's", "value": ""}, {"name": "the robot's own", "value": "robot"}]
+    return _property("scope", "Dropdown", "", label="Topic is") | {"choices": whose}
+
+
+def _qos() -> Iterator[Template]:
+    """As signals have them, if nobody says otherwise."""
+    for policy, value in (("reliability", "reliable"), ("durability", "volatile")):
+        entry = _property(f"qos.{policy}", "Dropdown", value, label=policy.capitalize())
+        yield entry | {"choices": _choices(CHOICES[policy]), "group": _QOS}
+
+
+def payload_of(type: str) -> str:
+    """A payload that says every field of a type, at its default, but for times; empty if it has none."""
+    import yaml
+
+    value = _without_stamps(messages.default_payload(type))
+    if value == {}:
+        return ""
+    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=1000)
+    return text.removesuffix("...\n").strip()
+
+
+def _without_stamps(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _without_stamps(inner) for name, inner in value.items() if name != "stamp"}
+    return value
+
+
+# ---- data objects and calls ------------------------------------------------------------------------------------------
+
+
+def _inputs(behaviour: Behaviour) -> Template:
+    text = f"What {behaviour.label} needs. Drag its arrow onto the call activity, which then sets these variables."
+    fields = [_text(name, name, "a value or a ${variable}") for name in behaviour.inputs]
+    return _template(
+        f"inputs.{behaviour.name}", f"Data for {behaviour.label}", text, ("bpmn:DataObjectReference",), fields
+    )
+
+
+def _fields(type: str) -> Template:
+    text = f"Takes the fields of a caught {type}: drag the arrow of the event onto it."
+    fields = [_text(name, name, "leave it empty: the message sets it") for name in fields_of(type)]
+    return _template(f"fields.{_dotted(type)}", f"Data of {_short(type)}", text, ("bpmn:DataObjectReference",), fields)
+
+
+def fields_of(type: str) -> tuple[str, ...]:
+    """The last names of a type's fields, as a data object may take them; none if two of them are the same.
+
+    A wrapper such as std_msgs/msg/String has none: it goes to a variable named like the signal.
+    """
+    names = () if messages.is_wrapper(type) else tuple(_leaves(_without_stamps(messages.default_payload(type))))
+    return names if len(set(names)) == len(names) else ()
+
+
+def _leaves(value: Mapping[str, Any]) -> Iterator[str]:
+    for name, inner in value.items():
+        if isinstance(inner, Mapping):
+            yield from _leaves(inner)
+        else:
+            yield name
+
+
+def _call(behaviour: Behaviour) -> Template:
+    name = {"label": "Name", "type": "String", "value": behaviour.label, "binding": _attribute("name")}
+    called = {"type": "Hidden", "value": behaviour.name, "binding": _attribute("calledElement")}
+    made = _template(
+        f"call.{behaviour.name}", behaviour.label, behaviour.documentation, ("bpmn:Task", "bpmn:CallActivity"),
+        [name, called],
+    )  # fmt: skip
+    return made | {"elementType": {"value": "bpmn:CallActivity"}}
+
+
+# ---- what templates are made of --------------------------------------------------------------------------------------
+
+
+def _template(
+    id: str, name: str, description: str, applies_to: Sequence[str], properties: list[Template], *, qos: bool = False
+) -> Template:
+    groups = {"groups": [{"id": _QOS, "label": "Quality of service"}]} if qos else {}
+    head = {"$schema": SCHEMA, "name": name, "id": f"fame.{id}", "description": " ".join(description.split())}
+    return head | {"appliesTo": list(applies_to), "entriesVisible": True} | groups | {"properties": properties}
+
+
+def _property(name: str, type: str, value: str, *, label: str = "") -> Template:
+    """One that sets a `camunda:property`."""
+    said = {"label": label} if label else {}
+    return said | {"type": type, "value": value, "binding": {"type": "camunda:property", "name": name}}
+
+
+def _text(name: str, label: str, description: str) -> Template:
+    return _property(name, "String", "", label=label) | {"description": description}
+
+
+def _attribute(name: str) -> Template:
+    """The binding to an attribute of the BPMN element."""
+    return {"type": "property", "name": name}
+
+
+def _choices(values: Iterable[str]) -> list[Template]:
+    return [{"name": value, "value": value} for value in values]
+
+
+def _dotted(type: str) -> str:
+    return type.replace("/msg/", ".")
+
+
+def _short(type: str) -> str:
+    return type.rpartition("/")[2]

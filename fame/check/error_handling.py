@@ -1,0 +1,88 @@
+"""Errors that are caught where nothing throws them: a code that is misspelt, a boundary event at another activity.
+
+Every activity may fail with code ``script`` or ``no_flow`` besides what its error events and scripts throw. Where
+services, JavaScript or computed codes may throw whatever they like nothing is said.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+from collections.abc import Iterator
+
+from fame.bpmn.model import Activity, CallActivity, ErrorDefinition, Event, FlowNode, SubProcess, Task
+from fame.check.findings import Finding
+from fame.check.scope import Subject, Unit
+from fame.errors import ModelError
+from fame.scripting.python import parse_python
+
+_ANY = ("script", "no_flow")
+
+
+def catching_findings(subject: Subject) -> Iterator[Finding]:
+    """Of the boundary events of every process."""
+    for unit in subject.units:
+        for body in unit.bodies():
+            nodes = {node.id: node for node in body.nodes}
+            for event in body.nodes:
+                if isinstance(event, Event) and event.place == "boundary":
+                    yield from _caught(unit, event, nodes[event.attached_to])
+
+
+def _caught(unit: Unit, event: Event, activity: FlowNode) -> Iterator[Finding]:
+    codes = [one.code for one in event.definitions if isinstance(one, ErrorDefinition) and one.code]
+    thrown = _thrown(unit, activity, set()) if codes else None
+    if thrown is None:
+        return
+    for code in codes:
+        if code not in thrown and code not in _ANY:
+            similar = difflib.get_close_matches(code, sorted(thrown), 1)
+            known = f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'none'}"
+            text = f"catches error {code!r}, which nothing in {activity.label} throws; {known}"
+            yield unit.finding("warning", text, event)
+
+
+def _thrown(unit: Unit, node: FlowNode, seen: set[Unit]) -> set[str] | None:
+    """The codes that an element and all in it may throw; None if that cannot be told."""
+    if isinstance(node, SubProcess):
+        return _together(_thrown(unit, one, seen) for one in node.body.nodes)
+    if isinstance(node, CallActivity):
+        callee = next((callee for call, callee in unit.calls if call is node), None)
+        if callee is None or callee in seen:
+            return set() if callee is not None else None
+        seen.add(callee)
+        return _together(_thrown(callee, one, seen) for one in callee.process.body.nodes)
+    if isinstance(node, Event):
+        ends = [one for one in node.definitions if isinstance(one, ErrorDefinition) and node.place == "end"]
+        return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
+    if isinstance(node, Task) and (node.operation or node.kind in ("service", "send")):
+        return None
+    return _raised(node) if isinstance(node, Activity) else set()
+
+
+def _together(found: Iterator[set[str] | None]) -> set[str] | None:
+    codes: set[str] = set()
+    for one in found:
+        if one is None:
+            return None
+        codes |= one
+    return codes
+
+
+def _raised(activity: Activity) -> set[str] | None:
+    """The codes of a script: ``raise BpmnError("lost")``."""
+    script = activity.script if isinstance(activity, Task) else None
+    if script is None or script.language not in ("python", "javascript"):
+        return set()
+    if script.language == "javascript" or "robot.act" in script.text:
+        return None
+    if "BpmnError" not in script.text:
+        return set()
+    try:
+        tree = parse_python(script)
+    except ModelError:  # the compiler tells
+        return None
+    named = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "BpmnError"]
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.func in named and node.args]
+    codes = [str(one.args[0].value) for one in calls if isinstance(one.args[0], ast.Constant)]
+    return set(codes) if len(codes) == len(named) else None

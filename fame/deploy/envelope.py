@@ -1,0 +1,279 @@
+"""What goes between sender and robot: an `Envelope` there, a `Report` back, both as JSON in a std_msgs/msg/String."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, TypeVar
+
+from fame.deploy import fields
+from fame.errors import DeploymentError
+from fame.middleware.interface import Middleware, QoS
+
+STRING = "std_msgs/msg/String"
+PROCESS_QOS = QoS(depth=20)
+"""Of ``bpmn_process``: reliable and volatile, so that any publisher matches that is reliable."""
+STATUS_QOS = QoS(durability="transient_local", depth=100)
+"""How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
+SILENCE = 5.0
+"""After how long without a word from its sender a robot that is ready asks the others (s)."""
+PHASES = ("load", "hold", "start", "abort", "ask")
+"""Of an envelope that was sent; a bare model is one of phase ``run``."""
+PLAIN = "plain-"
+"""How the deployment of a bare model begins: nobody waits for an answer."""
+SIZE, _LONGEST = 20_000_000, 1_000_000
+"""The longest envelope or bare model that is taken, and the longest report (characters)."""
+_Said = TypeVar("_Said", "Envelope", "Report")
+AHEAD = 366 * 86_400.0
+"""How far a sequence may be ahead of the clock of the robot (s): a sender takes a number above all that were seen, so
+that one from far ahead must not take the numbers of all that follow. Clocks may be wrong, and this one runs on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Envelope:
+    """What a robot is told.
+
+    phase     ``load`` (with the model), ``hold`` (go on waiting), ``start``, ``abort``; ``run`` of a bare model;
+              ``ask``: another robot wants to know what became of the deployment
+    begun     with ``start``: one of the team has started
+    proof     with ``ask``, where keys are used: the signed envelope that the other robot got, without the model
+    promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
+    team      the robots that start together with it
+    engines   of each of them that the sender has heard, the `Report.engine`: no other one speaks for it
+    again     whether the robot had this process before, and lost it
+    born      of the engine that it is for, as in its `Report`: what was recorded is no use once the engine began anew
+    issued    s since 1970; like `signature` it is there where keys are used (`fame.deploy.signing`)
+    """
+
+    deployment: str
+    sequence: int
+    robot: str
+    phase: str
+    hash: str = ""
+    model: str = ""
+    promises: Mapping[str, str] = field(default_factory=dict)
+    team: Sequence[str] = ()
+    engines: Mapping[str, str] = field(default_factory=dict)
+    again: bool = False
+    begun: bool = False
+    proof: Mapping[str, Any] = field(default_factory=dict)
+    born: int = 0
+    issued: float = 0.0
+    signature: str = ""
+
+    @property
+    def order(self) -> tuple[int, str]:
+        """Of two envelopes the greater is the newer, for every robot that gets both."""
+        return self.sequence, self.deployment
+
+    def to_json(self) -> str:
+        """As it is sent."""
+        return json.dumps({"fame": 1, **asdict(self)}, sort_keys=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """How a robot stands, and what it answers to which deployment.
+
+    state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
+            silent), ``running``, ``idle`` (no instance), ``failed``
+    instances, started, completed, failed      how many run now, have started, completed and failed with this process
+    deployed   the deployment that its process came with, `hash` the model
+    candidate  the deployment that is to take its place, while it is loading, ready or holding
+    sequence   of the newest that it has looked at: older ones are ``stale``, so the next one has to be above
+    answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
+               ``asking`` (the others what became of it), to `deployment`; or empty.
+               On ``bpmn_task`` (`fame.deploy.tasks`): ``completed``, ``activated``, ``refused``, to that request
+    elements   how many elements have been completed
+    ahead      what of the timers of start events is still to come: nothing, ``endless`` (cycles without end), ``due``
+    waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
+    offers     the elements of open ad-hoc sub-processes that could be activated
+    errors     of instances that have failed, the last ones: `code`, `element`, `file`, `line`, `text`
+    warnings   what its middleware warned of, losses of messages and jumps of the clock among it, the latest last
+    absent     robots of its team that have no engine any more, and for how long (s)
+    now        the time of the mission (s), which `since` is on
+    born       when the engine began (ns since 1970): of two with one name the older stays
+    time       how long it has been there (s)
+    key        the public key that it signs with, where keys are used; `voucher`: of a trusted key, for its name
+    """
+
+    robot: str
+    state: str
+    hash: str = ""
+    deployed: str = ""
+    candidate: str = ""
+    sequence: int = -1
+    deployment: str = ""
+    answer: str = ""
+    reason: str = ""
+    instances: int = 0
+    started: int = 0
+    completed: int = 0
+    failed: int = 0
+    elements: int = 0
+    ahead: str = ""
+    waits: Sequence[Mapping[str, Any]] = ()
+    offers: Sequence[str] = ()
+    absent: Mapping[str, float] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+    error: str = ""
+    errors: Sequence[Mapping[str, Any]] = ()
+    now: float = 0.0
+    born: int = 0
+    time: float = 0.0
+    key: str = ""
+    voucher: str = ""
+    signature: str = ""
+
+    @property
+    def engine(self) -> str:
+        """What tells this run of this engine from all others."""
+        return f"{self.born} {self.key}"
+
+    def to_json(self) -> str:
+        """As it is sent."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> Report | None:
+        """A report, or None if the text is none."""
+        if len(text) > _LONGEST:
+            return None
+        try:
+            return _made(cls, json.loads(text), _REPORT)
+        except (ValueError, TypeError, RecursionError):
+            return None
+
+
+_TEXT, _NAME = fields.text(SIZE), fields.text(1000)
+_ENVELOPE: dict[str, fields.Check] = {
+    "deployment": _NAME,
+    "sequence": fields.integer(),
+    "robot": fields.robot,
+    "phase": fields.among(*PHASES),
+    "hash": fields.text(64),
+    "model": _TEXT,
+    "promises": fields.mapping(fields.topic, fields.among("publisher", "subscriber")),
+    "team": fields.sequence(fields.robot),
+    "engines": fields.mapping(fields.robot, _NAME),
+    "again": fields.flag,
+    "begun": fields.flag,
+    "born": fields.integer(0, 2**63),
+    "issued": fields.number,
+    "signature": _NAME,
+}
+_ENVELOPE["proof"] = fields.record({**_ENVELOPE, "proof": fields.record({})})
+_WAIT: dict[str, fields.Check] = {
+    "element": _TEXT,
+    "for": _TEXT,
+    "since": fields.number,
+    "topics": fields.mapping(_TEXT, fields.integer()),
+}
+_ERROR: dict[str, fields.Check] = {
+    **dict.fromkeys(("code", "element", "file", "text"), _TEXT),
+    "line": fields.integer(),
+}
+_REPORT: dict[str, fields.Check] = {
+    "robot": fields.robot,
+    "state": fields.among("waiting", "loading", "ready", "holding", "running", "idle", "failed"),
+    "hash": fields.text(64),
+    "deployed": _NAME,
+    "candidate": _NAME,
+    "sequence": fields.integer(-1),
+    "deployment": _NAME,
+    "answer": _NAME,
+    "reason": _TEXT,
+    "instances": fields.integer(),
+    "started": fields.integer(),
+    "elements": fields.integer(),
+    "ahead": fields.among("", "endless", "due"),
+    "errors": fields.sequence(fields.record(_ERROR)),
+    "completed": fields.integer(),
+    "failed": fields.integer(),
+    "waits": fields.sequence(fields.record(_WAIT)),
+    "offers": fields.sequence(_TEXT),
+    "warnings": fields.sequence(_TEXT),
+    "absent": fields.mapping(fields.robot, fields.number),
+    "error": _TEXT,
+    "now": fields.number,
+    "born": fields.integer(0, 2**63),
+    "time": fields.number,
+    "key": _NAME,
+    "voucher": _NAME,
+    "signature": _NAME,
+}
+
+
+def model_hash(model: bytes) -> str:
+    """What names a model."""
+    return hashlib.sha256(model).hexdigest()
+
+
+def read_envelope(text: str, robot: str, now: float) -> Envelope:
+    """What came in `now` (s since 1970): a bare model becomes an envelope of its own. Raises DeploymentError."""
+    if len(text) > SIZE:
+        raise DeploymentError(f"{len(text)} characters; at most {SIZE} are taken")
+    text = text.removeprefix("\ufeff")  # the mark that editors put before a file's text
+    if text.lstrip().startswith("<"):
+        key = _text_hash(text)
+        return Envelope(deployment=f"{PLAIN}{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
+    try:
+        said = json.loads(text)
+        said.pop("fame")
+        envelope = _made(Envelope, said, _ENVELOPE)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        why = f" ({error})" if isinstance(error, TypeError) else ""
+        raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}") from None
+    if envelope.robot.casefold() != robot.casefold():
+        raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}")
+    if is_ahead(envelope.sequence, now):
+        ahead = (envelope.sequence / 1e6 - now) / 86_400
+        raise DeploymentError(
+            f"sequence {envelope.sequence} is {ahead:.0f} days ahead of this robot's clock; "
+            f"at most {AHEAD / 86_400:.0f} are accepted (are the clocks set?)"
+        )
+    if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
+        raise DeploymentError("the model does not have the hash that the envelope says")
+    return envelope
+
+
+def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
+    """It as a key signs it `now` (s since 1970) for the engine that was `born` then; as it is without a key."""
+    from fame.deploy.signing import sign
+
+    if key is None:
+        return envelope
+    envelope = replace(envelope, issued=now, born=born)
+    return replace(envelope, signature=sign(asdict(envelope), key))
+
+
+def is_ahead(sequence: int, now: float) -> bool:
+    """Whether a sequence is too far ahead of a clock (s since 1970)."""
+    return sequence > (now + AHEAD) * 1e6
+
+
+def _text_hash(text: str) -> str:
+    try:
+        return model_hash(text.encode())
+    except UnicodeEncodeError:
+        raise DeploymentError("the model has half a character (a lone surrogate)") from None
+
+
+def _made(cls: type[_Said], said: Any, checks: Mapping[str, fields.Check]) -> _Said:
+    """An object of data that came from somewhere. Raises TypeError if a field is not what it has to be."""
+    if not isinstance(said, dict):
+        raise TypeError("not an object")
+    field = fields.wrong(said, checks)
+    if field is not None:
+        raise TypeError(f"field {field[:40]!r}")
+    return cls(**said)
+
+
+def engines(middleware: Middleware) -> list[str]:
+    """The robots (namespaces) that have an engine."""
+    suffix = "/bpmn_status"
+    return [
+        info.name[1 : -len(suffix)] for info in middleware.graph() if info.name.endswith(suffix) and info.publishers
+    ]

@@ -1,0 +1,71 @@
+"""Checks of JSON fields that come from the network. An object is kept only after every field of it has passed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from fame.bpmn.ros_names import is_ros_name
+
+Check = Callable[[Any], bool]
+"""Whether a value of JSON is what a field may hold."""
+LAST = 2**53
+"""Integers are less: exact in the JSON of every language. As a sequence: microseconds until the year 2255."""
+
+
+def text(longest: int) -> Check:
+    """A text of at most so many characters."""
+    return lambda value: isinstance(value, str) and len(value) <= longest
+
+
+def among(*values: str) -> Check:
+    """One of some texts."""
+    return lambda value: isinstance(value, str) and value in values
+
+
+def integer(lowest: int = 0, end: int = LAST) -> Check:
+    """An integer from `lowest` on and below `end`."""
+    return lambda value: type(value) is int and lowest <= value < end
+
+
+def number(value: Any) -> bool:
+    """A number that a float can hold, and no NaN."""
+    return (type(value) is int and abs(value) < LAST) or (type(value) is float and math.isfinite(value))
+
+
+def flag(value: Any) -> bool:
+    """True or false."""
+    return isinstance(value, bool)
+
+
+def robot(value: Any) -> bool:
+    """The namespace of a robot."""
+    return isinstance(value, str) and len(value) <= 200 and is_ros_name(f"/{value}")
+
+
+def topic(value: Any) -> bool:
+    """The full name of a topic."""
+    return isinstance(value, str) and len(value) <= 250 and is_ros_name(value)
+
+
+def sequence(each: Check) -> Check:
+    """A list of at most 10,000 values."""
+    return lambda value: isinstance(value, list) and len(value) <= 10_000 and all(map(each, value))
+
+
+def mapping(key: Check, each: Check) -> Check:
+    """An object of at most 10,000 names."""
+    return lambda value: (
+        isinstance(value, dict) and len(value) <= 10_000 and all(map(key, value)) and all(map(each, value.values()))
+    )
+
+
+def record(checks: Mapping[str, Check]) -> Check:
+    """An object with these fields, or some of them."""
+    return lambda value: isinstance(value, dict) and wrong(value, checks) is None
+
+
+def wrong(said: Mapping[str, Any], checks: Mapping[str, Check]) -> str | None:
+    """The first field of `said` that is unknown or does not pass, or None."""
+    return next((name for name, value in said.items() if name not in checks or not checks[name](value)), None)

@@ -1,0 +1,123 @@
+"""Forward kinematics of any serial arm with revolute joints, for one point or many at once.
+
+The tool's place is folded from the flange to the base: turn the vector reached so far about the joint's axis, add the
+joint's origin (Rodrigues' rotation formula). The fold is plain arithmetic on components, so the same lines serve floats
+and arrays; for one point, floats are ten times as fast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fame.config.yaml import read_document
+from fame.errors import ConfigError
+from fame.monitor.anomaly.recording import Floats
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A serial arm.
+
+    joints   names
+    origins  m, each in the frame of the joint before, in the zero posture
+    axes     unit vectors, in the joint's own frame
+    steps    of the encoder, per revolution; empty if unknown
+    tool     m, in the frame of the last joint
+    """
+
+    joints: tuple[str, ...]
+    origins: tuple[Vector, ...]
+    axes: tuple[Vector, ...]
+    steps: tuple[float, ...] = ()
+    tool: Vector = (0.0, 0.0, 0.0)
+
+    def place(self, angles: Sequence[float]) -> Vector:
+        """Where the tool is (m) for one point (rad per joint)."""
+        cosine, sine = [math.cos(angle) for angle in angles], [math.sin(angle) for angle in angles]
+        place: Vector = self._fold(cosine, sine, *self.tool)
+        return place
+
+    def skeleton(self, angles: Sequence[float]) -> list[Vector]:
+        """Where each joint is, from the base on, and the tool (m) for one point (rad per joint)."""
+        ends = (*self.origins, self.tool)
+        parts = (Chain(self.joints[:n], self.origins[:n], self.axes[:n], tool=end) for n, end in enumerate(ends))
+        return [part.place(angles[:number]) for number, part in enumerate(parts)]
+
+    def places(self, values: Floats) -> Floats:
+        """Where the tool is: (points, 3), m, for (points, joints), rad."""
+        reached = self._fold(np.cos(values).T, np.sin(values).T, *self.tool)
+        return np.stack([np.broadcast_to(part, len(values)) for part in reached], axis=1)
+
+    def orientations(self, values: Floats) -> Floats:
+        """Rotation of the last joint's frame against the base: (points, 3, 3)."""
+        base = Chain(self.joints, ((0.0, 0.0, 0.0),) * len(self.joints), self.axes)
+        cosine, sine = np.cos(values).T, np.sin(values).T
+        columns = []
+        for unit in np.eye(3).tolist():
+            reached = base._fold(cosine, sine, *unit)
+            columns.append(np.stack([np.broadcast_to(part, len(values)) for part in reached], axis=1))
+        return np.stack(columns, axis=2)
+
+    def quantised(self, values: Floats) -> Floats:
+        """Angles as the encoders would tell them."""
+        step = 2 * math.pi / np.array(self.steps)
+        return np.asarray(np.round(values / step) * step)
+
+    def _fold(self, cosine: Any, sine: Any, x: Any, y: Any, z: Any) -> Any:
+        for (ox, oy, oz), (ax, ay, az), c, s in zip(
+            reversed(self.origins), reversed(self.axes), reversed(cosine), reversed(sine), strict=True
+        ):
+            along = (ax * x + ay * y + az * z) * (1 - c)
+            x, y, z = (
+                ox + c * x + s * (ay * z - az * y) + along * ax,
+                oy + c * y + s * (az * x - ax * z) + along * ay,
+                oz + c * z + s * (ax * y - ay * x) + along * az,
+            )
+        return x, y, z
+
+
+def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
+    """An arm from a YAML file (or its content): `joints`, each with name, origin, axis and perhaps steps; `tool`.
+
+    Raises ConfigError.
+    """
+    file = "" if isinstance(source, Mapping) else str(source)
+    text = source if isinstance(source, Mapping) else read_document(source)
+    try:
+        joints = list(text["joints"])
+        origins = tuple(_vector(joint["origin"]) for joint in joints)
+        axes = tuple(_unit(_vector(joint["axis"])) for joint in joints)
+        steps = tuple(_steps(joint["steps"]) for joint in joints if "steps" in joint)
+        names = tuple(str(joint["name"]) for joint in joints)
+        tool = _vector(text.get("tool", (0, 0, 0)))
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+        text = f"is no arm ({error!r}): joints, each with name, origin [x, y, z] and axis [x, y, z], would be right"
+        raise ConfigError(text, file=file) from None
+    return Chain(names, origins, axes, steps if len(steps) == len(joints) else (), tool)
+
+
+def _vector(value: Any) -> Vector:
+    x, y, z = (float(part) for part in value)
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError(f"{[x, y, z]} is not finite")
+    return x, y, z
+
+
+def _steps(value: Any) -> float:
+    steps = float(value)
+    if not 0 < steps < math.inf:
+        raise ValueError(f"found {value!r} steps of a revolution")
+    return steps
+
+
+def _unit(vector: Vector) -> Vector:
+    length = math.hypot(*vector)
+    return vector[0] / length, vector[1] / length, vector[2] / length

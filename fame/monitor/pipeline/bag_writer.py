@@ -1,0 +1,52 @@
+"""Whole messages into a bag: rosbag2 with MCAP inside, or a single MCAP file."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fame.clock import SECOND
+from fame.errors import ConfigError
+from fame.middleware import codec
+from fame.monitor.pipeline.configuration import Port
+
+
+class Bag:
+    """Where messages go: a folder as `ros2 bag` writes it, or a file if its name ends in ``.mcap``.
+
+    Raises ConfigError if it exists already.
+    """
+
+    def __init__(self, path: Path, ports: Sequence[Port], topics: Sequence[str]) -> None:
+        """`topics` are the full names, one per port."""
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        if path.exists():
+            raise ConfigError("exists already", file=str(path))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path, self.count = path, 0
+        self._folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}.")) if path.suffix else None
+        target = self._folder / "bag" if self._folder is not None else path
+        self._writer = Writer(target, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer.open()
+        types = dict(zip(topics, (port.type for port in ports), strict=True))
+        self._connections = {
+            topic: self._writer.add_connection(topic, type, typestore=codec.typestore(type))
+            for topic, type in types.items()
+        }
+
+    def put(self, topic: str, stamp: float, message: Any) -> None:
+        """One message, at its time (s)."""
+        self._writer.write(self._connections[topic], round(stamp * SECOND), codec.serialize(message))
+        self.count += 1
+
+    def close(self) -> None:
+        """Finish it."""
+        self._writer.close()
+        if self._folder is not None:
+            (made,) = (self._folder / "bag").glob("*.mcap")
+            made.replace(self.path)
+            shutil.rmtree(self._folder)

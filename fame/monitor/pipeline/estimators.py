@@ -1,0 +1,144 @@
+"""Processors that were learned: any estimator or transformer of scikit-learn, and autoencoders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fame.errors import ConfigError
+from fame.monitor.pipeline.model import TrainedModel
+from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples
+from fame.monitor.pipeline.stacking import stacked
+from fame.monitor.pipeline.windows import Windower
+
+_METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
+
+
+class Autoencoder(Processor):
+    """The loss of each window and channel: the mean squared error of its reconstruction (`TrainedModel.loss`).
+
+    All inputs together are the channels. Data that name their channels are matched to the model's columns by name;
+    others are taken in order. `model` may be a TrainedModel that is at hand.
+    """
+
+    parameters = (
+        Parameter("model", "file", "", description="file of the trained model", fixed=True),
+        Parameter("stride", "int", 5, (1, None), "samples", "from one window to the next"),
+    )
+    outputs = ("loss",)
+    model: str
+    stride: int
+
+    def __init__(self, model: str | Path | TrainedModel = "", **values: Any) -> None:
+        super().__init__(**values)
+        if not model:
+            raise ConfigError("needs the file of a trained model", element="model")
+        self.trained = model if isinstance(model, TrainedModel) else TrainedModel.load(model)
+        self.model = "" if isinstance(model, TrainedModel) else str(model)
+        self._windower = Windower()
+        self._order: dict[tuple[str, ...], list[int]] = {}
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        samples = self._channels(stacked(inputs))
+        if not len(samples):
+            return None
+        trained = self.trained
+        windows = self._windower.feed(samples, trained.window, self.stride, trained.rate, self.report)
+        return {"loss": windows.replace(values=trained.loss(windows.values))} if len(windows) else None
+
+    def _channels(self, samples: Samples) -> Samples:
+        """The channels in the order of the model. Raises ValueError if it was trained on others."""
+        columns, names = self.trained.columns, samples.names
+        values = samples.channels() if len(samples) else samples.values
+        if len(samples) and values.shape[1] != len(columns) and not set(columns) <= set(names):
+            found = ", ".join(names) or f"{values.shape[1]} channels"
+            raise ValueError(f"the model was trained on {', '.join(columns)}; the data are {found}")
+        if not len(samples) or names == columns or not _named(names):
+            return samples.replace(values=values, names=columns)
+        if names not in self._order:
+            if not set(columns) <= set(names):
+                raise ValueError(f"the model was trained on {', '.join(columns)}; the data are {', '.join(names)}")
+            self._order[names] = [names.index(column) for column in columns]
+        return samples.replace(values=values[:, self._order[names]], names=columns)
+
+
+def _named(names: tuple[str, ...]) -> bool:
+    """Whether channels have names, not numbers alone."""
+    return bool(names) and not all(name.rpartition(".")[2].isdecimal() for name in names)
+
+
+class Estimator(Processor):
+    """What an estimator or transformer of scikit-learn says of each sample, or of each window of samples.
+
+    The file is one that skops stored. With a window, its samples and channels are the features, sample by sample.
+    """
+
+    parameters = (
+        Parameter("model", "file", "", description="file of the estimator, stored by skops", fixed=True),
+        Parameter("method", "str", "predict", _METHODS, description="what is asked"),
+        Parameter("window", "int", 1, (1, None), "samples", "whose values are the features"),
+        Parameter("stride", "int", 1, (1, None), "samples", "from one window to the next"),
+    )
+    outputs = ("value",)
+    model: str
+    window: int
+    stride: int
+    estimator: Any = None
+
+    def __init__(self, model: Any = "", **values: Any) -> None:
+        super().__init__(**values)
+        if isinstance(model, (str, Path)):
+            if not str(model):
+                raise ConfigError("needs the file of an estimator", element="model")
+            self.model, model = str(model), load_estimator(model)
+        self.estimator = model
+        self.method = self._method
+        self._windower = Windower()
+
+    @property
+    def method(self) -> str:
+        """What is asked; one that the estimator lacks is refused when it is set."""
+        return self._method
+
+    @method.setter
+    def method(self, name: str) -> None:
+        if self.estimator is not None and not hasattr(self.estimator, name):
+            able = ", ".join(each for each in _METHODS if hasattr(self.estimator, each))
+            raise ConfigError(f"found {name!r}; {type(self.estimator).__name__} can {able}", element="method")
+        self._method = name
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        samples = stacked(inputs)
+        if not len(samples):
+            return None
+        samples = samples.replace(values=samples.channels())
+        windows = self._windower.feed(samples, self.window, self.stride, 0.0, self.report)
+        if not len(windows):
+            return None
+        features = windows.values.reshape(len(windows), -1)
+        expected = getattr(self.estimator, "n_features_in_", features.shape[1])
+        if features.shape[1] != expected:
+            raise ValueError(f"the estimator was trained on {expected} features; the data are {features.shape[1]}")
+        return {"value": Samples(np.asarray(getattr(self.estimator, self.method)(features)), windows.stamps)}
+
+
+def load_estimator(path: str | Path) -> Any:
+    """An estimator that skops stored, or an ONNX model.
+
+    Raises ConfigError for anything else, and for what could run code.
+    """
+    from fame.monitor.anomaly.storage import read_artefact
+    from fame.monitor.pipeline.onnx import OnnxEstimator
+
+    if str(path).endswith(".onnx"):
+        return OnnxEstimator(path)
+
+    content = read_artefact(Path(path), "scikit-learn")
+    if not hasattr(content, "get_params"):
+        raise ConfigError(
+            f"found {type(content).__name__}, an estimator of scikit-learn would be right", file=str(path)
+        )
+    return content

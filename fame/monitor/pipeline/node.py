@@ -1,0 +1,151 @@
+"""The processing node: subscriptions and publishers from a configuration, processors called at a fixed frequency.
+
+A call that has nothing new to work on is left out, unless the node has no inputs. A processor that raises loses what it
+was given and is called again; what it raised is reported. Calls are due on multiples of the period from the start. Who
+takes longer than the period misses calls, which are counted and reported with their share, and gets at the next one all
+that has arrived.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.errors import ConfigError
+from fame.middleware.interface import Middleware, resolve
+from fame.monitor.pipeline.configuration import Configuration
+from fame.monitor.pipeline.loading import assign, make_processors, pair
+from fame.monitor.pipeline.offline import as_samples
+from fame.monitor.pipeline.parameters import ParameterServer
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.publications import Outlets
+from fame.monitor.pipeline.subscriptions import Intake, Reporter, check_types
+
+_WATCH = SECOND
+
+
+class ProcessingNode:
+    """The node. It lives until `close`; `report` gets a line for everything unusual.
+
+    `processors` stand in for those of the configuration, if given. Raises ConfigError and MessageError before anything
+    runs.
+    """
+
+    def __init__(
+        self,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        configuration: Configuration,
+        *,
+        processors: Sequence[Any] | None = None,
+        namespace: str = "",
+        report: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self.configuration, self.scheduler, self._middleware = configuration, scheduler, middleware
+        self.processors = list(processors) if processors is not None else make_processors(configuration)
+        self._assigned = assign(self.processors, configuration)
+        self.say = Reporter(lambda text: report(f"{configuration.name}: {text}"))
+        for processor in self.processors:
+            if hasattr(processor, "report"):
+                processor.report = partial(self._reported, type(processor).__name__)
+        ends = [[(resolve(port.topic, namespace), port.type) for port in ports]
+                for ports in (configuration.inputs, configuration.outputs)]  # fmt: skip
+        check_types(middleware, *ends)
+        self.node = middleware.node(configuration.name, namespace)
+        try:
+            self._intake = Intake(self.node, scheduler, configuration.inputs, self.say)
+            self._outlets = Outlets(self.node, configuration.outputs, self.say)
+            self._parameters = ParameterServer(self.node, self.processors, self.say)
+        except BaseException:
+            self.node.close()
+            raise
+        self.calls = self.missed = 0
+        self._period = round(SECOND / configuration.frequency)
+        self._due = scheduler.now + self._period
+        self._entries: list[Entry] = [
+            scheduler.at(self._due, self._call, Kind.TIMER),
+            scheduler.after(_WATCH, self._watch, Kind.TIMER),
+        ]
+
+    @property
+    def published(self) -> int:
+        """Messages."""
+        return self._outlets.count
+
+    def close(self) -> None:
+        """Leave."""
+        for entry in self._entries:
+            entry.cancel()
+        for processor in self.processors:
+            close = getattr(processor, "close", None)
+            if close is not None:
+                close()
+        self.node.close()
+
+    def set(self, name: str, value: Any) -> Any:
+        """Set a parameter, as `fame param set` does. Raises ConfigError."""
+        return self._parameters.set(name, value)
+
+    def _watch(self) -> None:
+        self._intake.watch(self._middleware)
+        self._entries[1] = self.scheduler.after(_WATCH, self._watch, Kind.TIMER)
+
+    def _reported(self, who: str, text: str) -> None:
+        self.say(_without_numbers(f"{who} {text}"), f"{who}: {text}")
+
+    def _call(self) -> None:
+        if not self.calls:  # other nodes of the process may have been made in between
+            self._due = self.scheduler.now
+        late = max(0, (self.scheduler.now - self._due) // self._period)
+        if late:
+            self.missed += late
+            share = 100 * self.missed / (self.calls + self.missed + 1)
+            self.say("slow", f"slower than its period of {self._period / 1e6:g} ms: {share:.3g} % of its calls missed")
+        self._due += (late + 1) * self._period
+        self.calls += 1
+        inputs = self._intake.take()
+        if not inputs or any(map(len, inputs.values())):
+            self._execute(inputs)
+        self._entries[0] = self.scheduler.at(self._due, self._call, Kind.TIMER)
+
+    def _execute(self, inputs: Mapping[str, Samples]) -> None:
+        current: Mapping[str, Any] = inputs
+        latest = max((float(item.stamps[-1]) for item in inputs.values() if len(item)), default=None)
+        stamp = self.scheduler.now / SECOND if latest is None else latest
+        for processor in self.processors:
+            who = type(processor).__name__
+            try:
+                result = processor.execute(current)
+                current = {name: as_samples(value, stamp) for name, value in (result or {}).items()}
+            except Exception as error:
+                reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+                text = f"{who} raised {' '.join(reason.split())}; nothing is sent"
+                self.say(_without_numbers(text), text)
+                return
+            if not current:
+                return
+        try:
+            self._outlets.publish(self._named(current))
+        except Exception as error:  # what a processor gives may be anything
+            text = f"what {type(self.processors[-1]).__name__} gives cannot be sent: {type(error).__name__}: {error}"
+            self.say(_without_numbers(text), text)
+
+    def _named(self, computed: Mapping[str, Samples]) -> dict[str, Samples]:
+        """What was computed, by name of the output."""
+        assigned = self._assigned
+        if assigned is None:
+            outputs, who = self.configuration.outputs, type(self.processors[-1]).__name__
+            try:
+                assigned = pair(tuple(computed), outputs, who, "")
+            except ConfigError as error:
+                self.say(f"output {error}", str(error))
+                return {}
+        return {assigned[name]: samples for name, samples in computed.items() if name in assigned}
+
+
+def _without_numbers(text: str) -> str:
+    """What counts as the same thing to say, though its numbers differ."""
+    return re.sub(r"\d[\d.]*", "#", text)

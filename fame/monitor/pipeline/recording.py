@@ -1,0 +1,189 @@
+"""The recording node: what a configuration calls Inputs, into files and databases; live, or from a bag."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.errors import ConfigError
+from fame.middleware.interface import Middleware, resolve
+from fame.middleware.local import LocalMiddleware
+from fame.monitor.pipeline.bag_writer import Bag
+from fame.monitor.pipeline.configuration import Configuration, Port
+from fame.monitor.pipeline.influx import Influx
+from fame.monitor.pipeline.rows import CsvFile, Row
+from fame.monitor.pipeline.subscriptions import Intake, Reporter, check_types
+
+FLUSH = 0.1
+"""How long (s) a row may wait before it is on disk."""
+
+_PAUSE = 5 * SECOND
+EMPTY = "std_msgs/msg/Empty"
+
+
+class Sink(Protocol):
+    """Where rows go."""
+
+    def put(self, row: Row) -> None: ...
+    def flush(self) -> None: ...
+    def close(self) -> None: ...
+
+
+class RecordingNode:
+    """The node. It lives until `close`; `report` gets a line for everything unusual.
+
+    outputs    where to: ``.csv``; a folder, which becomes a bag of ROS 2; ``.mcap``; ``http://host:8086/database``
+    append     go on with a CSV file that is there
+    run_topic  a message on it (std_msgs/msg/Empty) begins the next run
+    """
+
+    def __init__(
+        self,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        configuration: Configuration,
+        outputs: Sequence[str | Path],
+        *,
+        namespace: str = "",
+        append: bool = False,
+        run_topic: str = "",
+        report: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        if not configuration.inputs:
+            raise ConfigError("has no Inputs to record", file=str(configuration.file), element="Inputs")
+        self._scheduler, self._middleware = scheduler, middleware
+        self.rows, self.run, self._begun = 0, 0, False
+        self.say = Reporter(lambda text: report(f"{configuration.name}: {text}"))
+        ports = configuration.inputs
+        topics = [resolve(port.topic, namespace) for port in ports]
+        check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
+        self.node = middleware.node(f"{configuration.name}_recorder", namespace)
+        self._sinks: list[Sink] = []
+        self._bags: list[Bag] = []
+        try:
+            self._open(configuration, outputs, topics, append)
+            self.intake = Intake(self.node, scheduler, ports, self.say, self._arrived)
+            for topic, port in dict(zip(topics, ports, strict=True)).items() if self._bags else ():
+                self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
+            if run_topic:
+                self.node.subscription(run_topic, EMPTY, lambda message: self.begin())
+        except BaseException:
+            self._leave()
+            raise
+        self._entry: Entry = scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
+        self._watched = scheduler.now
+
+    def begin(self) -> None:
+        """The next run begins."""
+        self.run += self._begun
+        self._begun = False
+
+    def wait(self, until: int) -> None:
+        """Let simulated time pass in which nothing comes. It may be years: once silence is said, nothing is done."""
+        if until - self._scheduler.now > _PAUSE:
+            self._scheduler.run(self._scheduler.now + _PAUSE)
+            self._entry.cancel()
+            self._scheduler.run(until)
+            self._flush()
+        self._scheduler.run(until)
+
+    def stop(self) -> bool:
+        """Nothing has to be waited for."""
+        return False
+
+    def close(self) -> None:
+        """Write the rest, and leave."""
+        self._entry.cancel()
+        self._leave()
+
+    def _leave(self) -> None:
+        self.node.close()
+        for sink in self._sinks:
+            sink.close()
+        for bag in self._bags:
+            bag.close()
+
+    def _open(
+        self, configuration: Configuration, outputs: Sequence[str | Path], topics: Sequence[str], append: bool
+    ) -> None:
+        for output in outputs:
+            path = Path(output)
+            if "://" in str(output):
+                place = re.sub(
+                    r"\W+", "_", str(output).partition("://")[2]
+                )  # what waits for one must not go to another
+                spool = configuration.folder / f".{configuration.name}_influx_{place}"
+                self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.say, "influx")))
+            elif path.suffix == ".csv":
+                self._sinks.append(CsvFile(path, configuration.inputs, self.say, self._now, append=append))
+            elif path.suffix in ("", ".mcap"):
+                self._bags.append(Bag(path, configuration.inputs, topics))
+            else:
+                text = f"found the ending {path.suffix!r}; .csv, .mcap, none (a bag) or http:// would be right"
+                raise ConfigError(text, file=str(output))
+
+    def _now(self) -> float:
+        return self._scheduler.now / SECOND
+
+    def _arrived(self, ports: Sequence[Port], stamp: float, values: Sequence[Any], names: Any) -> None:
+        row = Row(stamp, self.run, ports, values, tuple(names))
+        self.rows += 1
+        self._begun = True
+        for sink in self._sinks:
+            sink.put(row)
+
+    def _message(self, topic: str, message: Any) -> None:
+        for bag in self._bags:
+            bag.put(topic, self._scheduler.now / SECOND, message)
+
+    def _flush(self) -> None:
+        for sink in self._sinks:
+            sink.flush()
+        if self._scheduler.now - self._watched >= SECOND:
+            self._watched = self._scheduler.now
+            self.intake.watch(self._middleware)
+        self._entry = self._scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
+
+
+def record_bag(
+    bag: Path,
+    configuration: Configuration,
+    outputs: Sequence[str | Path],
+    *,
+    namespace: str = "",
+    append: bool = False,
+    run_topic: str = "",
+    report: Callable[[str], object] = lambda text: None,
+) -> RecordingNode:
+    """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
+    from fame.monitor.anomaly.bags import read_bag
+
+    topics = {resolve(port.topic, namespace): port.type for port in configuration.inputs}
+    if run_topic:
+        topics[resolve(run_topic, namespace)] = EMPTY
+    messages = read_bag(bag, topics)
+    first = next(messages, None)  # before any file is made: what is wrong with the bag is known now
+    scheduler = Scheduler()
+    scheduler.now = round(first[0] * SECOND) if first is not None else 0
+    if any(Path(output).suffix != ".csv" and "://" not in str(output) for output in outputs):
+        raise ConfigError("a bag is recorded to .csv or a database; to copy bags there are tools", file=str(bag))
+    node = RecordingNode(
+        LocalMiddleware(scheduler), scheduler, configuration, outputs,
+        namespace=namespace, append=append, run_topic="", report=report,
+    )  # fmt: skip
+    heard = {source.topic: partial(node.intake.heard, source) for source in node.intake.sources}
+    begins = resolve(run_topic, namespace) if run_topic else None
+    try:
+        for time, topic, message in (first, *messages) if first is not None else ():
+            node.wait(until=round(time * SECOND))
+            if topic == begins:
+                node.begin()
+            else:
+                heard[topic](message)
+    finally:
+        node.close()
+    return node

@@ -1,0 +1,239 @@
+"""Threshold with hysteresis, and expressions over the inputs."""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Mapping
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from fame.errors import ConfigError
+from fame.monitor.pipeline.filters import per_channel
+from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples
+from fame.monitor.pipeline.stacking import stacked
+
+
+class Threshold(Processor):
+    """Raises an alarm when any channel exceeds its threshold; again only after all of them have come well below.
+
+    `alarm`, `channel`, `name`, `loss`, `excess` have a sample per alarm: true, the channel that is farthest above its
+    threshold, its name (a list of one), its value, and that divided by the threshold. `active` has one per sample:
+    whether the alarm stands.
+    """
+
+    parameters = (
+        Parameter("threshold", "floats", (), (1e-300, None), "", "above 0; one for all channels, or one per channel"),
+        Parameter(
+            "model", "file", "", description="trained model whose thresholds are used if none are given", fixed=True
+        ),
+        Parameter("hysteresis", "float", 0.1, (0, 1), description="part below the threshold at which the alarm ends"),
+        Parameter("names", "strs", (), description="of the channels, if the data do not tell"),
+    )
+    outputs = ("alarm", "channel", "name", "loss", "excess", "active")
+    model: str
+    hysteresis: float
+    names: tuple[str, ...]
+
+    def __init__(self, **values: object) -> None:
+        super().__init__(**values)
+        self._active = False
+        if not self.threshold and self.model:
+            from fame.monitor.pipeline.model import TrainedModel
+
+            trained = TrainedModel.load(self.model)
+            self.threshold, self.names = trained.thresholds, self.names or trained.columns
+        if not self.threshold:
+            raise ConfigError("needs a threshold, or a model that has some", element="threshold")
+
+    @property
+    def threshold(self) -> tuple[float, ...]:
+        """One, or one per channel."""
+        return self._threshold
+
+    @threshold.setter
+    def threshold(self, values: tuple[float, ...]) -> None:
+        if not values and getattr(self, "_threshold", None):
+            raise ConfigError("found an empty list; one value or more would be right", element="threshold")
+        self._threshold = values
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        samples = stacked(inputs)
+        if not len(samples):
+            return None
+        names, threshold = self._told(samples)
+        excess = samples.channels() / per_channel(threshold, samples.channels().shape, "threshold")
+        worst = excess.max(axis=1)
+        active = self._states(worst)
+        rising = np.flatnonzero(active & ~np.concatenate(([self._active], active[:-1])))
+        self._active = bool(active[-1])
+        stamps, channel = samples.stamps[rising], excess[rising].argmax(axis=1)
+        told: dict[str, Any] = {
+            "alarm": np.ones(len(rising), dtype=bool),
+            "channel": channel,
+            "name": np.array([[names[index]] for index in channel], dtype=object).reshape(-1, 1),
+            "loss": samples.channels()[rising, channel],
+            "excess": worst[rising],
+        }
+        alarms = {name: Samples(values, stamps) for name, values in told.items()} if len(rising) else {}
+        return {**alarms, "active": Samples(active, samples.stamps)}
+
+    def _told(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Names and thresholds of the channels. Data that name theirs are matched to `names`, in whichever order.
+
+        Raises ValueError if there are not as many names as channels.
+        """
+        own, data = (tuple(name.rpartition(".")[2] for name in names) for names in (self.names, samples.names))
+        width = samples.channels().shape[1]
+        if len(own) > 1 and own != data and sorted(own) == sorted(data):
+            several = len(self.threshold) == len(own)
+            return data, tuple(self.threshold[own.index(name)] for name in data) if several else self.threshold
+        names = own or data or tuple(map(str, range(width)))
+        if len(names) != width:
+            raise ValueError(f"names has {len(names)} texts, the data {width} channels")
+        return names, self.threshold
+
+    def _states(self, worst: Any) -> Any:
+        """Whether the alarm stands after each sample: set above 1, cleared below the hysteresis, else as before."""
+        said = np.where(worst > 1, 1, np.where(worst <= 1 - self.hysteresis, 0, -1))
+        said = np.concatenate(([int(self._active)], said))
+        last = np.maximum.accumulate(np.where(said >= 0, np.arange(len(said)), 0))
+        return said[last][1:].astype(bool)
+
+
+class Expression(Processor):
+    """A formula over the inputs, by name: ``abs(left - right) > 2``, ``effort[:, 3] * 0.1``, ``mean(efforts)``.
+
+    Arithmetic, comparison, ``and or not``, indexing and the functions below; nothing else, so it cannot do anything but
+    compute. ``mean``, ``max``, ``min``, ``sum``, ``norm`` go over the channels of each sample. The inputs must have
+    the same stamps.
+    """
+
+    parameters = (Parameter("formula", "str", "", description="over the inputs, by name"),)
+    outputs = ("value",)
+
+    @property
+    def formula(self) -> str:
+        """As it was given; what is no formula is refused when it is set."""
+        return self._formula
+
+    @formula.setter
+    def formula(self, text: str) -> None:
+        if not text:
+            raise ConfigError("needs a formula, such as abs(left - right)", element="formula")
+        self._evaluate, self._formula = compile_formula(text), text
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        samples = stacked(inputs)
+        if not len(samples):
+            return None
+        with np.errstate(all="ignore"):  # what is not finite is not sent
+            value = np.asarray(self._evaluate({name: item.values for name, item in inputs.items()}))
+        if value.ndim == 0:
+            value = np.full(len(samples), value)
+        if len(value) != len(samples):
+            text = f"it gives {len(value)} values for {len(samples)} samples: [:, 3] is a channel, [3] a sample"
+            raise ValueError(text)
+        return {"value": Samples(value, samples.stamps)}
+
+
+# ---- formulas --------------------------------------------------------------------------------------------------------
+
+Evaluate = Callable[[Mapping[str, Any]], Any]
+
+
+def _over_channels(function: Callable[..., Any]) -> Callable[[Any], Any]:
+    return lambda values: function(np.asarray(values).reshape(len(values), -1), axis=1)
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(np, name) for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "arctan2", "sign")},
+    **{name: _over_channels(getattr(np, name)) for name in ("mean", "max", "min", "sum")},
+    "norm": _over_channels(np.linalg.norm),
+    "clip": np.clip,
+    "where": np.where,
+}
+_TAKES = {"arctan2": 2, "clip": 3, "where": 3}  # the others one; numpy would write to one more
+_OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.Pow: operator.pow, ast.Mod: operator.mod, ast.FloorDiv: operator.floordiv,
+    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Not: np.logical_not,
+    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.And: np.logical_and, ast.Or: np.logical_or,
+}  # fmt: skip
+_CONSTANTS = {"pi": np.pi, "e": np.e}
+
+
+def compile_formula(text: str) -> Evaluate:
+    """A function of the arrays by name. Raises ConfigError for anything but a formula."""
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+        return _evaluator(tree)
+    except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
+        reason = error.msg if isinstance(error, SyntaxError) else str(error) or "it is too long"
+        raise ConfigError(f"found {text!r}, which is no formula: {reason}", element="formula") from None
+
+
+def _evaluator(node: ast.expr) -> Evaluate:
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        value = float(node.value)  # numbers of any length, as 9 ** 9 ** 9, would take for ever
+        return lambda arrays: value
+    if isinstance(node, ast.Name):
+        return _name(node.id)
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _OPERATORS:
+        return _applied(_OPERATORS[type(node.op)], node.operand)
+    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+        return _applied(_OPERATORS[type(node.op)], node.left, node.right)
+    if isinstance(node, ast.BoolOp):
+        return _folded(_OPERATORS[type(node.op)], node.values)
+    if isinstance(node, ast.Compare) and all(type(each) in _OPERATORS for each in node.ops):
+        pairs = zip((node.left, *node.comparators), node.ops, node.comparators, strict=False)
+        comparisons = [_applied(_OPERATORS[type(each)], left, right) for left, each, right in pairs]
+        return lambda arrays: reduce(np.logical_and, [compare(arrays) for compare in comparisons])
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        if node.func.id not in _FUNCTIONS:
+            raise ValueError(f"there is no function {node.func.id}; there are {', '.join(sorted(_FUNCTIONS))}")
+        takes = _TAKES.get(node.func.id, 1)
+        if len(node.args) != takes:
+            raise ValueError(f"{node.func.id} takes {takes}, found {len(node.args)}")
+        return _applied(_FUNCTIONS[node.func.id], *node.args)
+    if isinstance(node, ast.Subscript):
+        index = _index(node.slice)
+        return _applied(lambda values: values[index], node.value)
+    raise ValueError(f"{ast.unparse(node)} is not allowed in one")
+
+
+def _name(name: str) -> Evaluate:
+    if name in _CONSTANTS:
+        return lambda arrays: _CONSTANTS[name]
+
+    def look_up(arrays: Mapping[str, Any]) -> Any:
+        if name not in arrays:
+            raise ValueError(f"there is no input {name}; there are {', '.join(arrays)}")
+        return arrays[name]
+
+    return look_up
+
+
+def _applied(function: Callable[..., Any], *operands: ast.expr) -> Evaluate:
+    parts = [_evaluator(operand) for operand in operands]
+    return lambda arrays: function(*[part(arrays) for part in parts])
+
+
+def _folded(function: Callable[..., Any], operands: list[ast.expr]) -> Evaluate:
+    parts = [_evaluator(operand) for operand in operands]
+    return lambda arrays: reduce(function, [part(arrays) for part in parts])
+
+
+def _index(node: ast.expr) -> Any:
+    """A literal index: ``[:, 3]``, ``[0]``, ``[1:]``."""
+    if isinstance(node, ast.Tuple):
+        return tuple(_index(item) for item in node.elts)
+    if isinstance(node, ast.Slice):
+        return slice(*(None if part is None else _index(part) for part in (node.lower, node.upper, node.step)))
+    value = ast.literal_eval(node)
+    if type(value) is not int:
+        raise ValueError(f"the index {ast.unparse(node)} is no whole number")
+    return value

@@ -1,0 +1,115 @@
+"""Looking at topics: what is said on them, how often, and how a number on them goes over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fame.clock import SECOND, Scheduler
+from fame.errors import MessageError
+from fame.middleware.interface import SENSOR_DATA, Middleware, Node
+from fame.monitor.pipeline.fields import Path, Unusable, has_stamp, reader
+from fame.text import printable
+
+
+def type_of_topic(middleware: Middleware, topic: str) -> str:
+    """The type of a topic as the graph shows it. Raises MessageError if nobody is there, or it has several."""
+    there = {info.name: info for info in middleware.graph()}
+    info = there.get(topic)
+    if info is None or not info.types:
+        have = ", ".join(sorted(there)) or "none"
+        raise MessageError(f"there is no topic {topic}; there are {have}")
+    if len(info.types) > 1:
+        raise MessageError(f"topic {topic} has several types: {', '.join(info.types)}; name one with --type")
+    return info.types[0]
+
+
+@dataclass(slots=True)
+class Times:
+    """When messages came: how often, and how regularly."""
+
+    times: list[float] = field(default_factory=list)
+
+    def text(self, last: float = 10.0) -> str:
+        """Rate (Hz) and periods (ms) of the last so many seconds, in one line; empty if there were less than two."""
+        times = np.array([time for time in self.times if time >= self.times[-1] - last]) if self.times else np.zeros(0)
+        if len(times) < 2:
+            return ""
+        periods = 1000 * np.diff(times)
+        rate = 1000 / periods.mean() if periods.mean() > 0 else float("inf")
+        return (
+            f"{rate:.2f} Hz over {len(times)} messages; period {periods.mean():.2f} ms, "
+            f"from {periods.min():.2f} to {periods.max():.2f}, deviation {periods.std():.2f}"
+        )
+
+
+class Series:
+    """A number, or several, over time: what stands at a path of the messages of a topic."""
+
+    def __init__(self, node: Node, scheduler: Scheduler, topic: str, type: str, path: Path) -> None:
+        """Raises MessageError if the type has no such path."""
+        self._scheduler, self._read, self._stamped = scheduler, reader(type, path), has_stamp(type)
+        self.label = f"{topic} {'.'.join(map(str, path))}"
+        self.stamps: list[float] = []
+        self.values: list[Any] = []
+        self.names: tuple[str, ...] = ()
+        self.unusable = 0
+        node.subscription(topic, type, self._heard, SENSOR_DATA)
+
+    def _heard(self, message: Any) -> None:
+        try:
+            value, self.names = self._read(message)
+        except Unusable:
+            self.unusable += 1
+            return
+        stamp = self._scheduler.now / SECOND
+        if self._stamped:
+            time = message.header.stamp
+            stamp = (time.sec + time.nanosec * 1e-9) or stamp
+        self.stamps.append(stamp)
+        self.values.append(value)
+
+
+def parse_path(text: str) -> Path:
+    """``effort.3``, ``effort.elbow_joint``, ``pose.position.x``."""
+    return tuple(int(step) if step.isdecimal() else step for step in text.replace("/", ".").split("."))
+
+
+def shown(value: Any, limit: int = 8, indent: str = "") -> str:
+    """A message as plain data, like YAML, long lists cut."""
+    if isinstance(value, dict):
+        return "".join(_entry(name, item, limit, indent) for name, item in value.items())
+    return printable(str(value))
+
+
+def _entry(name: str, item: Any, limit: int, indent: str) -> str:
+    if isinstance(item, dict):
+        return f"{indent}{name}:\n{shown(item, limit, indent + '  ')}" if item else f"{indent}{name}: {{}}\n"
+    if isinstance(item, list) and item and isinstance(item[0], dict):
+        parts = "".join(f"{indent}-\n{shown(each, limit, indent + '  ')}" for each in item[:limit])
+        return f"{indent}{name}:\n{parts}" + (f"{indent}... {len(item)} in all\n" if len(item) > limit else "")
+    if isinstance(item, list):
+        more = f", ... {len(item)} in all" if len(item) > limit else ""
+        return f"{indent}{name}: [{', '.join(map(_number, item[:limit]))}{more}]\n"
+    return f"{indent}{name}: {_number(item)}\n"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else repr(value) if value == "" else printable(str(value))
+
+
+def wait_for_types(
+    middleware: Middleware, scheduler: Scheduler, topics: Sequence[str], patience: float = 3.0
+) -> dict[str, str]:
+    """The type of each topic, as soon as all are there. Raises MessageError after `patience` s."""
+    end = scheduler.now + round(patience * SECOND)
+    while True:
+        try:
+            return {topic: type_of_topic(middleware, topic) for topic in topics}
+        except MessageError:
+            if scheduler.now >= end:
+                raise
+            scheduler.run(scheduler.now + SECOND // 10)

@@ -1,0 +1,96 @@
+"""Deploying to whoever is there, and staying for those who are not."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from fame.bpmn.model import Definitions
+from fame.clock import SECOND, WallScheduler
+from fame.deploy import Deployment, Keeper, engines
+from fame.deploy.assignment import cast_of
+from fame.errors import ConfigError, DeploymentError
+from fame.middleware.interface import Middleware
+from fame.scenario.process import run_until_told
+
+_FINDING = SECOND // 2
+"""How long engines may be found later than others (ns)."""
+
+
+class Sending:
+    """A model on its way to the engines of its robots. `options` are those of `Deployment`."""
+
+    def __init__(
+        self, definitions: Definitions, scheduler: WallScheduler, middleware: Middleware, **options: Any
+    ) -> None:
+        self.definitions, self.scheduler, self.middleware, self._options = definitions, scheduler, middleware, options
+
+    def deploy(
+        self, only: Sequence[str], patience: float, say: Callable[[str], object] = lambda text: None
+    ) -> Deployment:
+        """Deploy to the engines that are there, and wait: `say` is told for what, if that takes time.
+
+        Raises DeploymentError, ConfigError if some are missing.
+        """
+        self._find(only, patience, say)
+        try:
+            deployment = self._begin(only, (), lambda _: self.scheduler.stop())
+        except ConfigError as error:  # who was there a moment ago has left
+            raise DeploymentError(str(error)) from None
+        try:
+            self.scheduler.run()
+        except BaseException:  # Ctrl-C: nobody is to wait for more
+            deployment.close()
+            raise
+        return deployment
+
+    def stay(self, served: Collection[str], say: Callable[[str], object]) -> None:
+        """Supply robots that come late, or come back, until SIGINT or SIGTERM."""
+        keeper = Keeper(
+            self.definitions,
+            self._begin,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            key=self._options.get("key"),
+            served=served,
+            say=say,
+        )
+        run_until_told(self.scheduler)
+        keeper.close()
+
+    def _find(self, only: Sequence[str], patience: float, say: Callable[[str], object]) -> None:
+        """Wait until every pool has its robot."""
+        begun, said = self.scheduler.now, False
+        until = begun + round(patience * SECOND)
+        while True:
+            self.scheduler.run(self.scheduler.now + SECOND // 20)
+            try:
+                cast_of(self.definitions, engines(self.middleware), found=True, only=only)
+            except (ConfigError, DeploymentError) as error:
+                if self.scheduler.now < until:
+                    if not said and self.scheduler.now > begun + SECOND:
+                        said = True
+                        say(f"waiting up to {patience:g} s: {error}")
+                    continue
+                text = f"{error}; start an engine with: fame engine NAME"
+                raise DeploymentError(text) from None
+            break
+        self.scheduler.run(self.scheduler.now + _FINDING)  # for others of a multi-instance pool
+
+    def _begin(self, only: Sequence[str], again: Collection[str], ended: Callable[[Deployment], object]) -> Deployment:
+        number = time.time_ns()
+        deployment = Deployment(
+            self.definitions,
+            id=f"deploy-{os.getpid()}-{number}",
+            sequence=number // 1000,
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            ended=ended,
+            only=only,
+            again=again,
+            **self._options,
+        )
+        deployment.begin()
+        return deployment
