@@ -19,6 +19,12 @@ from __future__ import annotations
 import reprlib
 
 
+def display_name(id: str, name: str = "") -> str:
+    """An element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""
+    name = " ".join(name.split())
+    return f'"{name}" ({id})' if name and name != id else id
+
+
 class FameError(Exception):
     """What all errors of FAME have in common: a text for people and the exit code of the command that met it."""
 
@@ -31,17 +37,20 @@ class FameError(Exception):
 class _Located(FameError):
     """An error that points into a file."""
 
-    def __init__(self, text: str, *, file: str = "", line: int = 0, element: str = "") -> None:
+    def __init__(self, text: str, *, file: str = "", line: int = 0, element: str = "", name: str = "") -> None:
         self.text, self.file, self.line, self.element = " ".join(text.split()), file, line, element
         place = file or ""
         if line:
             place += f":{line}" if place else f"line {line}"
-        parts = [place, element, self.text]
+        parts = [place, display_name(element, name), self.text]
         super().__init__(": ".join(part for part in parts if part))
 
 
 class ModelError(_Located):
-    """The model is wrong. ``file``, ``line`` (1-based, 0 unknown) and ``element`` (id) say where."""
+    """The model is wrong.
+
+    ``file``, ``line`` (1-based, 0 if unknown) and ``element`` (id) say where; ``name`` is what people call the element.
+    """
 
 
 class ConfigError(_Located):
@@ -52,18 +61,30 @@ class MissionError(FameError):
     """The run went wrong.
 
     ``code`` is that of the BPMN error (``script`` for any other exception of a script, ``livelock`` for a loop
-    without rest); ``robot``, ``element``, ``file`` and ``line`` (of the .bpmn file, 0 unknown) say where.
+    without rest); ``robot``, ``element``, ``file`` and ``line`` (of the .bpmn file, 0 unknown) say where; ``name`` is
+    what people call the element.
     """
 
     exit_code = 1
 
     def __init__(
-        self, text: str, *, robot: str = "", element: str = "", file: str = "", line: int = 0, code: str = ""
+        self,
+        text: str,
+        *,
+        robot: str = "",
+        element: str = "",
+        file: str = "",
+        line: int = 0,
+        code: str = "",
+        name: str = "",
     ) -> None:
         self.text, self.robot, self.element = " ".join(text.split()), robot, element
         self.file, self.line, self.code = file, line, code
         place = f"{file}:{line}" if file and line else f"line {line}" if line else file
-        where = f"{element} ({place})" if element and place else element or place
+        if element and place:
+            where = display_name(f"{element}, {place}", name) if name else f"{element} ({place})"
+        else:
+            where = display_name(element, name) or place
         super().__init__(": ".join(part for part in (robot, where, self.text) if part))
 
     def to_json(self) -> dict[str, str | int]:

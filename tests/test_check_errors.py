@@ -232,7 +232,7 @@ def test_pools_that_no_robot_can_be_found_for_are_errors() -> None:
     others = '<participant id="X" processRef="gone"/><participant id="Y" name="rex" processRef="P1"/>'
     assert told(team(row(), pools=others), "error") == [
         "X: the pool's process is 'gone': the file has no such process",
-        "Y: there are two pools 'rex' (case does not count)",
+        "Y: two pools have the name 'rex' (upper and lower case are the same)",
     ]
 
 

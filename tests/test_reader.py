@@ -11,7 +11,7 @@ from fame.bpmn import read, read_bytes, read_text
 from fame.bpmn.conversion import convert
 from fame.bpmn.model import Assignment, Expression, Task
 from fame.bpmn.split import pools_of, split
-from fame.errors import ModelError
+from fame.errors import MissionError, ModelError
 
 SIGNAL = '<signal id="S" name="weed_found"/>'
 
@@ -447,3 +447,24 @@ def test_a_namespace_with_a_slip_in_it_is_told_once(written: str, meant: str) ->
 def test_namespaces_of_others_are_passed_over(uri: str) -> None:
     task = f'<task id="t"><extensionElements><x:properties xmlns:x="{uri}"/></extensionElements></task>'
     assert not read_text(process(task)).notes
+
+
+def test_messages_name_elements_by_label_and_id() -> None:
+    model = read_text(process('<startEvent id="s"/><task id="Activity_1" name="Go\n To"/>'))
+    nodes = {node.id: node for node in model.processes[0].body.nodes}
+    assert nodes["Activity_1"].display_name == model.display_name("Activity_1") == '"Go To" (Activity_1)'
+    assert nodes["s"].display_name == model.display_name("s") == "s"
+    assert model.display_name("not there") == "not there"
+    error = ModelError("has no script", file="m.bpmn", line=3, element="Activity_1", name="Go To")
+    assert str(error) == 'm.bpmn:3: "Go To" (Activity_1): has no script'
+    assert error.element == "Activity_1"
+    failure = MissionError("1 / 0", robot="REX", file="m.bpmn", line=3, element="Activity_1", name="Go To")
+    assert str(failure) == 'REX: "Go To" (Activity_1, m.bpmn:3): 1 / 0'
+    assert str(MissionError("1 / 0", element="Activity_1", name="Go To")) == '"Go To" (Activity_1): 1 / 0'
+
+
+def test_the_reader_names_a_wrong_element_by_label_and_id() -> None:
+    twice = refused(process('<task id="a" name="Go"/><task id="a" name="Stop"/>'))
+    assert '"Stop" (a): two elements have this id' in str(twice)
+    faults = read_text(process('<task id="a" name="Go" default="x"/>')).processes[0].faults
+    assert [fault.display_name for fault in faults] == ['"Go" (a)']

@@ -83,7 +83,7 @@ def test_a_robot_that_no_pool_knows_is_named_with_the_pools_there_are():
 
 
 def test_names_that_fall_together_are_refused():
-    with pytest.raises(fame.ModelError, match="two pools 'rex'"):
+    with pytest.raises(fame.ModelError, match="two pools have the name 'rex'"):
         pools_of(collaboration('name="REX"', 'name="rex"'))
     with pytest.raises(fame.ConfigError, match="case alone"):
         bind(pools_of(collaboration('name="REX"')), ["REX", "rex"])

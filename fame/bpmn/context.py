@@ -40,11 +40,13 @@ class Context:
 
     def error(self, element: Node, text: str) -> ModelError:
         """The error to raise at an element."""
-        return ModelError(text, file=self.file, line=line_of(element), element=name_of(element))
+        id, name = named(element)
+        return ModelError(text, file=self.file, line=line_of(element), element=id, name=name)
 
     def fault(self, element: Node, text: str) -> None:
         """Something that is wrong with an element: its process can be read, drawn and written, but not executed."""
-        self.faults.append(Fault(text, name_of(element), line_of(element)))
+        id, name = named(element)
+        self.faults.append(Fault(text, id, line_of(element), name))
 
     def take_faults(self) -> tuple[Fault, ...]:
         """Those found since this was last asked, in the order of their lines."""
@@ -55,11 +57,12 @@ class Context:
         self, element: Node, text: str, level: Literal["warning", "note", "reading"] = "note", quirk: bool = False
     ) -> None:
         """Something to tell that stops nothing."""
-        self.notes.append(Note(level, text, name_of(element), line_of(element), quirk))
+        id, name = named(element)
+        self.notes.append(Note(level, text, id, line_of(element), quirk, name))
 
     def quirk(self, element: Node, text: str) -> None:
         """A habit of the tool that wrote the file, and what it is read as: told to those who ask for it."""
-        self.notes.append(Note("reading", text, name_of(element), line_of(element), True))
+        self.note(element, text, "reading", quirk=True)
 
     def claim(self, element: Node) -> str:
         """Its id, now taken; made from tag and line where the standard lets it have none."""
@@ -112,16 +115,15 @@ def id_in(element: Node, name: str) -> str:
     return id if colon and prefix in element.nsmap else prefix + colon + id
 
 
-def name_of(element: Node) -> str:
-    """How errors call it: by the nearest id that modelers show, else by any id around it, else by its tag."""
-    name, around = f"<{local(element)}>", element.getroottree().getroot()
+def named(element: Node) -> tuple[str, str]:
+    """Id and name of the nearest element that modelers show, else of any around it that has an id, else its tag."""
+    shown, root = None, element.getroottree().getroot()
     for one in (element, *element.iterancestors()):
-        id = one.get("id")
-        if id and one is not around:
-            name = id
+        if one.get("id") and one is not root:
+            shown = one
             if not local(one).endswith(_PARTS):
                 break
-    return name
+    return (shown.get("id", ""), shown.get("name", "")) if shown is not None else (f"<{local(element)}>", "")
 
 
 def boolean(context: Context, element: Node, name: str, default: bool = False) -> bool:

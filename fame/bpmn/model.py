@@ -14,6 +14,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
+from fame.errors import display_name
+
 EMPTY: Mapping[str, str] = MappingProxyType({})
 
 
@@ -46,7 +48,7 @@ class Expression:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Element:
-    """What everything drawn has in common."""
+    """Fields that all drawn elements have."""
 
     id: str
     name: str = ""
@@ -57,8 +59,13 @@ class Element:
 
     @property
     def label(self) -> str:
-        """What a person calls it: its name, on one line, else its id."""
+        """Its name on one line, or its id if it has no name."""
         return " ".join(self.name.split()) or self.id
+
+    @property
+    def display_name(self) -> str:
+        """The element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""
+        return display_name(self.id, self.name)
 
 
 # ---- data ------------------------------------------------------------------------------------------------------------
@@ -388,6 +395,15 @@ class Body:
             if isinstance(node, SubProcess):
                 yield from node.body.walk()
 
+    def elements(self) -> Iterator[Element]:
+        """Every flow node, sequence flow and data object in it, at any depth."""
+        yield from self.nodes
+        yield from self.flows
+        yield from self.data_objects
+        for node in self.nodes:
+            if isinstance(node, SubProcess):
+                yield from node.body.elements()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubProcess(Activity):
@@ -412,11 +428,17 @@ class SubProcess(Activity):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why a process cannot be executed: what is wrong with an element of it, in words."""
+    """Why a process cannot be executed: what is wrong with one of its elements. `name`: that of the element."""
 
     text: str
     element: str = ""
     line: int = 0
+    name: str = ""
+
+    @property
+    def display_name(self) -> str:
+        """The element as messages show it."""
+        return display_name(self.element, self.name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -531,6 +553,12 @@ class Note:
     element: str = ""
     line: int = 0
     quirk: bool = False
+    name: str = ""
+
+    @property
+    def display_name(self) -> str:
+        """The element as messages show it."""
+        return display_name(self.element, self.name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -557,3 +585,16 @@ class Definitions:
     def process(self, id: str) -> Process | None:
         """The process with this id, if the file has it."""
         return next((process for process in self.processes if process.id == id), None)
+
+    def elements(self) -> Iterator[Element]:
+        """Every process, flow node, sequence flow and data object, then pools, message flows and artifacts."""
+        for process in self.processes:
+            yield process
+            yield from process.body.elements()
+        yield from self.participants
+        yield from self.message_flows
+        yield from self.artifacts
+
+    def display_name(self, id: str) -> str:
+        """The element with this id as messages show it; the id itself if the file has no such element."""
+        return next((element.display_name for element in self.elements() if element.id == id), id)

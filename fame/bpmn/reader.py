@@ -110,7 +110,7 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
             context.note(one, f"<{name}> is kept and has no effect", "warning")
     diagrams = read_diagrams(context, root)
     for fault in context.take_faults():  # where nothing is executed
-        context.notes.append(Note("warning", fault.text, fault.element, fault.line))
+        context.notes.append(Note("warning", fault.text, fault.element, fault.line, name=fault.name))
     return Definitions(
         file=context.file,
         source=source,

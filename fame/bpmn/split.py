@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Process
+from fame.bpmn.model import Definitions, Participant, Process
 from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.errors import ConfigError, ModelError
@@ -56,12 +56,13 @@ def pools_of(definitions: Definitions) -> list[Pool]:
         if not participant.process:
             continue
         process, name = definitions.process(participant.process), participant.label
-        where = {"file": definitions.file, "line": participant.line, "element": participant.id}
         if process is None:
             text = f"the pool's process is {participant.process!r}: the file has no such process"
-            raise ModelError(text, **where)  # type: ignore[arg-type]
+            raise _error(definitions, participant, text)
         if any(pool.name.casefold() == name.casefold() for pool in pools):
-            raise ModelError(f"there are two pools {name!r} (case does not count)", **where)  # type: ignore[arg-type]
+            raise _error(
+                definitions, participant, f"two pools have the name {name!r} (upper and lower case are the same)"
+            )
         numbers = participant.minimum, participant.maximum
         pools.append(Pool(name, process, participant.multi_instance, participant.line, *numbers))
     if not definitions.participants and len(definitions.processes) == 1:
@@ -74,6 +75,10 @@ def pools_of(definitions: Definitions) -> list[Pool]:
             found = f"it has {len(definitions.processes)} processes and no pool for them"
         raise ModelError(f"nothing to run: {found}", file=definitions.file)
     return pools
+
+
+def _error(definitions: Definitions, pool: Participant, text: str) -> ModelError:
+    return ModelError(text, file=definitions.file, line=pool.line, element=pool.id, name=pool.name)
 
 
 def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:

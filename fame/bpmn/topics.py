@@ -116,7 +116,7 @@ def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
     said = [end for end in everyone if end.topic.type is not None]
     for end in said[1:]:
         if end.topic.type != said[0].topic.type and (name[0] == "/" or end.process == said[0].process):
-            there = f"{said[0].node.id} says {said[0].topic.type}"
+            there = f"{said[0].node.display_name} says {said[0].topic.type}"
             raise _error(end, f"topic {name} has type {end.topic.type} here, but {there}: a topic has one type")
     if not said and elsewhere is None:
         for end in ends.throws:
@@ -130,4 +130,4 @@ def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
 
 
 def _error(end: TopicEnd, text: str) -> ModelError:
-    return ModelError(text, file=end.file, line=end.node.line, element=end.node.id)
+    return ModelError(text, file=end.file, line=end.node.line, element=end.node.id, name=end.node.name)

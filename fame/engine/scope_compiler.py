@@ -49,7 +49,7 @@ class Compiler:
     def admit(self, process: model.Process, file: str) -> None:
         """Make a process the one at hand. Raises ModelError for one that has faults."""
         for fault in process.faults:
-            raise ModelError(fault.text, file=file, line=fault.line, element=fault.element)
+            raise ModelError(fault.text, file=file, line=fault.line, element=fault.element, name=fault.name)
         self.program.sources.append(process)
         self.original, self.unfilled = process.semantics == "original", unfilled(process)
 
@@ -154,7 +154,7 @@ class ScopeCompiler:
 
     def refuse(self, text: str, element: model.Element) -> NoReturn:
         """Raise ModelError for an element."""
-        raise ModelError(text, file=self.file, line=element.line, element=element.id)
+        raise ModelError(text, file=self.file, line=element.line, element=element.id, name=element.name)
 
     # ---- the body ------------------------------------------------------------------------------------
 

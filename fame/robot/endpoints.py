@@ -42,7 +42,9 @@ class Ends:
                 self._open(name, use, partial(heard, name))
             except MessageError as error:
                 end = (*use.throws, *use.catches)[0]
-                raise ModelError(str(error), file=end.file, line=end.node.line, element=end.node.id) from error
+                raise ModelError(
+                    str(error), file=end.file, line=end.node.line, element=end.node.id, name=end.node.name
+                ) from error
 
     def open_named(self, scripts: Iterable[Expression], inbox: Inbox) -> None:
         """Make those that scripts name, as far as their types are known by now."""
