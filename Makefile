@@ -2,6 +2,7 @@
 # make test    run the tests
 # make attack  attacks on live engines: each has to be held
 # make lint    style, format and types
+# make test-modeler   walk the README's tutorial in a real browser; needs npm and chromium
 # make test-ros   the tests on a sourced ROS 2 (Jazzy or newer), with its own Python; on this machine's network alone
 #
 # Everything is installed into a virtual environment of its own on first use. PYTHON names another interpreter.
@@ -16,7 +17,10 @@ ROS_PYTHON := .venv-ros/bin/python
 ROS_TESTS := $(addprefix tests/,test_middleware_contract.py test_actions.py test_service_tasks.py test_engine_processes.py \
 	test_ros.py test_ros_parameters.py test_ros_package.py test_gazebo.py)
 
-.PHONY: demo test attack test-ros lint clean
+# What Camunda Modeler is made of, as a file for browsers.
+MODELER := camunda-bpmn-js@5.35.0
+
+.PHONY: demo test attack test-modeler test-ros lint clean
 
 demo: $(VENV)/sim.installed
 	$(BIN)/fame run examples/ground_vehicles.yaml --picture $(DEMO).png --animate $(DEMO).gif \
@@ -28,6 +32,14 @@ test: $(VENV)/dev.installed
 
 attack: $(VENV)/dev.installed
 	$(BIN)/python benchmarks/attack.py
+
+test-modeler: $(VENV)/dev.installed out/modeler/package
+	$(PIP) install playwright
+	$(BIN)/python -m pytest -rs -W default tests/test_tutorial.py
+
+out/modeler/package:
+	mkdir -p out/modeler
+	cd out/modeler && npm pack --silent $(MODELER) && tar xzf camunda-bpmn-js-*.tgz
 
 test-ros: $(ROS_PYTHON)
 	cmake -S tests/ros_workspace/farm_msgs -B out/ros/build -DCMAKE_INSTALL_PREFIX=$(CURDIR)/out/ros/install

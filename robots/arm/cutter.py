@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 JOINT_STATE, NUMBER, EMPTY, TEXT = (
     "sensor_msgs/msg/JointState", "std_msgs/msg/UInt32", "std_msgs/msg/Empty", "std_msgs/msg/String",
 )  # fmt: skip
+_NONE = np.zeros(0)
+"""What it does not measure: velocities and efforts."""
 MODIFICATIONS = (*KINDS, "rotated")
 SHEET = ((0.38, -0.1), (0.6, -0.1), (0.6, 0.1), (0.38, 0.1))
 """What parts are cut from, in the arm's frame, m."""
@@ -138,7 +140,7 @@ class Cutter:
             self._angles = self._ahead.popleft()
             self._postures.append(self._angles)
         if not self._silent:
-            self._joints.publish(self._state(self._header(now), self._names, self._angles.tolist(), [], []))
+            self._joints.publish(self._state(self._header(now), self._names, self._angles, _NONE, _NONE))
         if self._cutting and not self._ahead:
             self._cutting, self._cut_off = False, True
             self.parts += 1

@@ -133,7 +133,7 @@ class Handler:
             return
         state = self.machine.step()
         if not self._silent:
-            self._joints.publish(self._state(self._header(now), self._names, *state))
+            self._joints.publish(self._state(self._header(now), self._names, *map(np.array, state)))
 
     def fault(self, kind: str) -> None:
         """`blocked_shoulder`: somebody pushes joint 0, then blocks it, for some seconds; `blocked_lid`: somebody holds

@@ -1,0 +1,91 @@
+"""The tutorial of the README, walked in a real browser as somebody would who reads it: `make test-modeler`."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from modeler import Modeler
+
+from fame.cli import main
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+TUTORIAL = README.split("## Draw a mission of your own")[1].split("\n## ")[0]
+DIST = ROOT / "out" / "modeler" / "package" / "dist"
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+playwright = pytest.importorskip("playwright.sync_api", reason="without playwright: make test-modeler")
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None, reason="without a browser: apt install chromium"),
+    pytest.mark.skipif(not DIST.is_dir(), reason="without camunda-bpmn-js: make test-modeler"),
+]
+
+
+@pytest.fixture
+def modeler(tmp_path: Path) -> Iterator[Modeler]:
+    """A new diagram, with the templates that `fame templates` writes."""
+    assert main(["templates", "-o", str(tmp_path / "templates")]) == 0
+    templates = [one for file in sorted((tmp_path / "templates").iterdir()) for one in json.loads(file.read_text())]
+    with playwright.sync_playwright() as running:
+        browser = running.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield Modeler(browser.new_page(viewport={"width": 1600, "height": 1000}), DIST, templates)
+        browser.close()
+
+
+def test_the_mission_that_somebody_draws_who_follows_the_readme_runs(modeler: Modeler, tmp_path: Path) -> None:
+    start = modeler.begun_with()
+    scout = modeler.create("Create pool/participant", 500, 250)
+    helper = modeler.create("Create pool/participant", 500, 600)
+    modeler.fill(scout, "General", Name="SCOUT")
+    modeler.fill(helper, "General", Name="HELPER")
+
+    go = modeler.append(start, "Append task")
+    light = modeler.append(go, "Append task")
+    end = modeler.append(light, "Append end event")
+
+    modeler.change(go, "Call activity")
+    assert "Called element" not in modeler.labels(go, "Called element")
+    modeler.fill(go, "General", Name="Go To")
+    modeler.fill(go, "Called element", Type="BPMN", Called_element="GoTo")
+
+    goal = modeler.create("Create data object reference", 320, 330)
+    modeler.fill(goal, "General", Name="goal")
+    modeler.extend(goal, x_goal="4.5", y_goal="1.0")
+    modeler.connect(goal, "Connect using data input association", go)
+
+    modeler.change(light, "Script task")
+    (script,) = re.findall(r"```python\n(.*?)```", TUTORIAL, re.DOTALL)
+    modeler.fill(light, "General", Name="Green light")
+    modeler.fill(light, "Script", Format="python", Type="Inline script")
+    modeler.fill(light, "Script", Script=script.strip())
+
+    modeler.change(end, "Signal end event")
+    modeler.fill(end, "Signal", Global_signal_reference="Create new ...")
+    modeler.fill(end, "Signal", Name="arrived")
+    modeler.extend(end, type="geometry_msgs/msg/Vector3", payload="{x: ${x_goal}, y: ${y_goal}}")
+
+    plan = modeler.create("Create start event", 300, 600)
+    go = modeler.append(plan, "Append task")
+    modeler.append(go, "Append end event")
+    modeler.change(plan, "Signal start event")
+    modeler.fill(plan, "Signal", Global_signal_reference="arrived")
+    modeler.change(go, "Call activity")
+    modeler.fill(go, "General", Name="Go To")
+    modeler.fill(go, "Called element", Type="BPMN", Called_element="GoTo")
+    place = modeler.create("Create data object reference", 320, 690)
+    modeler.extend(place, x_goal="", y_goal="")
+    modeler.connect(plan, "Connect to other element", place)
+
+    tutorial = " ".join(TUTORIAL.split())
+    assert [word for word in sorted(modeler.read) if " ".join(word.split()) not in tutorial] == []
+    modeler.page.screenshot(path=tmp_path / "patrol.png")
+    (tmp_path / "patrol.bpmn").write_text(modeler.save(), encoding="utf-8")
+    (scenario,) = re.findall(r"```yaml\n(.*?)```", TUTORIAL, re.DOTALL)
+    (tmp_path / "patrol.yaml").write_text(re.sub(r"^   ", "", scenario, flags=re.MULTILINE))
+    assert main(["check", str(tmp_path / "patrol.bpmn")]) == 0
+    assert main(["run", str(tmp_path / "patrol.yaml"), "--json"]) == 0
