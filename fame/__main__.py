@@ -23,7 +23,9 @@ def main() -> int:
 
 def _without_waiting(code: int) -> int:
     """The exit code. Threads of scripts that are at work, and are no daemons, would keep the process from ending."""
-    others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
+    others = [
+        thread for thread in threading.enumerate() if thread is not threading.current_thread() and _is_plain(thread)
+    ]
     for thread in others:
         if not thread.daemon:
             thread.join(_PATIENCE)
@@ -33,6 +35,11 @@ def _without_waiting(code: int) -> int:
             sys.stdout.flush()
         os._exit(code)
     return code
+
+
+def _is_plain(thread: threading.Thread) -> bool:
+    """Whether no library's own kind of thread: those (of joblib, for one) are ended by their library at exit."""
+    return type(thread) is threading.Thread or type(thread).__module__ not in sys.modules
 
 
 if __name__ == "__main__":

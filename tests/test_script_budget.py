@@ -191,3 +191,18 @@ def test_a_thread_that_a_script_left_keeps_no_process_from_ending() -> None:
     """)
     assert done.returncode == 3
     assert "of a script" in done.stderr
+
+
+@pytest.mark.processes
+def test_workers_of_a_library_are_ended_by_the_library() -> None:
+    pytest.importorskip("joblib")
+    done = process("""
+        import sys
+        from joblib import Parallel, delayed
+        from fame import __main__, cli
+        def command():
+            return sum(Parallel(n_jobs=2)(delayed(abs)(number) for number in (-1, -2)))
+        cli.main = command
+        sys.exit(__main__.main())
+    """)  # workers that live on hold stdout open, so that this does not return
+    assert (done.returncode, done.stderr) == (3, "")

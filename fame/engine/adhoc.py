@@ -21,7 +21,6 @@ from typing import Any
 from fame.bpmn import model
 from fame.engine import faults, scopes, steps, subprocesses
 from fame.engine.engine_state import EngineState
-from fame.engine.handlers import reaction_of
 from fame.engine.host import Compiled
 from fame.engine.program import Node
 from fame.engine.scope_compiler import ScopeCompiler
@@ -59,7 +58,10 @@ def _supervise(context: ScopeCompiler) -> None:
     interrupting: dict[str, list[model.Event]] = {}
     for event in context.content.nodes:
         node = context.main.get(event.id)
-        if isinstance(event, model.Event) and event.place == "boundary" and node and reaction_of(node).interrupting:
+        if not isinstance(event, model.Event) or event.place != "boundary" or node is None:
+            continue
+        how = node.catch or node.spec  # None: of a compensation event
+        if how is not None and how.interrupting:
             interrupting.setdefault(event.attached_to, []).append(event)
     for activity in _activities_of(context):
         before = context.node(activity, admit, "/admit")

@@ -12,7 +12,7 @@ from fame.engine.state import Wait
 
 def fire(engine: EngineState, wait: Wait) -> None:
     """A boundary event has occurred."""
-    handlers.take_boundary(engine, wait.scope, wait.node, wait.owner)
+    handlers.take_boundary(engine, wait.scope, wait.node, wait.catch, wait.owner)
 
 
 def make(context: ScopeCompiler, event: model.Event) -> None:

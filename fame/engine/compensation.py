@@ -149,7 +149,8 @@ def _rolled_back(engine: EngineState, scope: Scope, node: Node) -> None:
     assert scope.parent is not None
     assert scope.node is not None
     assert scope.node.boundary is not None
-    handlers.take_boundary(engine, scope.parent, scope.node.boundary.cancels[0], scope)
+    event = scope.node.boundary.cancels[0]
+    handlers.take_boundary(engine, scope.parent, event, event.spec, scope)
 
 
 UNDO = Node("", "(undo)", completed)

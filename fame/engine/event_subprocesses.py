@@ -15,7 +15,7 @@ from fame.engine.state import Record, Scope, Wait
 def fire(engine: EngineState, wait: Wait) -> None:
     """The start of an event sub-process was triggered."""
     try:
-        handlers.begin_handler(engine, wait.scope, wait.node)
+        handlers.begin_handler(engine, wait.scope, wait.node, wait.catch)
     except RecursionError as error:
         faults.fail(engine, wait.scope, wait.node, error)
 
@@ -53,7 +53,8 @@ def make(context: ScopeCompiler, element: model.SubProcess) -> None:
             context.compensation = node
             continue
         node.index, node.step = UNCOUNTED, steps.pass_on
-        handlers.reaction_of(node).resume = (element.resume or context.compiler.original) and event.interrupting
+        how = node.catch or node.spec
+        how.resume = (element.resume or context.compiler.original) and event.interrupting
         if node.catch is not None:
             node.catch.fire = fire
         context.handlers.append(node)

@@ -35,7 +35,7 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException) ->
         catcher = _matching(failing.boundary.errors, code) if failing.boundary is not None else None
         if catcher is not None:
             _set_variables(catcher, place, code, text)
-            handlers.take_boundary(engine, place, catcher, inner)
+            handlers.take_boundary(engine, place, catcher, catcher.spec, inner)
             break
         handler = _matching(place.body.errors, code) if place.body is not None else None
         if handler is not None:
@@ -113,7 +113,7 @@ def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) ->
         if handler is not None and not (handler.spec.resume and place.suspender is not None):
             _set_variables(handler, place, code or "", "")
             try:
-                handlers.begin_handler(engine, place, handler)
+                handlers.begin_handler(engine, place, handler, handler.spec)
             except RecursionError as error:
                 fail(engine, place, handler, error)
             break
@@ -122,7 +122,7 @@ def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) ->
         catcher = _matching(boundary.escalations, code) if boundary is not None else None
         if catcher is not None and place is not None:
             _set_variables(catcher, place, code or "", "")
-            handlers.take_boundary(engine, place, catcher, inner)
+            handlers.take_boundary(engine, place, catcher, catcher.spec, inner)
             break
     else:
         engine.host.report(node.id, f"escalation {code or 'without code'} was not caught")

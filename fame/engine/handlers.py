@@ -9,11 +9,16 @@ from fame.engine.scopes import Cancelling
 from fame.engine.state import Scope, Wait
 
 
-def take_boundary(engine: EngineState, scope: Scope, node: Node, owner: Scope | Wait | None) -> None:
-    """A boundary event cancels its activity (`owner`, if it is still at work), or runs beside it."""
+def take_boundary(
+    engine: EngineState, scope: Scope, node: Node, how: Catch | FaultCatch, owner: Scope | Wait | None
+) -> None:
+    """A boundary event cancels its activity (`owner`, if it is still at work), or runs beside it.
+
+    `how` says which, as the node's `Catch` or spec.
+    """
     scopes.count_event(engine, scope, node)
     cancelling: Cancelling = ()
-    if not reaction_of(node).interrupting:
+    if not how.interrupting:
         scope.tokens += 1
     elif isinstance(owner, Scope):
         cancelling = scopes.kill(engine, owner)
@@ -24,18 +29,11 @@ def take_boundary(engine: EngineState, scope: Scope, node: Node, owner: Scope | 
     scopes.proceed(engine, node.next, scope, cancelling)
 
 
-def reaction_of(node: Node) -> Catch | FaultCatch:
-    """How a boundary event, or the start of an event sub-process, treats what it stands at."""
-    fault: FaultCatch = node.spec
-    return node.catch or fault
-
-
-def begin_handler(engine: EngineState, scope: Scope, start: Node) -> None:
-    """Run an event sub-process: in place of its scope, while that is suspended, or beside it.
+def begin_handler(engine: EngineState, scope: Scope, start: Node, how: Catch | FaultCatch) -> None:
+    """Run an event sub-process: in place of its scope, while that is suspended, or beside it, as `how` says.
 
     Raises RecursionError if the instance has too many scopes.
     """
-    how = reaction_of(start)
     if how.interrupting and not how.resume:
         replace_by_handler(engine, scope, start)
         return

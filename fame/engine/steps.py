@@ -118,7 +118,7 @@ def assign(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return None
-    return settle(engine, scope, node) if engine.conditions or engine.posted else node.next
+    return settle(engine, scope, node) if engine.posted or engine.conditions else node.next
 
 
 # ---- opening and ending --------------------------------------------------------------------------

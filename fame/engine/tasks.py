@@ -38,7 +38,7 @@ def script(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     except BaseException as error:
         return steps.fail_step(engine, scope, node, error)
     if suspended is None:
-        return steps.settle(engine, scope, node) if engine.conditions or engine.posted else node.next
+        return steps.settle(engine, scope, node) if engine.posted or engine.conditions else node.next
     return _suspend(engine, scope, node, suspended)
 
 
@@ -54,7 +54,7 @@ def evaluate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
         return _suspend(engine, scope, node, value)
     if spec.variable:
         scope.variables[spec.variable] = value
-    return steps.settle(engine, scope, node) if engine.conditions or engine.posted else node.next
+    return steps.settle(engine, scope, node) if engine.posted or engine.conditions else node.next
 
 
 def _suspend(engine: EngineState, scope: Scope, node: Node, suspended: Any) -> Node | None:
