@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import signal
+import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -73,6 +78,48 @@ def test_the_tree_of_errors_is_that_of_the_code() -> None:
     assert tree.splitlines() == [
         line[4:] for line in (fame.errors.__doc__ or "").split("::\n\n")[1].partition("\n\n")[0].splitlines()
     ]
+
+
+@pytest.mark.processes
+def test_the_walk_of_learned_models_works_as_written(tmp_path: Path) -> None:
+    """From the folder of FAME; only recordings are shorter, and the folder `monitor` is elsewhere."""
+    pytest.importorskip("cyclonedds")
+    pytest.importorskip("skops")
+    section = README.split("## Learned models on the data of robots")[1].split("\n## ")[0]
+    (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
+    text = re.sub(r" +#.*", "", block).replace("--duration 24", "--duration 2")
+    lines = [re.sub(r"(?<= )monitor(?=/|$)", str(tmp_path / "monitor"), line) for line in text.splitlines()]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    begin = partial(subprocess.Popen, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
+    begun = []
+    try:
+        for line in lines[:2]:
+            begun.append(begin(shlex.split(line)))
+            assert begun[-1].stderr is not None
+            assert begun[-1].stderr.readline().endswith("; Ctrl-C ends it\n")
+        for line in lines[2:-1]:
+            done = subprocess.run(
+                shlex.split(line), cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=False
+            )
+            assert done.returncode == 0, (line, done.stderr)
+        begun.append(begin(shlex.split(lines[-1])))
+        assert begun[-1].stderr is not None
+        started = [begun[-1].stderr.readline() for _ in range(4)]
+        assert [line.partition(":")[0] for line in started] == [
+            "low_pass",
+            "autoencoders",
+            "loss_low_pass",
+            "threshold",
+        ]
+        for process in reversed(begun):
+            assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            assert process.wait(timeout=20) in (0, 130)  # 130: it had not begun to listen
+    finally:
+        for process in begun:
+            process.kill()
+            process.communicate()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
