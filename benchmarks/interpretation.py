@@ -168,7 +168,7 @@ def interpreted_cars(scheduler: Scheduler, middleware: Middleware) -> tuple[Call
     """The same, driven by their models."""
     import fame
     from fame.bpmn.library import Library
-    from fame.bpmn.split import pools_of, shared_topics
+    from fame.bpmn.pools import pools_of, shared_topics
     from fame.robot import RobotNode, mission
 
     definitions, library = fame.read(ROOT.parent / "models" / "ground_vehicles.bpmn"), Library()

@@ -22,7 +22,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from fame.bpmn.split import bind, pools_of  # noqa: E402
+from fame.bpmn.pools import bind, pools_of  # noqa: E402
 from fame.scenario import Scenario  # noqa: E402
 from sim2d.config import world_config  # noqa: E402
 

@@ -26,9 +26,8 @@ from fame.errors import (
 from fame.lazy import from_homes
 
 if TYPE_CHECKING:
-    from fame.bpmn.reader import read
+    from fame.bpmn.reader import read, write
     from fame.bpmn.split import split
-    from fame.bpmn.writer import write
     from fame.engine.host import BpmnError
     from fame.robot.events import EventLog
     from fame.scenario import Scenario
@@ -46,7 +45,7 @@ _HOMES = {
     "Simulation": "simulation",
     "read": "bpmn.reader",
     "split": "bpmn.split",
-    "write": "bpmn.writer",
+    "write": "bpmn.reader",
 }
 
 __getattr__ = from_homes(__name__, _HOMES)

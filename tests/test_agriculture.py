@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import fame
-from fame.bpmn.split import bind, pools_of
+from fame.bpmn.pools import bind, pools_of
 from fame.clock import SECOND
 from fame.robot import Event
 from fame.scenario import Result, Scenario

@@ -9,7 +9,6 @@ import pytest
 from bpmn_text import body_of, document, extensions, node_of, notes_of, process, properties, refused
 
 from fame.bpmn import read_text
-from fame.bpmn.dialects.flow_style import listed, mapped_entries
 from fame.bpmn.model import (
     Assignment,
     CallActivity,
@@ -23,6 +22,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
+from fame.bpmn.reader.expressions import listed, mapped_entries
 from fame.scripting import compile_expression
 
 ROOTS = '<signal id="S" name="weed_found"/><message id="M" name="order"/><error id="E" errorCode="lost"/>'

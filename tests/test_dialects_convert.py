@@ -18,10 +18,10 @@ from test_strangers import FILES
 import fame
 from fame.bpmn import read_bytes, read_text
 from fame.bpmn.conversion import convert
-from fame.bpmn.dialects import forms_of
 from fame.bpmn.model import Definitions
+from fame.bpmn.reader.dialects import forms_of
+from fame.bpmn.reader.xml import parse
 from fame.bpmn.split import split
-from fame.bpmn.xml import parse
 from fame.cli import main
 from fame.errors import ModelError
 from fame.robot import Event

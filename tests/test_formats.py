@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 import fame
-from fame.bpmn.extraction import extract_process
-from fame.bpmn.split import bind, pools_of, split
+from fame.bpmn.pools import bind, pools_of
+from fame.bpmn.split import extract_process, split
 from fame.check import check
 from fame.clock import SECOND
 from fame.errors import ConfigError, ModelError

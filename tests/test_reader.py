@@ -10,7 +10,8 @@ from bpmn_text import body_of, document, extensions, node_of, notes_of, process,
 from fame.bpmn import read, read_bytes, read_text
 from fame.bpmn.conversion import convert
 from fame.bpmn.model import Assignment, Expression, Task
-from fame.bpmn.split import pools_of, split
+from fame.bpmn.pools import pools_of
+from fame.bpmn.split import split
 from fame.errors import MissionError, ModelError
 
 SIGNAL = '<signal id="S" name="weed_found"/>'

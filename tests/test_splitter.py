@@ -4,8 +4,9 @@ import pytest
 
 import fame
 from fame.bpmn.library import Library
+from fame.bpmn.pools import bind, pools_of
 from fame.bpmn.reader import read_bytes, read_text
-from fame.bpmn.split import bind, pools_of, split
+from fame.bpmn.split import split
 
 MISSION = "models/ground_vehicles.bpmn"
 

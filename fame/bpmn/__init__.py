@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 from fame.lazy import from_homes
 
 if TYPE_CHECKING:
-    from fame.bpmn.extraction import extract_process
-    from fame.bpmn.reader import read, read_bytes, read_text
+    from fame.bpmn.reader import read, read_bytes, read_text, write
+    from fame.bpmn.split import extract_process
     from fame.bpmn.topics import topic_table
-    from fame.bpmn.writer import write
 
 __all__ = ["extract_process", "read", "read_bytes", "read_text", "topic_table", "write"]
 
@@ -23,8 +22,8 @@ _HOMES = {
     "read_bytes": "reader",
     "read_text": "reader",
     "topic_table": "topics",
-    "extract_process": "extraction",
-    "write": "writer",
+    "extract_process": "split",
+    "write": "reader",
 }
 
 __getattr__ = from_homes(__name__, _HOMES)

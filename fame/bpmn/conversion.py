@@ -13,23 +13,22 @@ from typing import Literal
 
 from lxml import etree
 
-from fame.bpmn.context import Context
-from fame.bpmn.dialects import ELEMENTS, current, fame_g0, looks_original
-from fame.bpmn.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
-from fame.bpmn.dialects.extensions import Extensions
-from fame.bpmn.dialects.fame_g2 import CALL, DATA, QOS, ROS
-from fame.bpmn.extraction import keep_types_readable
+from fame.bpmn import extension_elements
 from fame.bpmn.merging import whole_tree
 from fame.bpmn.model import Definitions, Process, SubProcess, Task
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.dialects import ELEMENTS, looks_original, original_fame
+from fame.bpmn.reader.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
+from fame.bpmn.reader.dialects.extensions import Extensions
+from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local, text_of
+from fame.bpmn.split import keep_types_readable
 from fame.bpmn.topics import topics_of
-from fame.bpmn.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local, text_of
 
 Semantics = Literal["standard", "original"]
 
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 _DIAGRAM = f"{{{BPMNDI}}}BPMNDiagram"
 _PLATFORM = "{http://camunda.org/schema/modeler/1.0}executionPlatform"
-_WEB = (ROS, DATA, QOS, CALL)
 _EIGHT = {
     "properties", "taskHeaders", "ioMapping", "taskDefinition", "calledElement", "loopCharacteristics", "script",
     "subscription",
@@ -60,7 +59,7 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     for name in ("scriptFormat", "language"):
         if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
             element.set(name, "javascript")
-    holders = element.findall(current.EXTENSION_ELEMENTS)
+    holders = element.findall(extension_elements.EXTENSION_ELEMENTS)
     if not holders:
         return
     holder = holders[0]
@@ -74,7 +73,7 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     if not found.refused and (not found.own or found.inputs or found.outputs or found.all_in or found.all_out):
         for one in foreign:
             holder.remove(one)
-        current.write(element, found)
+        extension_elements.write(element, found)
     if found.key is not None:
         _correlate(root, element, found)
     if any(one.tag in _KINDS for one in element):
@@ -94,7 +93,7 @@ def _is_foreign(element: Node) -> bool:
     if not isinstance(element.tag, str):
         return False
     namespace = element.tag[1:].partition("}")[0]
-    return namespace in _WEB or (namespace == ZEEBE and local(element) in _EIGHT)
+    return namespace in original_fame.NAMESPACES or (namespace == ZEEBE and local(element) in _EIGHT)
 
 
 def _unlist(event: Node, holder: Node) -> None:
@@ -102,10 +101,10 @@ def _unlist(event: Node, holder: Node) -> None:
     for mapping in holder.findall(f"{_C}inputOutput"):
         for parameter in mapping.findall(f"{_C}inputParameter"):
             first = next(parameter.iterchildren("*"), None)
-            values = list(first.iterchildren("*")) if first is not None and fame_g0.is_message(first) else []
+            values = list(first.iterchildren("*")) if first is not None and original_fame.is_message(first) else []
             if 0 < len(values) <= 2:
                 for name, value in zip(("type", "payload"), values, strict=False):
-                    current.add_property(event, name, text_of(value).strip())
+                    extension_elements.add_property(event, name, text_of(value).strip())
                 mapping.remove(parameter)
         if not len(mapping):
             holder.remove(mapping)
@@ -179,14 +178,14 @@ def _say_rules(root: Node, process: Process, element: Node, semantics: Semantics
         isinstance(node, SubProcess) and node.triggered_by_event for node in process.body.walk()
     ):
         _drop_property(element, "semantics")
-        current.add_property(element, "semantics", str(semantics))
+        extension_elements.add_property(element, "semantics", str(semantics))
     _drop_property(element, "topics")
     if process.by_prefix and not looks_original(root) and any(True for _ in element.iter(f"{_B}dataObjectReference")):
-        current.add_property(element, "fields", "prefix")
+        extension_elements.add_property(element, "fields", "prefix")
 
 
 def _drop_property(element: Node, name: str) -> None:
-    holder = element.find(current.EXTENSION_ELEMENTS)
+    holder = element.find(extension_elements.EXTENSION_ELEMENTS)
     for properties in holder.findall(f"{_C}properties") if holder is not None else ():
         for one in properties.findall(f"{_C}property"):
             if one.get("name") == name:
@@ -204,7 +203,7 @@ def _written(root: Node) -> bytes:
     if root.get(_PLATFORM) == "Camunda Cloud":
         root.set(_PLATFORM, "Camunda Platform")
         root.set(f"{_PLATFORM}Version", "7.23.0")
-    gone = {*_WEB, ZEEBE, FLOWABLE, ACTIVITI}
+    gone = {*original_fame.NAMESPACES, ZEEBE, FLOWABLE, ACTIVITI}
     kept = [prefix for prefix, uri in root.nsmap.items() if prefix and uri not in gone]
     top = {} if CAMUNDA in root.nsmap.values() else {"camunda": CAMUNDA}
     etree.cleanup_namespaces(root, top_nsmap=top or None, keep_ns_prefixes=kept)

@@ -10,16 +10,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
 
-from fame.bpmn.context import Context, find
-from fame.bpmn.data import shared_stores
-from fame.bpmn.dialects.current import add_property
-from fame.bpmn.dialects.fame_g2 import unfold
-from fame.bpmn.ids import is_reference
-from fame.bpmn.message_flows import connect
+from fame.bpmn.extension_elements import add_property
 from fame.bpmn.model import Bounds, Definitions, FlowNode, Participant, Process
-from fame.bpmn.reader import read_tree
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.data import shared_stores
+from fame.bpmn.reader.document import read_tree
+from fame.bpmn.reader.preparation import prepare
+from fame.bpmn.reader.xml import BPMN, BPMNDI, Node, find, is_reference, parse, text_of
 from fame.bpmn.topics import topics_of
-from fame.bpmn.xml import BPMN, BPMNDI, Node, parse, text_of
 
 _B = f"{{{BPMN}}}"
 _PROCESS, _COLLABORATION, _DIAGRAM = f"{_B}process", f"{_B}collaboration", f"{{{BPMNDI}}}BPMNDiagram"
@@ -179,8 +177,7 @@ def whole_tree(definitions: Definitions) -> Node:
     """The file with all that is in it, and the ids that the reader makes where there is none."""
     root = parse(definitions.source, definitions.file, keep_all=True)
     context = Context(definitions.file)
-    unfold(context, root)
-    connect(context, root)
+    prepare(context, root)
     as_read = parse(definitions.source, definitions.file)
     read_tree(as_read, definitions.source, definitions.file)
     for element, other in zip(root.iter("*"), as_read.iter("*"), strict=True):

@@ -1,33 +1,32 @@
-"""From a collaboration to one process per robot, and who plays which pool.
+"""Splits a collaboration into one self-contained file per pool.
 
-A pool is bound to the robot whose namespace has its name, without regard to case; a multi-instance pool to every
-namespace ``<Pool>_<digits>`` (paper section 3.3). A file without a collaboration is one robot, named after its process.
+It works on the XML, so that what FAME does not know comes along. The new file has the pool and its process, the
+processes that it calls, what these declare at the root (signals, messages, errors ...), and their drawings. Files that
+were drawn apart use the same ids, so those of a called process that are taken get a number; and every event whose
+topic's type is said elsewhere gets it written down, for elsewhere is another robot's file from now on.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
+from lxml import etree
+
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Participant, Process
-from fame.bpmn.ros_names import NAMES, is_ros_name
-from fame.bpmn.topics import TopicUse, topic_table
-from fame.errors import ConfigError, ModelError
+from fame.bpmn.merging import Piece, copied
+from fame.bpmn.model import CallActivity, Definitions, Participant, Process
+from fame.bpmn.pools import pools_of, shared_topics
+from fame.bpmn.reader import read
+from fame.bpmn.reader.dialects.original_fame import CALL
+from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, find, unique_ids
+from fame.errors import ModelError
 
-
-@dataclass(frozen=True, slots=True)
-class Pool:
-    """A pool with a process: who is to run it. `minimum` and `maximum`: as of `fame.bpmn.model.Participant`."""
-
-    name: str
-    process: Process
-    multi_instance: bool = False
-    line: int = 0
-    minimum: int = 1
-    maximum: int | None = None
+_B = f"{{{BPMN}}}"
+_XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,51 +44,8 @@ class Part:
         return re.sub(r"[^\w.-]+", "_", self.name).strip("._") + ".bpmn"
 
 
-def pools_of(definitions: Definitions) -> list[Pool]:
-    """The pools that have a process, in document order; one without a name goes by its id.
-
-    Raises ModelError for a pool whose process the file does not have, two that differ in case alone, and a file with
-    nothing to execute.
-    """
-    pools: list[Pool] = []
-    for participant in definitions.participants:
-        if not participant.process:
-            continue
-        process, name = definitions.process(participant.process), participant.label
-        if process is None:
-            text = f"the pool's process is {participant.process!r}: the file has no such process"
-            raise _error(definitions, participant, text)
-        if any(pool.name.casefold() == name.casefold() for pool in pools):
-            raise _error(
-                definitions, participant, f"two pools have the name {name!r} (upper and lower case are the same)"
-            )
-        numbers = participant.minimum, participant.maximum
-        pools.append(Pool(name, process, participant.multi_instance, participant.line, *numbers))
-    if not definitions.participants and len(definitions.processes) == 1:
-        process = definitions.processes[0]
-        pools.append(Pool(process.name or process.id, process, line=process.line))
-    if not pools:
-        black = [participant.label for participant in definitions.participants]
-        found = f"its pools are black boxes: {', '.join(black)}" if black else "it has no pool"
-        if not black and definitions.processes:
-            found = f"it has {len(definitions.processes)} processes and no pool for them"
-        raise ModelError(f"nothing to run: {found}", file=definitions.file)
-    return pools
-
-
-def _error(definitions: Definitions, pool: Participant, text: str) -> ModelError:
-    return ModelError(text, file=definitions.file, line=pool.line, element=pool.id, name=pool.name)
-
-
-def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:
-    """The topics of a whole collaboration, called processes included. Raises ModelError for one with two types."""
-    files: dict[str, Definitions] = {definitions.file: definitions}
-    processes: list[str] = []
-    for pool in pools:
-        for home, process in library.closure(definitions, pool.process):
-            files[home.file] = home
-            processes.append(process.id)
-    return topic_table(list(files.values()), processes)
+Called = Mapping[str, tuple[Definitions, str]]
+"""What call activities name -> the file that has it, and the id of the process in it."""
 
 
 def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[Part]:
@@ -97,9 +53,6 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
 
     The model may be a path. Raises ModelError.
     """
-    from fame.bpmn.extraction import extract_process
-    from fame.bpmn.reader import read
-
     definitions, library = read(definitions), library or Library()
     pools = pools_of(definitions)
     types = {name: use.declared for name, use in shared_topics(definitions, pools, library).items() if use.declared}
@@ -120,41 +73,154 @@ def split(definitions: Definitions | str | Path, library: Library | None = None)
     ]
 
 
-def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
-    """Which pool each robot (namespace) plays, in the order of the robots.
+def extract_process(
+    definitions: Definitions,
+    process_id: str,
+    *,
+    name: str = "",
+    called: Called | None = None,
+    topic_types: Mapping[str, str] | None = None,
+) -> bytes:
+    """One process as an executable file of its own, self-contained, UTF-8.
 
-    A multi-instance pool is as many robots as there are, also none. Raises ConfigError for a robot that no pool knows,
-    another pool without a robot, and two robots whose names fall together; ModelError for a pool that can have none.
+    `name` picks the pool where several have this process, and is the name of the pool in the new file. `called` says
+    which process each call activity means, at any depth; processes of the same file need not be there. `topic_types`
+    maps qualified topics to types. Message flows are left out: topics carry messages. Raises ModelError if a file lacks
+    a process that it should have.
     """
-    bound: dict[str, Pool] = {}
-    folded: dict[str, str] = {}
-    names = list(robots)
-    for robot in names:
-        twin = folded.setdefault(robot.casefold(), robot)
-        if twin != robot:
-            raise ConfigError(f"robots {twin!r} and {robot!r} differ in case alone", file=file)
-        pool = next((pool for pool in pools if plays(robot, pool)), None)
-        if pool is None:
-            known = ", ".join(expected(pool) for pool in pools)
-            raise ConfigError(f"no pool is named like robot {robot!r}; the pools want {known}", file=file)
-        bound[robot] = pool
-    for pool in pools:
-        if not pool.multi_instance and pool not in bound.values():
-            if not is_ros_name(f"/{pool.name}"):
-                text = f"no robot can have the name of pool {pool.name!r}; {NAMES} would be right"
-                raise ModelError(text, file=file, line=pool.line)
-            have = f"the robots are {', '.join(names)}" if names else "there are no robots at all"
-            raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; {have}", file=file)
-    return bound
+    process = _process(definitions, process_id)
+    reached = _reachable(definitions, process, called or {})
+    files = _by_file(definitions, process, reached.values())
+    pool = _pool(definitions, process_id, name)
+    pieces: list[Piece] = []
+    taken: set[str] = set()
+    for file, processes in files:
+        piece = copied(file, processes, pool if file is definitions else None, topic_types or {})
+        _make_unique(piece, taken)
+        pieces.append(piece)
+    homes = {_key(piece.definitions): piece for piece in pieces}
+    ids = {key: homes[_key(file)].ids[id] for key, (file, id) in reached.items()}
+    for piece in pieces:
+        _point_calls(piece, ids)
+    if pieces[0].collaboration is not None and name:
+        next(pieces[0].collaboration.iterchildren(f"{_B}participant")).set("name", name)
+    return etree.tostring(_assemble(pieces), xml_declaration=True, encoding="UTF-8") + b"\n"
 
 
-def plays(robot: str, pool: Pool) -> bool:
-    """Whether a namespace is meant by a pool."""
-    if pool.multi_instance:
-        return re.fullmatch(re.escape(pool.name) + r"_\d+", robot, re.IGNORECASE) is not None
-    return robot.casefold() == pool.name.casefold()
+def _process(definitions: Definitions, id: str) -> Process:
+    process = definitions.process(id)
+    if process is None:
+        has = ", ".join(one.id for one in definitions.processes) or "none"
+        raise ModelError(f"the file has no process {id!r}: it has {has}", file=definitions.file)
+    return process
 
 
-def expected(pool: Pool) -> str:
-    """The robots that a pool wants, in words."""
-    return f"{pool.name}_<number>" if pool.multi_instance else pool.name
+def _by_file(
+    definitions: Definitions, process: Process, reached: Iterable[tuple[Definitions, str]]
+) -> list[tuple[Definitions, list[Process]]]:
+    """Files with the processes that are wanted of them; that of the pool first."""
+    found = {_key(definitions): (definitions, [process])}
+    for file, id in reached:
+        home, processes = found.setdefault(_key(file), (file, []))
+        if all(one.id != id for one in processes):
+            processes.append(_process(home, id))
+    return list(found.values())
+
+
+def _key(definitions: Definitions) -> str | bytes:
+    """What tells files apart: the name, or the content of one that has no name."""
+    return definitions.file or definitions.source
+
+
+def _reachable(definitions: Definitions, process: Process, called: Called) -> dict[str, tuple[Definitions, str]]:
+    """What the process calls, and what that calls, in the order of meeting; all of `called` if a call is computed."""
+    found: dict[str, tuple[Definitions, str]] = {}
+    waiting = [(definitions, process)]
+    for file, one in waiting:
+        for node in one.body.walk():
+            if isinstance(node, CallActivity):
+                named = {node.called: called.get(node.called) or (file, node.called)}
+                for key, there in (called if node.called_expression is not None else named).items():
+                    if key not in found and (key in called or file.process(key) is not None):
+                        found[key] = there
+                        waiting.append((there[0], _process(*there)))
+    return found
+
+
+def _pool(definitions: Definitions, process_id: str, name: str) -> Participant | None:
+    pools = [one for one in definitions.participants if one.process == process_id]
+    named = [one for one in pools if one.label == name]
+    return next(iter(named or pools), None)
+
+
+# ---- ids -------------------------------------------------------------------------------------------------------------
+
+
+def _make_unique(piece: Piece, taken: set[str]) -> None:
+    """Gives ids that are taken a number, wherever the piece uses them."""
+    renamed = unique_ids(piece.everything(), taken)
+    piece.ids = {id: renamed.get(id, id) for id in piece.ids}
+
+
+def _point_calls(piece: Piece, ids: Mapping[str, str]) -> None:
+    """Makes every call activity name the process as it is called in the new file."""
+    for element in piece.elements():
+        for tag, attribute in _CALLS:
+            value = element.get(attribute) if element.tag == tag else None
+            called = find(ids, value)
+            if called is not None:
+                element.set(attribute, called)
+
+
+_CALLS = (
+    (f"{_B}callActivity", "calledElement"),
+    (f"{{{ZEEBE}}}calledElement", "processId"),
+    (f"{{{CALL}}}process", "process"),
+)
+
+
+# ---- the new file ----------------------------------------------------------------------------------------------------
+
+
+def _new_root(home: Node, others: Iterable[Node]) -> Node:
+    prefixes: dict[str | None, str] = {"camunda": CAMUNDA}
+    for other in (*others, home):
+        prefixes.update({prefix: uri for prefix, uri in other.nsmap.items() if prefix or other is home})
+    prefixes = {prefix: uri for prefix, uri in prefixes.items() if _can_be_new(f"{{{uri}}}any")}
+    known = {name: value for name, value in home.attrib.items() if _can_be_new(name)}
+    root = etree.Element(home.tag, known, nsmap=prefixes)  # type: ignore[arg-type]
+    for one in home.iterchildren(f"{_B}documentation", f"{_B}extensionElements"):
+        root.append(deepcopy(one))
+    return root
+
+
+def _can_be_new(name: str | bytes) -> bool:
+    """Whether a name can be given to a new element: a namespace that is no URI can only be copied."""
+    try:
+        etree.Element(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _assemble(pieces: list[Piece]) -> Node:
+    root = _new_root(pieces[0].root, [piece.root for piece in pieces[1:]])
+    parts = [piece.collaboration for piece in pieces if piece.collaboration is not None]
+    parts += [one for piece in pieces for one in piece.processes]
+    parts += [one for piece in pieces for one in piece.shared]
+    parts += [one for piece in pieces for one in piece.diagrams]
+    for part in parts:
+        keep_types_readable(part, root)
+        root.append(part)
+    etree.indent(root, "  ")
+    return root
+
+
+def keep_types_readable(part: Node, root: Node) -> None:
+    """``xsi:type`` holds a prefix in its value: that of the new file."""
+    prefix = next((prefix for prefix, uri in root.nsmap.items() if uri == BPMN), None)
+    for element in part.iter("*"):
+        value = element.get(_XSI_TYPE)
+        if value is not None:
+            bare = value.rpartition(":")[2]
+            element.set(_XSI_TYPE, f"{prefix}:{bare}" if prefix else bare)

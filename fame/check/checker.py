@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.split import pools_of
+from fame.bpmn.pools import pools_of
 from fame.check.addressing import addressing_findings
 from fame.check.common_mistakes import slip_findings
 from fame.check.compiling import compiler_findings

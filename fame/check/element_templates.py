@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fame.bpmn.dialects.qos import CHOICES
+from fame.bpmn.reader.dialects.extensions import CHOICES
 from fame.check.behaviours import Behaviour
 from fame.middleware import messages
 

@@ -18,12 +18,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
-from fame.bpmn.dialects import forms_of
-from fame.bpmn.expressions import is_mixed
 from fame.bpmn.library import Library
 from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode, Task
+from fame.bpmn.reader.dialects import forms_of
+from fame.bpmn.reader.expressions import is_mixed
+from fame.bpmn.reader.xml import children, parse
 from fame.bpmn.topics import EMPTY_TYPE
-from fame.bpmn.xml import children, parse
 from fame.check.guidelines import suspending
 from fame.check.legacy_habits import quirks_of
 from fame.check.scope import Subject, Unit, subject

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 
 from fame.bpmn.model import Definitions, Element, SubProcess
-from fame.bpmn.split import pools_of
+from fame.bpmn.pools import pools_of
 from fame.bpmn.topics import topics_of
 from fame.check.findings import Finding
 from fame.check.scope import Subject, Unit

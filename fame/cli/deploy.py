@@ -36,8 +36,8 @@ def add(commands: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Deploy, and print how each robot answered; then stay, if that is wanted."""
     from fame.bpmn.library import Library
+    from fame.bpmn.pools import plays, pools_of
     from fame.bpmn.reader import read
-    from fame.bpmn.split import plays, pools_of
     from fame.check.gate import refuse_errors
     from fame.deploy.signing import read_private
     from fame.scenario import Sending

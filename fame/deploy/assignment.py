@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.split import Pool, bind, expected, plays, pools_of, shared_topics
+from fame.bpmn.pools import Pool, bind, expected, plays, pools_of, shared_topics
 from fame.errors import DeploymentError
 from fame.robot.addressed import address
 

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Protocol
 
 from fame.bpmn.model import Definitions
-from fame.bpmn.split import plays, pools_of
+from fame.bpmn.pools import plays, pools_of
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.envelope import STATUS_QOS, STRING, engines
 from fame.deploy.sender import Deployment

@@ -10,7 +10,8 @@ from typing import Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.split import Pool, split
+from fame.bpmn.pools import Pool
+from fame.bpmn.split import split
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.assignment import cast_of, promises
 from fame.deploy.envelope import (

@@ -18,8 +18,9 @@ from typing import Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.split import pools_of, split
-from fame.bpmn.xml import LIMIT
+from fame.bpmn.pools import pools_of
+from fame.bpmn.reader.xml import LIMIT
+from fame.bpmn.split import split
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy.diagrams import Desk, Diagram
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash

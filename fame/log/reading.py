@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
-from fame.bpmn.draw.outcome import Outcome
+from fame.bpmn.draw.style import Outcome
 from fame.bpmn.model import Definitions
 from fame.errors import ConfigError
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fame.bpmn.split import Pool
+    from fame.bpmn.pools import Pool
     from fame.scenario.result import RobotResult, Status
 
 

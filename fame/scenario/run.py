@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from fame.bpmn.split import pools_of, shared_topics
+from fame.bpmn.pools import pools_of, shared_topics
 from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError

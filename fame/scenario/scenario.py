@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
-from fame.bpmn.split import Pool, bind, pools_of
+from fame.bpmn.pools import Pool, bind, pools_of
 from fame.clock import EPOCH
 from fame.errors import ConfigError, expect
 from fame.robot import Event

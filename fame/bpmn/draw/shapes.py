@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 from fame.bpmn.draw import icons
 from fame.bpmn.draw.icons import Ink
-from fame.bpmn.draw.inside import set_inside
-from fame.bpmn.draw.picture import BAND, PAPER, SIZE, SMALL, Picture, letters
+from fame.bpmn.draw.labels import set_inside
+from fame.bpmn.draw.style import BAND, PAPER, SIZE, SMALL, Picture, letters
 from fame.bpmn.draw.svg import corners, lettering, moved, number, tag, wrap
 from fame.bpmn.model import (
     GATEWAYS,

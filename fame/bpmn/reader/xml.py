@@ -1,19 +1,21 @@
-"""XML that came from somewhere: parsed without trusting it.
+"""Parses XML from untrusted sources, and helpers for its elements, ids and references.
 
-No document type, hence no entities; no network; bounded size and depth (256, by the parser). What gets through is a
-plain tree of elements and text.
+Document types, and with them entities, are refused. Nothing is loaded over the network. Size and depth (256, by the
+parser) are bounded.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TypeVar
 
 from lxml import etree
 
 from fame.errors import ModelError
 
 Node = etree._Element
+T = TypeVar("T")
 
 BPMN = "http://www.omg.org/spec/BPMN/20100524/MODEL"
 BPMNDI = "http://www.omg.org/spec/BPMN/20100524/DI"
@@ -143,3 +145,54 @@ def children(element: Node, name: str) -> Iterator[Node]:
 def child(element: Node, name: str) -> Node | None:
     """The first of them."""
     return element.find(_B + name)
+
+
+# ---- ids and references ----------------------------------------------------------------------------------------------
+
+
+def find(table: Mapping[str, T], reference: str | None) -> T | None:
+    """What a reference names; references are qualified names, so a prefix may stand before the id."""
+    if not reference:
+        return None
+    reference = reference.strip()
+    found = table.get(reference)
+    return found if found is not None else table.get(reference.rpartition(":")[2])
+
+
+def id_in(element: Node, name: str) -> str:
+    """The id in an attribute that is a qualified name: without the prefix, if that is one of the file."""
+    prefix, colon, id = element.get(name, "").strip().partition(":")
+    return id if colon and prefix in element.nsmap else prefix + colon + id
+
+
+def unique_ids(elements: Iterable[Node], taken: set[str]) -> dict[str, str]:
+    """Give ids that are taken a number, wherever the elements use them. Those that they have now are taken too.
+
+    Returns the new ones by the old.
+    """
+    elements = list(elements)
+    renamed: dict[str, str] = {}
+    own = {id for one in elements if (id := one.get("id"))}
+    for id in sorted(own & taken):
+        number = 2
+        while f"{id}_{number}" in taken | own:
+            number += 1
+        renamed[id] = f"{id}_{number}"
+    taken |= own | set(renamed.values())
+    for element in elements if renamed else ():
+        _rename(element, renamed)
+    return renamed
+
+
+def is_reference(name: str) -> bool:
+    """Whether an attribute of that name holds an id."""
+    return name in ("default", "bpmnElement") or name.endswith("Ref")
+
+
+def _rename(element: Node, renamed: Mapping[str, str]) -> None:
+    for name, value in element.items():
+        new = find(renamed, str(value)) if name == "id" or is_reference(str(name)) else None
+        if new is not None:
+            element.set(name, new)
+    if element.tag.endswith(("Ref", "Refs")) or element.tag in (f"{_B}incoming", f"{_B}outgoing"):
+        element.text = find(renamed, text_of(element)) or element.text

@@ -1,19 +1,21 @@
-"""Which language a text is written in. The text itself is compiled elsewhere.
+"""Decides which language a text is written in. `fame.scripting` compiles the text.
 
-An explicit JavaScript wins; then the look of the text decides (``=...`` FEEL, ``${...}`` Camunda 7); then what is said
-explicitly or by the file's expressionLanguage; Python is what is meant when nobody says anything.
+JavaScript counts where it is named. Otherwise the form of the text decides (``=...`` is FEEL, ``${...}`` is Camunda 7),
+then the language that the element or the file (expressionLanguage) names. The default is Python.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import textwrap
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
 
-from fame.bpmn.context import Context
 from fame.bpmn.model import Expression, Language
-from fame.bpmn.xml import Node, line_of, local, text_of
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.xml import Node, line_of, local, text_of
 
 _LANGUAGES: dict[str, Language | None] = {
     **dict.fromkeys(("", "http://www.w3.org/1999/xpath", "http://www.w3.org/tr/xpath"), None),
@@ -160,3 +162,30 @@ def _block(element: Node) -> tuple[str, int]:
     lines = text.split("\n")
     first = next((number for number, content in enumerate(lines) if content.strip()), 0)
     return textwrap.dedent("\n".join(lines[first:])).rstrip(), line + first
+
+
+_PLAIN = re.compile(r"[\w.+-]*")
+
+
+def scalar(text: str) -> str:
+    """A text as an item of flow-style YAML: as it is if it can be one, else in quotes.
+
+    >>> scalar("${x}"), scalar("1.5"), scalar("[1, 2]"), scalar("left, then right")
+    ('${x}', '1.5', '[1, 2]', '"left, then right"')
+    """
+    text = text.strip()
+    if _PLAIN.fullmatch(text) and text:
+        return text
+    if text[:1] + text[-1:] in ("{}", "[]", '""', "''") and len(text) > 1:
+        return text
+    return text if is_whole(text) else json.dumps(text, ensure_ascii=False)
+
+
+def listed(items: Iterable[str]) -> str:
+    """``[a, b]``"""
+    return f"[{', '.join(map(scalar, items))}]"
+
+
+def mapped_entries(entries: Iterable[tuple[str, str]]) -> str:
+    """``{a: 1, b: 2}``"""
+    return f"{{{', '.join(f'{scalar(name)}: {scalar(text)}' for name, text in entries)}}}"

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from fame.bpmn.context import Context
-from fame.bpmn.dialects.extensions import Extensions, Property
-from fame.bpmn.dialects.flow_style import listed, mapped_entries
-from fame.bpmn.expressions import code, mapped, variable
 from fame.bpmn.model import Assignment, Expression
-from fame.bpmn.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local, text_of
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.dialects.extensions import Extensions, Property
+from fame.bpmn.reader.expressions import code, listed, mapped, mapped_entries, variable
+from fame.bpmn.reader.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local, text_of
 
 IGNORED = {
     "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",

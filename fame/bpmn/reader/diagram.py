@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from fame.bpmn.context import Context, boolean, find
 from fame.bpmn.model import Bounds, Edge, Note, Shape
-from fame.bpmn.xml import BPMNDI, DC, DI, Node, attributes, line_of, local
+from fame.bpmn.reader.context import Context, boolean
+from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, attributes, find, line_of, local
 
 _SHAPE, _EDGE, _LABEL = f"{{{BPMNDI}}}BPMNShape", f"{{{BPMNDI}}}BPMNEdge", f"{{{BPMNDI}}}BPMNLabel"
 _BOUNDS, _WAYPOINT = f"{{{DC}}}Bounds", f"{{{DI}}}waypoint"

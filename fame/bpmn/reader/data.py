@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fame.bpmn.context import Context, boolean, find
-from fame.bpmn.dialects import extensions_of
-from fame.bpmn.dialects.extensions import data_values
-from fame.bpmn.expressions import body, is_name, mapped, variable_named
 from fame.bpmn.model import Assignment, DataObject, Expression
-from fame.bpmn.xml import BPMN, Node, Parts, child, children, line_of, local, text_of
+from fame.bpmn.reader.context import Context, boolean
+from fame.bpmn.reader.dialects import extensions_of
+from fame.bpmn.reader.dialects.extensions import data_values
+from fame.bpmn.reader.expressions import body, is_name, mapped, variable_named
+from fame.bpmn.reader.xml import BPMN, Node, Parts, child, children, find, line_of, local, text_of
 
 _PLACEHOLDER = "__targetRef_placeholder"
 """A property that modelers write because an association must have a target."""

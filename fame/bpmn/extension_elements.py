@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from lxml import etree
 
-from fame.bpmn.dialects.extensions import Extensions
 from fame.bpmn.model import Assignment, Expression
-from fame.bpmn.xml import BPMN, CAMUNDA, Node, local
+from fame.bpmn.reader.dialects.extensions import Extensions
+from fame.bpmn.reader.xml import BPMN, CAMUNDA, Node, local
 
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 EXTENSION_ELEMENTS = f"{_B}extensionElements"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 
-from fame.bpmn.context import Context
-from fame.bpmn.dialects.extensions import Extensions, Property
-from fame.bpmn.expressions import mapped
 from fame.bpmn.model import Assignment, Expression
-from fame.bpmn.xml import Node, line_of, local
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.dialects.extensions import Extensions, Property
+from fame.bpmn.reader.expressions import mapped
+from fame.bpmn.reader.xml import Node, line_of, local
 
 IGNORED = {
     "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fame.bpmn.context import Context, boolean
-from fame.bpmn.data import Moves, read_moves, required_outputs
-from fame.bpmn.dialects import extensions_of
-from fame.bpmn.dialects.extensions import Extensions
-from fame.bpmn.xml import Node, Parts, children, line_of, parts_of, text_of
+from fame.bpmn.reader.context import Context, boolean
+from fame.bpmn.reader.data import Moves, read_moves, required_outputs
+from fame.bpmn.reader.dialects import extensions_of
+from fame.bpmn.reader.dialects.extensions import Extensions
+from fame.bpmn.reader.xml import Node, Parts, children, line_of, parts_of, text_of
 
 Wiring = Mapping[str, tuple[list[str], list[str]]]
 """Flow node -> ids of its incoming and outgoing sequence flows, in document order."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from fame.bpmn.model import Fault, Note
-from fame.bpmn.xml import Node, line_of, local
+from fame.bpmn.reader.xml import Node, find, line_of, local
 from fame.errors import ModelError
 
 T = TypeVar("T")
@@ -98,21 +97,6 @@ class Context:
     def root(self, reference: str | None) -> Node | None:
         """The root element that a reference names, if there is one."""
         return find(self.roots, reference)
-
-
-def find(table: Mapping[str, T], reference: str | None) -> T | None:
-    """What a reference names; references are qualified names, so a prefix may stand before the id."""
-    if not reference:
-        return None
-    reference = reference.strip()
-    found = table.get(reference)
-    return found if found is not None else table.get(reference.rpartition(":")[2])
-
-
-def id_in(element: Node, name: str) -> str:
-    """The id in an attribute that is a qualified name: without the prefix, if that is one of the file."""
-    prefix, colon, id = element.get(name, "").strip().partition(":")
-    return id if colon and prefix in element.nsmap else prefix + colon + id
 
 
 def named(element: Node) -> tuple[str, str]:

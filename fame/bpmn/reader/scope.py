@@ -7,12 +7,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Literal
 
-from fame.bpmn.activities import TASKS, read_activity, read_call, read_task
-from fame.bpmn.context import Context, find, id_in, truth
-from fame.bpmn.data import read_data_objects
-from fame.bpmn.dialects import extensions_of
-from fame.bpmn.events import read_definitions, read_mapping
-from fame.bpmn.expressions import condition, variable
 from fame.bpmn.model import (
     EMPTY,
     GATEWAYS,
@@ -27,8 +21,14 @@ from fame.bpmn.model import (
     SequenceFlow,
     SubProcess,
 )
-from fame.bpmn.node_reader import Surroundings, Wiring, documentation, half_read
-from fame.bpmn.xml import BPMN, Node, Parts, attributes, child, line_of, local
+from fame.bpmn.reader.activities import TASKS, read_activity, read_call, read_task
+from fame.bpmn.reader.context import Context, truth
+from fame.bpmn.reader.data import read_data_objects
+from fame.bpmn.reader.dialects import extensions_of
+from fame.bpmn.reader.events import read_definitions, read_mapping
+from fame.bpmn.reader.expressions import condition, variable
+from fame.bpmn.reader.flow_nodes import Surroundings, Wiring, documentation, half_read
+from fame.bpmn.reader.xml import BPMN, Node, Parts, attributes, child, find, id_in, line_of, local
 
 _SUB_PROCESSES: Mapping[str, Literal["embedded", "transaction", "adhoc"]] = {
     "subProcess": "embedded",

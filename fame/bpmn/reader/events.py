@@ -6,10 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from fame.bpmn.context import Context, boolean, find, id_in, is_type
-from fame.bpmn.dialects import extensions_of, fame_g0
-from fame.bpmn.dialects.extensions import Extensions, TopicProperties, topic_properties
-from fame.bpmn.expressions import body, by_look, condition, is_mixed, template
 from fame.bpmn.model import (
     Assignment,
     CancelDefinition,
@@ -28,8 +24,12 @@ from fame.bpmn.model import (
     TimerDefinition,
     Topic,
 )
-from fame.bpmn.node_reader import HalfRead
-from fame.bpmn.xml import Node, attributes, child, children, line_of, local, text_of
+from fame.bpmn.reader.context import Context, boolean, is_type
+from fame.bpmn.reader.dialects import extensions_of, original_fame
+from fame.bpmn.reader.dialects.extensions import Extensions, TopicProperties, topic_properties
+from fame.bpmn.reader.expressions import body, by_look, condition, is_mixed, template
+from fame.bpmn.reader.flow_nodes import HalfRead
+from fame.bpmn.reader.xml import Node, attributes, child, children, find, id_in, line_of, local, text_of
 
 THROWS = ("throw", "end")
 
@@ -181,7 +181,7 @@ def _item_type(context: Context, referred: Node | None) -> str | None:
 def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
     node = source.node
     if source.say is None:
-        fame_g0.apply(node.context, node.element, node.extensions)
+        original_fame.apply(node.context, node.element, node.extensions)
         source.say = topic_properties(node.context, node.element, node.extensions)
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)

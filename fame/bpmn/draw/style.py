@@ -1,11 +1,15 @@
-"""What became of the executions of an element in a run, and how each outcome is drawn: a colour and a symbol."""
+"""Colours and sizes, and how the outcomes of a run are shown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
+from fame.bpmn.draw.icons import Ink
+from fame.bpmn.draw.labels import Label
 from fame.bpmn.draw.svg import lettering, moved, tag, text_width
+from fame.bpmn.model import Edge, Element, Shape
 
 Outcome = Literal["failed", "waiting", "completed", "cancelled"]
 Tally = Mapping[Outcome, int]
@@ -76,3 +80,45 @@ def _width(content: str, *, symbol: bool) -> float:
 
 def _sign(outcome: Outcome, ink: str) -> str:
     return tag("path", d=STYLES[outcome].symbol, fill="none", stroke=ink, stroke_width=1.5, stroke_linecap="round")
+
+
+INK, PAPER = "#22242a", "#ffffff"
+BAND = "#d9d9dd"
+"""Of the participant in a choreography task that did not begin it."""
+SIZE, SMALL = 12.0, 11.0
+"""Of lettering, in pixels: in boxes, beside things."""
+_VISITED = frozenset(style.stroke for style in STYLES.values())
+
+
+@dataclass(slots=True)
+class Picture:
+    """What the drawing functions look things up in, by id: elements, what became of each, where its name stands."""
+
+    elements: Mapping[str, Element] = field(default_factory=dict)
+    visits: Mapping[str, Tally] = field(default_factory=dict)
+    labels: Mapping[str, Label] = field(default_factory=dict)
+
+    def ink(self, shape: Shape | Edge) -> Ink:
+        """The colours of a shape or edge: its own, but for one that was visited."""
+        style = style_of(self.visits.get(shape.element, {}))
+        if style is not None:
+            return style.stroke, style.paper
+        return shape.stroke or INK, (shape.fill if isinstance(shape, Shape) else "") or PAPER
+
+    def label(self, id: str, colour: str = INK) -> str:
+        """The name that stands beside a shape or flow, if there is one."""
+        label = self.labels.get(id)
+        if label is None:
+            return ""
+        middle = label.box.x + label.box.width / 2
+        return lettering(label.lines, middle, label.box.y, size=SMALL, fill=colour, halo=True)
+
+
+def visited(ink: Ink) -> bool:
+    """Whether these are the colours of something that was visited."""
+    return ink[0] in _VISITED
+
+
+def letters(ink: Ink) -> str:
+    """The colour of lettering on these colours."""
+    return INK if visited(ink) else ink[0]

@@ -5,11 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from fame.bpmn.context import Context, boolean, find, id_in, whole
-from fame.bpmn.dialects import extensions_of
-from fame.bpmn.dialects.extensions import topic_properties
-from fame.bpmn.events import TopicSource, message_keys, read_topic
-from fame.bpmn.expressions import body, condition, mapped, variable, variable_named
 from fame.bpmn.model import (
     Assignment,
     CallActivity,
@@ -21,8 +16,13 @@ from fame.bpmn.model import (
     TaskKind,
     Topic,
 )
-from fame.bpmn.node_reader import HalfRead
-from fame.bpmn.xml import Node, child, children, line_of, local, text_of
+from fame.bpmn.reader.context import Context, boolean, whole
+from fame.bpmn.reader.dialects import extensions_of
+from fame.bpmn.reader.dialects.extensions import topic_properties
+from fame.bpmn.reader.events import TopicSource, message_keys, read_topic
+from fame.bpmn.reader.expressions import body, condition, mapped, variable, variable_named
+from fame.bpmn.reader.flow_nodes import HalfRead
+from fame.bpmn.reader.xml import Node, child, children, find, id_in, line_of, local, text_of
 
 TASKS: Mapping[str, TaskKind] = {
     "task": "plain",

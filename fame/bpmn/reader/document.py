@@ -1,19 +1,20 @@
-"""Reads a .bpmn file into the neutral model.
+"""Reads a .bpmn file into the neutral model, and writes it back.
 
 ::
 
-    xml        bytes -> a tree, trusting nothing
-    reader     the file: collaboration, processes, what stands at the root
-    bodies     the content of a scope, checked to hang together
-    activities, events, data, diagram      what stands in it
-    conversations                          message flows, as messages that their ends refer to
-    expressions                            which language a text is in
-    dialects                               what extension elements mean
+    xml            bytes -> a tree, from an untrusted source
+    preparation    embedded processes and message flows, resolved in the tree
+    document       the file: collaboration, processes, root elements
+    scope          the flow elements of a process or sub-process, with checks of their references
+    flow_nodes     what all flow nodes have in common
+    activities, events, data, diagram      the elements of a scope, and the drawing
+    expressions    the language of each expression
+    dialects       the meaning of extension elements
 
-Everything is found by namespace, whatever the prefix. References are resolved while reading. What keeps a process from
-being executed is a fault of that process, so that a model can be drawn, written and checked before it is complete; what
-is doubtful, or has no effect, is a note of the model. A ModelError (file, line, element) is left for a file that is no
-BPMN 2.0, or where two elements have one id.
+Elements are found by namespace, whatever the prefix. References are resolved while reading. What prevents a process
+from being executed is a fault of that process, so that an incomplete model can be drawn, written and checked. What is
+doubtful, or has no effect, is a note of the model. A ModelError (file, line, element) is raised only for a file that is
+not BPMN 2.0, or in which two elements have the same id.
 """
 
 from __future__ import annotations
@@ -24,16 +25,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-from fame.bpmn.context import Context, boolean, find, truth, whole
-from fame.bpmn.data import data_ids, data_of, data_variables, shared_stores
-from fame.bpmn.diagram import read_diagrams
-from fame.bpmn.dialects import ELEMENTS, extensions_of, fame_g2, looks_original
-from fame.bpmn.dialects.misspelt import note_misspelt
-from fame.bpmn.message_flows import connect
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Note, Participant, Process
-from fame.bpmn.node_reader import Surroundings, documentation
-from fame.bpmn.scope_reader import read_body
-from fame.bpmn.xml import BPMN, Node, check_size, children, line_of, local, parse, parts_of, text_of
+from fame.bpmn.reader.context import Context, boolean, truth, whole
+from fame.bpmn.reader.data import data_ids, data_of, data_variables, shared_stores
+from fame.bpmn.reader.diagram import read_diagrams
+from fame.bpmn.reader.dialects import extensions_of, looks_original, note_misspelt
+from fame.bpmn.reader.flow_nodes import Surroundings, documentation
+from fame.bpmn.reader.preparation import prepare
+from fame.bpmn.reader.scope import read_body
+from fame.bpmn.reader.xml import BPMN, Node, check_size, children, find, line_of, local, parse, parts_of, text_of
 from fame.errors import ModelError, expect
 
 _IGNORED_ROOTS = ("choreography", "globalChoreographyTask", "conversation")
@@ -78,10 +78,9 @@ def read_bytes(source: bytes, *, file: str = "") -> Definitions:
 def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     """As `read`, of a file that is parsed, without comments. Elements that have no id in the tree get one."""
     context = Context(file)
-    fame_g2.unfold(context, root)
-    connect(context, root)
+    prepare(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
-    note_misspelt(context, root, source, ELEMENTS)
+    note_misspelt(context, root, source)
     context.language = root.get("expressionLanguage", "")
     context.original = looks_original(root)
     for one in context.roots.values():
@@ -234,3 +233,22 @@ def _artifacts(context: Context, root: Node) -> Iterator[Artifact]:
         value = find(values, one.get("categoryValueRef"))
         name = value.get("value", "") if value is not None else one.get("name", "")
         yield Artifact(id=context.claim(one), name=name, line=line_of(one), kind="group")
+
+
+def write(definitions: Definitions, path: str | Path | None = None) -> bytes:
+    """The XML of a model, byte for byte as it was read; written to `path` too if that is given.
+
+    Raises ModelError if `path` cannot be written, or if the model was changed after reading: a file holds more than the
+    dataclasses (extensions of others, comments), so a change is made in the file. Raises ConfigError for what is none.
+    """
+    expect(isinstance(definitions, Definitions), "definitions", definitions, "a model, as fame.read gives it,")
+    if not definitions.source or read_bytes(definitions.source, file=definitions.file) != definitions:
+        raise ModelError(
+            "the model is not the one that was read: change the file, not the model", file=definitions.file
+        )
+    if path is not None:
+        try:
+            Path(path).write_bytes(definitions.source)
+        except OSError as error:
+            raise ModelError(f"cannot be written: {error.strerror}", file=str(path)) from None
+    return definitions.source

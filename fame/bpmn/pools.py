@@ -1,0 +1,116 @@
+"""The pools of a collaboration, and which robot plays which pool.
+
+A pool is bound to the robot whose namespace has its name, without regard to case; a multi-instance pool to every
+namespace ``<Pool>_<digits>`` (paper section 3.3). A file without a collaboration is one robot, named after its process.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions, Participant, Process
+from fame.bpmn.ros_names import NAMES, is_ros_name
+from fame.bpmn.topics import TopicUse, topic_table
+from fame.errors import ConfigError, ModelError
+
+
+@dataclass(frozen=True, slots=True)
+class Pool:
+    """A pool with a process: who is to run it. `minimum` and `maximum`: as of `fame.bpmn.model.Participant`."""
+
+    name: str
+    process: Process
+    multi_instance: bool = False
+    line: int = 0
+    minimum: int = 1
+    maximum: int | None = None
+
+
+def pools_of(definitions: Definitions) -> list[Pool]:
+    """The pools that have a process, in document order; one without a name goes by its id.
+
+    Raises ModelError for a pool whose process the file does not have, two that differ in case alone, and a file with
+    nothing to execute.
+    """
+    pools: list[Pool] = []
+    for participant in definitions.participants:
+        if not participant.process:
+            continue
+        process, name = definitions.process(participant.process), participant.label
+        if process is None:
+            text = f"the pool's process is {participant.process!r}: the file has no such process"
+            raise _error(definitions, participant, text)
+        if any(pool.name.casefold() == name.casefold() for pool in pools):
+            raise _error(
+                definitions, participant, f"two pools have the name {name!r} (upper and lower case are the same)"
+            )
+        numbers = participant.minimum, participant.maximum
+        pools.append(Pool(name, process, participant.multi_instance, participant.line, *numbers))
+    if not definitions.participants and len(definitions.processes) == 1:
+        process = definitions.processes[0]
+        pools.append(Pool(process.name or process.id, process, line=process.line))
+    if not pools:
+        black = [participant.label for participant in definitions.participants]
+        found = f"its pools are black boxes: {', '.join(black)}" if black else "it has no pool"
+        if not black and definitions.processes:
+            found = f"it has {len(definitions.processes)} processes and no pool for them"
+        raise ModelError(f"nothing to run: {found}", file=definitions.file)
+    return pools
+
+
+def _error(definitions: Definitions, pool: Participant, text: str) -> ModelError:
+    return ModelError(text, file=definitions.file, line=pool.line, element=pool.id, name=pool.name)
+
+
+def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:
+    """The topics of a whole collaboration, called processes included. Raises ModelError for one with two types."""
+    files: dict[str, Definitions] = {definitions.file: definitions}
+    processes: list[str] = []
+    for pool in pools:
+        for home, process in library.closure(definitions, pool.process):
+            files[home.file] = home
+            processes.append(process.id)
+    return topic_table(list(files.values()), processes)
+
+
+def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
+    """Which pool each robot (namespace) plays, in the order of the robots.
+
+    A multi-instance pool is as many robots as there are, also none. Raises ConfigError for a robot that no pool knows,
+    another pool without a robot, and two robots whose names fall together; ModelError for a pool that can have none.
+    """
+    bound: dict[str, Pool] = {}
+    folded: dict[str, str] = {}
+    names = list(robots)
+    for robot in names:
+        twin = folded.setdefault(robot.casefold(), robot)
+        if twin != robot:
+            raise ConfigError(f"robots {twin!r} and {robot!r} differ in case alone", file=file)
+        pool = next((pool for pool in pools if plays(robot, pool)), None)
+        if pool is None:
+            known = ", ".join(expected(pool) for pool in pools)
+            raise ConfigError(f"no pool is named like robot {robot!r}; the pools want {known}", file=file)
+        bound[robot] = pool
+    for pool in pools:
+        if not pool.multi_instance and pool not in bound.values():
+            if not is_ros_name(f"/{pool.name}"):
+                text = f"no robot can have the name of pool {pool.name!r}; {NAMES} would be right"
+                raise ModelError(text, file=file, line=pool.line)
+            have = f"the robots are {', '.join(names)}" if names else "there are no robots at all"
+            raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; {have}", file=file)
+    return bound
+
+
+def plays(robot: str, pool: Pool) -> bool:
+    """Whether a namespace is meant by a pool."""
+    if pool.multi_instance:
+        return re.fullmatch(re.escape(pool.name) + r"_\d+", robot, re.IGNORECASE) is not None
+    return robot.casefold() == pool.name.casefold()
+
+
+def expected(pool: Pool) -> str:
+    """The robots that a pool wants, in words."""
+    return f"{pool.name}_<number>" if pool.multi_instance else pool.name

@@ -1,0 +1,116 @@
+"""Dialects: what vendors' extension elements mean, in one dialect-neutral form (`extensions.Extensions`).
+
+Each adapter is a function of (context, extension element, extensions so far) that adds the meaning of the element to
+the extensions, and one of (context, element, attribute, value, extensions) where the dialect has attributes. The
+namespace of an element selects its adapter, so a file may mix dialects. What no adapter knows stays in the file and has
+no effect.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from typing import cast
+
+from lxml.etree import XPath
+
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.dialects import camunda7, camunda8, original_fame
+from fame.bpmn.reader.dialects.extensions import Extensions
+from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, DC, DI, FLOWABLE, ZEEBE, Node, attributes
+
+ElementAdapter = Callable[[Context, Node, Extensions], None]
+AttributeAdapter = Callable[[Context, Node, str, str, Extensions], None]
+
+ELEMENTS: Mapping[str, ElementAdapter] = {
+    **dict.fromkeys((CAMUNDA, FLOWABLE, ACTIVITI), camunda7.element),
+    ZEEBE: camunda8.element,
+    **dict.fromkeys(original_fame.NAMESPACES, original_fame.element),
+}
+ATTRIBUTES: Mapping[str, AttributeAdapter] = {
+    **dict.fromkeys((CAMUNDA, FLOWABLE, ACTIVITI), camunda7.attribute),
+    ZEEBE: camunda8.attribute,
+}
+
+_JAVASCRIPT = ("javascript", "js")
+_LANGUAGES = XPath("//@scriptFormat | //*[not(@scriptFormat)]/@language", smart_strings=False)
+_EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
+
+
+def extensions_of(context: Context, element: Node) -> Extensions:
+    """All that the extension elements and attributes of a BPMN element say."""
+    found = Extensions()
+    for key in attributes(element):
+        if key[0] == "{":
+            namespace, _, name = key[1:].partition("}")
+            read_attribute = ATTRIBUTES.get(namespace)
+            if read_attribute is not None:
+                read_attribute(context, element, name, element.get(key, ""), found)
+    for holder in element.iterchildren(_EXTENSION_ELEMENTS):
+        for extension in holder:
+            read_element = ELEMENTS.get(extension.tag[1:].partition("}")[0])
+            if read_element is not None:
+                read_element(context, extension, found)
+    return found
+
+
+def looks_original(root: Node) -> bool:
+    """Whether a file looks like one of the original FaMe's: by elements of its web modeler, lists, or JavaScript."""
+    if next(root.iter(*(f"{{{namespace}}}*" for namespace in original_fame.NAMESPACES)), None) is not None:
+        return True
+    languages = {said.lower().strip(" ()") for said in cast("list[str]", _LANGUAGES(root))}
+    return not languages.isdisjoint(_JAVASCRIPT) or any(map(original_fame.is_message, root.iter(original_fame.LIST)))
+
+
+_FORMS: Mapping[str, str] = {
+    original_fame.LIST: "lists of type and payload (FaMe G0)",
+    CAMUNDA: "Camunda 7 (FaMe G1, FAME)",
+    **dict.fromkeys(original_fame.NAMESPACES, "FaMe's web modeler (G2)"),
+    ZEEBE: "Camunda 8",
+    FLOWABLE: "Flowable",
+    ACTIVITI: "Activiti",
+}
+
+
+def forms_of(root: Node) -> tuple[str, ...]:
+    """Whose extension elements and attributes a file has, in words; in the order of generations."""
+    seen = set[str]()
+    for one in root.iter("*"):
+        seen.add(one.tag[1:].partition("}")[0])
+        seen.update(key[1:].partition("}")[0] for key in attributes(one) if key[0] == "{")
+        if original_fame.is_message(one):
+            seen.add(original_fame.LIST)
+    return tuple(dict.fromkeys(text for form, text in _FORMS.items() if form in seen))
+
+
+_DECLARED = re.compile(rb"""xmlns(?::[\w.-]+)?\s*=\s*["']([^"']+)["']""")
+_OTHERS = {
+    BPMNDI, DC, DI, "http://camunda.org/schema/modeler/1.0", "http://camunda.org/schema/1.0/dmn",
+    "http://www.w3.org/2001/XMLSchema", "http://www.w3.org/2001/XMLSchema-instance",
+}  # fmt: skip
+"""Alike, and meant."""
+_NEAR = 0.9
+"""Part of the letters that two names share; fewer are another name."""
+
+
+def note_misspelt(context: Context, root: Node, source: bytes) -> None:
+    """One warning for each namespace that something in the file is of, and that looks like one that is read."""
+    names = {_bare(uri): uri for uri in (*ELEMENTS, BPMN)}
+    declared = {found.decode(errors="replace") for found in _DECLARED.findall(source.replace(b"\0", b""))}
+    for uri in sorted(declared - _OTHERS - set(names.values())):
+        near = get_close_matches(_bare(uri), names, n=1, cutoff=_NEAR)
+        first = next((one for one in root.iter("*") if near and _is_of(one, uri)), None)
+        if first is not None:
+            text = f"elements of namespace {uri} are not read; did you mean {names[near[0]]}?"
+            context.note(first, text, "warning")
+
+
+def _bare(uri: str) -> str:
+    """Without what is often written in another way."""
+    return re.sub(r"^https?:/*(www\.)?|[/#\s]+$", "", uri.strip().lower())
+
+
+def _is_of(element: Node, uri: str) -> bool:
+    beginning = f"{{{uri}}}"
+    return element.tag.startswith(beginning) or any(key.startswith(beginning) for key in attributes(element))

@@ -1,0 +1,73 @@
+"""The original FaMe: its oldest models (G0) and its web modeler (G2)."""
+
+from __future__ import annotations
+
+from fame.bpmn.reader.context import Context, is_type
+from fame.bpmn.reader.dialects.extensions import CHOICES, DURATIONS, Extensions, Property, policy
+from fame.bpmn.reader.expressions import mapped_entries
+from fame.bpmn.reader.xml import CAMUNDA, Node, line_of, local, text_of
+
+LIST, _VALUE = f"{{{CAMUNDA}}}list", f"{{{CAMUNDA}}}value"
+
+
+def is_message(node: Node) -> bool:
+    """Whether it is the list of such a parameter."""
+    first = node.find(_VALUE) if node.tag == LIST else None
+    return first is not None and is_type(text_of(first))
+
+
+def apply(context: Context, node: Node, found: Extensions) -> None:
+    """Turns such a parameter, on a signal event, into topic, type and payload. Others stay what they are."""
+    for name, items in found.lists.items():
+        if items and len(items) <= 2 and is_type(items[0].value):
+            found.topic, found.type = name, items[0].value
+            if len(items) == 2:
+                found.payload = items[1]
+            context.quirk(node, f"topic, type and payload are those of the input parameter {name!r}")
+            found.inputs = [one for one in found.inputs if one.target != name]
+            return
+
+
+ROS, DATA, QOS, CALL = "http://ros", "http://data", "http://qos", "http://callActivity"
+NAMESPACES = (ROS, DATA, QOS, CALL)
+
+_POLICIES = {name.replace("_", "") for name in (*CHOICES, "depth", *DURATIONS)}
+
+
+def element(context: Context, node: Node, found: Extensions) -> None:
+    """One extension element. Attributes that mean nothing (``selection``, ``is_output``) are passed over."""
+    name = local(node)
+    if name == "message":
+        found.type = node.get("type", "")
+    elif name == "payload":
+        found.payload = _payload(context, node)
+    elif name == "service":
+        found.operation, found.type, found.service = node.get("name", "").strip(), node.get("type", ""), True
+    elif name == "policy":
+        for key, value in node.attrib.items():
+            if str(key).replace("_", "").lower() not in _POLICIES or not str(value).strip():
+                continue
+            meant = policy(context, node, str(key), str(value))
+            found.qos.update([meant] if meant is not None else ())
+            if meant is not None and meant[1] != str(value):
+                context.quirk(node, f"quality of service {key!s}={value!s} is {' '.join(meant)}")
+    elif name == "parameters":
+        named = [(_name(context, one), one) for one in node]
+        found.values += [(name, Property(one.get("value", ""), line_of(one))) for name, one in named if name]
+    elif name == "process":
+        found.called = node.get("process", "").strip()
+
+
+def _name(context: Context, node: Node) -> str:
+    given = node.get("name", "").strip()
+    name = given.removesuffix(":").strip()
+    if name != given:
+        context.quirk(node, f"the parameter {given!r} is {name!r}")
+    return name
+
+
+def _payload(context: Context, node: Node) -> Property | None:
+    if node.get("data") is not None:
+        return Property(node.get("data", ""), line_of(node))
+    given = [(_name(context, one), one.get("value", "")) for one in node if one.get("value", "").strip()]
+    return Property(mapped_entries(given), line_of(node)) if given else None

@@ -1,0 +1,144 @@
+"""Rewrites the XML tree of a file before it is read: embedded processes first, then message flows.
+
+The original FaMe's web modeler embeds called processes as escaped text: they become processes of the file.
+
+The ends of a message flow come to refer to one message, so that sender and receiver use one topic. The message of the
+receiver counts, else that of the flow, else that of the sender. If none of them names a message, it gets the name of
+the receiver. Files that are put together from others therefore need no message flows.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+from lxml import etree
+
+from fame.bpmn.reader.context import Context
+from fame.bpmn.reader.dialects.original_fame import CALL, DATA, QOS, ROS
+from fame.bpmn.reader.xml import (
+    BPMN,
+    BPMNDI,
+    CAMUNDA,
+    DC,
+    DI,
+    ZEEBE,
+    Node,
+    child,
+    children,
+    find,
+    line_of,
+    local,
+    parse_any,
+    unique_ids,
+)
+
+_SENDS = ("intermediateThrowEvent", "endEvent", "sendTask")
+_RECEIVES = ("startEvent", "intermediateCatchEvent", "boundaryEvent", "receiveTask")
+
+
+_PREFIXES = {
+    "bpmn": BPMN, "bpmn2": BPMN, "bpmndi": BPMNDI, "dc": DC, "di": DI, "camunda": CAMUNDA, "zeebe": ZEEBE,
+    "ros": ROS, "data": DATA, "qos": QOS, "callActivity": CALL, "xsi": "http://www.w3.org/2001/XMLSchema-instance",
+}  # fmt: skip
+
+
+def prepare(context: Context, root: Node) -> None:
+    """Rewrite the tree in place. Raises ModelError for an embedded process that cannot be read."""
+    unfold(context, root)
+    connect(context, root)
+
+
+# ---- embedded processes ----------------------------------------------------------------------------------------------
+
+
+def unfold(context: Context, root: Node) -> None:
+    """Makes processes that stand as escaped text in a call activity processes of the file, called by their id.
+
+    The extension element then holds the id. Ids in it that are taken get a number: it was drawn in a file of its own,
+    and may have call activities with processes inside in turn.
+    """
+    holders = _folded(root)
+    known = {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
+    taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
+    for holder in holders:
+        process, diagrams = _embedded(context, holder, holder.get("process", "").strip())
+        plain = etree.tostring(process)
+        if plain not in known:
+            known[plain] = process
+            process.set("id", process.get("id") or f"process_{line_of(holder)}")
+            everything = [one for part in (process, *diagrams) for one in part.iter("*")]
+            unique_ids(everything, taken)
+            for one in everything:
+                one.sourceline = line_of(holder)  # type: ignore[assignment]
+            root.extend([process, *diagrams])
+            holders += _folded(process)
+        holder.set("process", known[plain].get("id", ""))
+        text = f"the process embedded in it is read as process {known[plain].get('id')} of the file"
+        context.quirk(holder, text)
+
+
+def _folded(element: Node) -> list[Node]:
+    return [one for one in element.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
+
+
+def _embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Node]]:
+    """The process, and the diagrams that show it."""
+    around = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
+    text = text[text.index("?>") + 2 :] if text.startswith("<?") and "?>" in text else text
+    source = f'<definitions xmlns="{BPMN}" {around}>{text}</definitions>'.encode()
+    try:
+        inner = parse_any(source, context.file)
+    except Exception as error:
+        raise context.error(holder, f"the process embedded in it: {error}") from None
+    process = next(inner.iter(f"{{{BPMN}}}process"), None)
+    if process is None:
+        raise context.error(holder, "the text embedded in it holds no BPMN process")
+    return deepcopy(process), [deepcopy(one) for one in inner.iter(f"{{{BPMNDI}}}BPMNDiagram") if len(one)]
+
+
+# ---- message flows ---------------------------------------------------------------------------------------------------
+
+
+def connect(context: Context, root: Node) -> None:
+    """Let the ends of each message flow refer to the same message."""
+    flows = [
+        flow for collaboration in children(root, "collaboration") for flow in children(collaboration, "messageFlow")
+    ]
+    if not flows:
+        return
+    tags = (f"{{{BPMN}}}{tag}" for tag in (*_SENDS, *_RECEIVES))
+    elements = {
+        id: one for process in children(root, "process") for one in process.iter(*tags) if (id := one.get("id"))
+    }
+    for flow in flows:
+        sender = _holder(find(elements, flow.get("sourceRef")), _SENDS)
+        receiver = _holder(find(elements, flow.get("targetRef")), _RECEIVES)
+        if sender is not None and receiver is not None:
+            _agree(context, root, flow, sender, receiver)
+
+
+def _holder(element: Node | None, tags: tuple[str, ...]) -> Node | None:
+    """What says which message an element sends or receives; None if it has to do with none."""
+    if element is None or local(element) not in tags:
+        return None
+    return element if local(element).endswith("Task") else child(element, "messageEventDefinition")
+
+
+def _agree(context: Context, root: Node, flow: Node, sender: Node, receiver: Node) -> None:
+    wanted = receiver.get("messageRef") or flow.get("messageRef") or sender.get("messageRef")
+    if not wanted:
+        wanted = f"{_element(receiver).get('id')}_message"
+        label = " ".join(_element(receiver).get("name", "").split()) or _element(receiver).get("id", "")
+        root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": wanted, "name": label}))
+    said = sender.get("messageRef")
+    if said and said != wanted:
+        text = f"sends {said} to {_element(receiver).get('id')}, which waits for {wanted}: that is the topic it goes to"
+        context.note(_element(sender), text, "warning")
+    sender.set("messageRef", wanted)
+    receiver.set("messageRef", wanted)
+
+
+def _element(holder: Node) -> Node:
+    """The event or task that a holder is of."""
+    around = holder.getparent()
+    return holder if local(holder).endswith("Task") or around is None else around
