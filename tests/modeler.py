@@ -53,6 +53,13 @@ class Modeler:
         (element,) = self._ids()
         return element
 
+    def templates(self, element: str) -> list[str]:
+        """The names of the templates that fit an element, which the panel offers under Template."""
+        self.select(element)
+        self.page.get_by_text("Template", exact=True).wait_for()
+        known = "id => modeler.get('elementTemplates').getAll(modeler.get('elementRegistry').get(id)).map(t => t.name)"
+        return list(self.page.evaluate(known, element))
+
     def save(self) -> str:
         """The file."""
         return str(self.page.evaluate("modeler.saveXML({format: true}).then(saved => saved.xml)"))

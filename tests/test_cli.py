@@ -78,6 +78,19 @@ def test_a_mistyped_word_is_told_with_the_closest_one(given: str, said: str, cap
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("world models/convoy.bpmn", "models/convoy.bpmn: is a model; a world, or a scenario that has one (.yaml), "),
+        ("templates -o README.md", "README.md: is a file; a folder would be right"),
+    ],
+)
+def test_another_kind_of_file_is_told_as_that(given: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.chdir(ROOT)
+    assert main(given.split()) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_without_a_command_it_explains_itself(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main([])

@@ -89,3 +89,9 @@ def test_the_mission_that_somebody_draws_who_follows_the_readme_runs(modeler: Mo
     (tmp_path / "patrol.yaml").write_text(re.sub(r"^   ", "", scenario, flags=re.MULTILINE))
     assert main(["check", str(tmp_path / "patrol.bpmn")]) == 0
     assert main(["run", str(tmp_path / "patrol.yaml"), "--json"]) == 0
+
+
+def test_the_modeler_offers_the_templates_that_fame_writes(modeler: Modeler) -> None:
+    task = modeler.append(modeler.begun_with(), "Append task")
+    assert {"Go To", "Detect Weed"} <= set(modeler.templates(task))
+    assert "*Template*" in TUTORIAL

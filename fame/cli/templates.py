@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fame.cli.arguments import Commands, add_json, add_library, command
 from fame.cli.output import print_json
+from fame.errors import ConfigError
 
 
 def add(commands: Commands) -> None:
@@ -25,6 +26,8 @@ def run(arguments: Namespace) -> int:
     from fame.check.behaviours import behaviours
     from fame.check.element_templates import templates, write
 
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise ConfigError("is a file; a folder would be right", file=str(arguments.output))
     made = templates(behaviours(arguments.library))
     arguments.output.mkdir(parents=True, exist_ok=True)
     files = {name: arguments.output / f"{name}.json" for name in made}

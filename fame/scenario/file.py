@@ -112,6 +112,8 @@ def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
     from fame.config.fields import read_yaml
     from sim2d.config import read_world
 
+    if path.suffix.lower() in (".bpmn", ".xml"):
+        raise ConfigError("is a model; a world, or a scenario that has one (.yaml), would be right", file=str(path))
     data, _ = read_yaml(path)
     if isinstance(data, Mapping) and "model" in data:
         said = read_scenario(path)
