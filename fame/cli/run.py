@@ -133,6 +133,8 @@ def run(arguments: Namespace) -> int:
         faults=[Fault(*fault) for fault in arguments.fault],
         completions=[Completion(*done) for done in arguments.complete],
     )
+    if not scenario.cast:
+        raise ConfigError("has no robot left to run; at least one would be right", file=scenario.file)
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
     if arguments.speed is not None:

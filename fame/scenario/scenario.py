@@ -97,8 +97,6 @@ class Scenario:
         bodies = [robot.name for robot in world.robots] if world is not None else []
         names = [*bodies, *said.computers] if world is not None or said.computers else _names(pools, counts)
         cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
-        if not cast:
-            raise ConfigError("has no robot left to run; at least one would be right", file=str(path))
         _check_numbers(pools, cast, str(path))
         _check_faults(faults, cast, str(path))
         tasks = {robot: list(_tasks(found, definitions, pool.process)) for robot, pool in cast.items()}
