@@ -8,45 +8,52 @@
     simulation = fame.Simulation(definitions, process="main", variables={"x": 0})
     simulation.run()
     simulation.instances[0].status
+
+Names are imported on first use.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.errors import (
-    ConfigError,
-    DeploymentError,
-    FameError,
-    MessageError,
-    MissionError,
-    ModelError,
-    UnavailableError,
-)
-from fame.lazy import from_homes
+from fame.lazy import attach
+
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
-    from fame.bpmn.reader import read, write
-    from fame.bpmn.split import split
-    from fame.engine.host import BpmnError
-    from fame.robot.events import EventLog
-    from fame.scenario import Scenario
-    from fame.simulation import Simulation
-
-__all__ = [
-    "BpmnError", "ConfigError", "DeploymentError", "EventLog", "FameError", "MessageError", "MissionError",
-    "ModelError", "Scenario", "Simulation", "UnavailableError", "read", "split", "write",
-]  # fmt: skip
-
-_HOMES = {
-    "BpmnError": "engine.host",
-    "EventLog": "robot.events",
-    "Scenario": "scenario",
-    "Simulation": "simulation",
-    "read": "bpmn.reader",
-    "split": "bpmn.split",
-    "write": "bpmn.reader",
-}
-
-__getattr__ = from_homes(__name__, _HOMES)
-"""Heavy parts are imported when they are first asked for."""
+    from fame.bpmn.reader import read as read, write as write
+    from fame.bpmn.split import split as split
+    from fame.engine.host import BpmnError as BpmnError
+    from fame.errors import (
+        ConfigError as ConfigError,
+        DeploymentError as DeploymentError,
+        FameError as FameError,
+        MessageError as MessageError,
+        MissionError as MissionError,
+        ModelError as ModelError,
+        UnavailableError as UnavailableError,
+    )
+    from fame.robot.events import EventLog as EventLog
+    from fame.scenario import Scenario as Scenario
+    from fame.simulation import Simulation as Simulation
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "bpmn.reader": ["read", "write"],
+            "bpmn.split": ["split"],
+            "engine.host": ["BpmnError"],
+            "errors": [
+                "ConfigError",
+                "DeploymentError",
+                "FameError",
+                "MessageError",
+                "MissionError",
+                "ModelError",
+                "UnavailableError",
+            ],
+            "robot.events": ["EventLog"],
+            "scenario": ["Scenario"],
+            "simulation": ["Simulation"],
+        },
+    )

@@ -1,21 +1,26 @@
-"""Packages whose names are imported when they are first asked for, so that nobody loads what he does not use."""
+"""Packages that import their names on first use (PEP 562), by the convention of ``lazy_loader.attach`` (SPEC 1)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
 
-def from_homes(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """The ``__getattr__`` of a package (PEP 562). `homes`: name -> the module below the package that has it.
+def attach(
+    package: str, names: Mapping[str, Sequence[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of `package`.
 
-    What it gives raises AttributeError for every other name, as Python does.
+    `names` maps modules, relative to the package, to the public names they define. Type checkers do not see these: the
+    package repeats them under ``TYPE_CHECKING`` as ``from module import name as name``.
     """
+    modules = {name: f"{package}.{module}" for module, defined in names.items() for name in defined}
+    public = sorted(modules)
 
-    def find(name: str) -> Any:
-        if name not in homes:
+    def getattr_(name: str) -> Any:
+        if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{homes[name]}"), name)
+        return getattr(import_module(modules[name]), name)
 
-    return find
+    return getattr_, public.copy, public

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from fame import __version__
 from fame.__main__ import main as begin
-from fame.cli import COMMANDS, main
-from fame.cli import run as run_command
+from fame.cli import COMMANDS, main, run as run_command
 from fame.cli.colours import coloured
 from fame.cli.output import table, table_within
 
@@ -58,7 +58,7 @@ def test_the_version_is_one_line(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert ended.value.code == 0
-    assert capsys.readouterr().out.startswith("fame")
+    assert capsys.readouterr().out == f"fame {__version__}\n"
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ from itertools import islice
 from zoneinfo import ZoneInfo
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from fame.iso8601 import Cycle, Duration, add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from fame.errors import MessageError
 from fame.middleware.interface import LATCHED, SENSOR_DATA, SIGNAL, QoS

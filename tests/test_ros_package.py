@@ -11,6 +11,7 @@ import pytest
 from lxml import etree
 from middleware_contract import needs
 
+import fame
 from fame.cli import parser
 
 ROOT = Path(__file__).parent.parent
@@ -40,7 +41,7 @@ def words(pattern: str) -> list[str]:
 
 def test_the_package_is_of_format_3_and_says_of_itself_what_the_project_says() -> None:
     assert (PACKAGE.tag, PACKAGE.get("format"), PACKAGE.findtext("name")) == ("package", "3", "fame")
-    assert PACKAGE.findtext("version") == PROJECT["project"]["version"]
+    assert PACKAGE.findtext("version") == fame.__version__
     assert PACKAGE.findtext("description") == PROJECT["project"]["description"]
     assert PACKAGE.findtext("license") == PROJECT["project"]["license"]
     assert "@" in PACKAGE.find("maintainer").get("email")
@@ -54,10 +55,13 @@ def test_what_cmake_looks_for_is_declared() -> None:
     assert PACKAGE.findtext("export/build_type") in declared
 
 
-def test_the_python_packages_of_the_wheel_are_installed() -> None:
-    installed = [*words(r"foreach\(package ([\w ]+)\)"), *words(r"install\(DIRECTORY ([\w ]+) DESTINATION")]
-    assert installed == PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
-    assert all((ROOT / package / "__init__.py").exists() for package in words(r"foreach\(package ([\w ]+)\)"))
+def test_the_packages_of_the_wheel_are_installed_and_the_models_inside_fame() -> None:
+    wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+    packages = words(r"foreach\(package ([\w ]+)\)")
+    assert [*packages, "models"] == wheel["only-include"]
+    assert all((ROOT / package / "__init__.py").exists() for package in packages)
+    assert words(r"install\(DIRECTORY models DESTINATION \$\{PYTHON_INSTALL_DIR\}/(\w+)\)") == ["fame"]
+    assert wheel["sources"] == {"models": "fame/models"}
 
 
 def test_each_installed_command_is_one_that_takes_a_middleware() -> None:

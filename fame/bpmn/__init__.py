@@ -8,22 +8,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import from_homes
+from fame.lazy import attach
 
 if TYPE_CHECKING:
-    from fame.bpmn.reader import read, read_bytes, read_text, write
-    from fame.bpmn.split import extract_process
-    from fame.bpmn.topics import topic_table
-
-__all__ = ["extract_process", "read", "read_bytes", "read_text", "topic_table", "write"]
-
-_HOMES = {
-    "read": "reader",
-    "read_bytes": "reader",
-    "read_text": "reader",
-    "topic_table": "topics",
-    "extract_process": "split",
-    "write": "reader",
-}
-
-__getattr__ = from_homes(__name__, _HOMES)
+    from fame.bpmn.reader import read as read, read_bytes as read_bytes, read_text as read_text, write as write
+    from fame.bpmn.split import extract_process as extract_process
+    from fame.bpmn.topics import topic_table as topic_table
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "reader": ["read", "read_bytes", "read_text", "write"],
+            "split": ["extract_process"],
+            "topics": ["topic_table"],
+        },
+    )

@@ -9,13 +9,20 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from pathlib import Path
 
 from fame.bpmn.model import CallActivity, Definitions, Process
 from fame.errors import ConfigError, ModelError
 
-_MODELS = Path(__file__).resolve().parent.parent.parent / "models"
-BUILT_IN = (_MODELS / "library", _MODELS / "monitoring")
+
+def _models() -> Path:
+    """Return the folder ``models``: inside the package where that is installed, beside it in a source tree."""
+    package = Path(str(files("fame")))
+    return next(path for path in (package / "models", package.parent / "models") if path.is_dir())
+
+
+BUILT_IN = (_models() / "library", _models() / "monitoring")
 """The behaviours and the monitoring units that come with FAME."""
 
 

@@ -36,21 +36,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import from_homes
+from fame.lazy import attach
 
 if TYPE_CHECKING:
-    from fame.check.checker import check, parts_of_one_mission
-    from fame.check.findings import Finding, Level, summary
-
-__all__ = ["Finding", "Level", "check", "parts_of_one_mission", "summary"]
-
-_HOMES = {
-    "Finding": "findings",
-    "Level": "findings",
-    "check": "checker",
-    "parts_of_one_mission": "checker",
-    "summary": "findings",
-}
-
-__getattr__ = from_homes(__name__, _HOMES)
-"""Imported when asked for: a run that refuses needs a few of them alone."""
+    from fame.check.checker import check as check, parts_of_one_mission as parts_of_one_mission
+    from fame.check.findings import Finding as Finding, Level as Level, summary as summary
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "checker": ["check", "parts_of_one_mission"],
+            "findings": ["Finding", "Level", "summary"],
+        },
+    )

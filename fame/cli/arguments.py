@@ -41,18 +41,15 @@ class Parser(argparse.ArgumentParser):
 
 
 class Version(argparse.Action):
-    """``--version``: looked up only when asked for, since the package index is slow to open."""
+    """``--version``: print the version and exit."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(nargs=0, default=argparse.SUPPRESS, **options)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from importlib.metadata import PackageNotFoundError, version
+        from fame import __version__
 
-        try:
-            print(f"fame {version('fame-robots')}")
-        except PackageNotFoundError:
-            print("fame, run from its sources without being installed")
+        print(f"fame {__version__}")
         parser.exit()
 
 

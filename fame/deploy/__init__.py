@@ -32,37 +32,30 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.deploy.envelope import STATUS_QOS, STRING, Envelope, Report, engines, model_hash, read_envelope
-from fame.lazy import from_homes
+from fame.lazy import attach
 
 if TYPE_CHECKING:
-    from fame.deploy.late_joiners import Keeper
-    from fame.deploy.robot import EngineNode
-    from fame.deploy.sender import Deployment, Standing
-    from fame.deploy.splitter_node import SplitterNode
-
-__all__ = [
-    "STATUS_QOS",
-    "STRING",
-    "Deployment",
-    "EngineNode",
-    "Envelope",
-    "Keeper",
-    "Report",
-    "SplitterNode",
-    "Standing",
-    "engines",
-    "model_hash",
-    "read_envelope",
-]
-
-_HOMES = {
-    "Deployment": "sender",
-    "EngineNode": "robot",
-    "Keeper": "late_joiners",
-    "SplitterNode": "splitter_node",
-    "Standing": "sender",
-}
-
-__getattr__ = from_homes(__name__, _HOMES)
-"""Either end is imported when it is first asked for: a robot needs nothing of the sender's."""
+    from fame.deploy.envelope import (
+        STATUS_QOS as STATUS_QOS,
+        STRING as STRING,
+        Envelope as Envelope,
+        Report as Report,
+        engines as engines,
+        model_hash as model_hash,
+        read_envelope as read_envelope,
+    )
+    from fame.deploy.late_joiners import Keeper as Keeper
+    from fame.deploy.robot import EngineNode as EngineNode
+    from fame.deploy.sender import Deployment as Deployment, Standing as Standing
+    from fame.deploy.splitter_node import SplitterNode as SplitterNode
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "envelope": ["Envelope", "Report", "STATUS_QOS", "STRING", "engines", "model_hash", "read_envelope"],
+            "late_joiners": ["Keeper"],
+            "robot": ["EngineNode"],
+            "sender": ["Deployment", "Standing"],
+            "splitter_node": ["SplitterNode"],
+        },
+    )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from fame.bpmn.model import Activity, Definitions, Element, Gateway, SubProcess, Task
-from fame.bpmn.model import Event as BpmnEvent
+from fame.bpmn.model import Activity, Definitions, Element, Event as BpmnEvent, Gateway, SubProcess, Task
 
 
 class Named(NamedTuple):

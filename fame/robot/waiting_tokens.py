@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND
 from fame.engine import waiting
 from fame.engine.program import USER, Node
-from fame.engine.state import Wait as EngineWait
-from fame.engine.state import joins_reached
+from fame.engine.state import Wait as EngineWait, joins_reached
 from fame.middleware.interface import resolve
 from fame.robot.gaps import gap_text
 from fame.scripting import script_names

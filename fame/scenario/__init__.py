@@ -22,42 +22,40 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import from_homes
+from fame.lazy import attach
 
 if TYPE_CHECKING:
-    from fame.scenario.deployment import Sending
-    from fame.scenario.distributed import Team
-    from fame.scenario.distributed_result import Sight
-    from fame.scenario.file import DURATION, read_scenario_world
-    from fame.scenario.process import BACKENDS, connect, scheduler_for, serve
-    from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult, Status
-    from fame.scenario.scenario import Scenario
-    from fame.scenario.world_process import WorldPart
-
-__all__ = [
-    "BACKENDS", "DURATION", "Completion", "Fault", "Progress", "Result", "RobotResult", "Scenario", "Sending", "Sight",
-    "Status", "Team", "WorldPart", "connect", "read_scenario_world", "scheduler_for", "serve",
-]  # fmt: skip
-
-_HOMES = {
-    "BACKENDS": "process",
-    "DURATION": "file",
-    "Completion": "result",
-    "Fault": "result",
-    "Progress": "result",
-    "Result": "result",
-    "RobotResult": "result",
-    "Scenario": "scenario",
-    "Sending": "deployment",
-    "Sight": "distributed_result",
-    "Status": "result",
-    "Team": "distributed",
-    "WorldPart": "world_process",
-    "connect": "process",
-    "read_scenario_world": "file",
-    "scheduler_for": "process",
-    "serve": "process",
-}
-
-__getattr__ = from_homes(__name__, _HOMES)
-"""An engine's process loads nothing of worlds and scenario files."""
+    from fame.scenario.deployment import Sending as Sending
+    from fame.scenario.distributed import Team as Team
+    from fame.scenario.distributed_result import Sight as Sight
+    from fame.scenario.file import DURATION as DURATION, read_scenario_world as read_scenario_world
+    from fame.scenario.process import (
+        BACKENDS as BACKENDS,
+        connect as connect,
+        scheduler_for as scheduler_for,
+        serve as serve,
+    )
+    from fame.scenario.result import (
+        Completion as Completion,
+        Fault as Fault,
+        Progress as Progress,
+        Result as Result,
+        RobotResult as RobotResult,
+        Status as Status,
+    )
+    from fame.scenario.scenario import Scenario as Scenario
+    from fame.scenario.world_process import WorldPart as WorldPart
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "deployment": ["Sending"],
+            "distributed": ["Team"],
+            "distributed_result": ["Sight"],
+            "file": ["DURATION", "read_scenario_world"],
+            "process": ["BACKENDS", "connect", "scheduler_for", "serve"],
+            "result": ["Completion", "Fault", "Progress", "Result", "RobotResult", "Status"],
+            "scenario": ["Scenario"],
+            "world_process": ["WorldPart"],
+        },
+    )

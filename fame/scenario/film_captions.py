@@ -10,6 +10,7 @@ from fame.bpmn.model import (
     Activity,
     Body,
     Definitions,
+    Event as BpmnEvent,
     FlowNode,
     Gateway,
     Process,
@@ -17,7 +18,6 @@ from fame.bpmn.model import (
     Task,
     TimerDefinition,
 )
-from fame.bpmn.model import Event as BpmnEvent
 from fame.clock import SECOND
 from fame.robot import Event
 

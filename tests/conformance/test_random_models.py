@@ -23,8 +23,7 @@ from engine_models import (
     throw,
     user,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 KINDS = ("task", "script", "wait", "user", "throw", "sequence", "choice", "fork", "some", "loop", "sub", "handled")
 LEAVES = KINDS[:5]

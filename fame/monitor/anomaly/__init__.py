@@ -29,38 +29,34 @@ take a run apart. A figure that comes from the data that was learned from says s
 
 from __future__ import annotations
 
-from fame.lazy import from_homes
+from typing import TYPE_CHECKING
 
-_HOMES = {
-    "AnomalyDetector": "detector",
-    "Chain": "chain",
-    "DataPersist": "storage",
-    "DataProcess": "process",
-    "Interface": "interface",
-    "Model": "model",
-    "OutputMatrix": "confusion_matrix",
-    "PathDetector": "paths",
-    "Recording": "recording",
-    "load_chain": "chain",
-    "load_model": "storage",
-    "read_csv": "files",
-    "write_csv": "files",
-}
-__all__ = [
-    "AnomalyDetector",
-    "Chain",
-    "DataPersist",
-    "DataProcess",
-    "Interface",
-    "Model",
-    "OutputMatrix",
-    "PathDetector",
-    "Recording",
-    "load_chain",
-    "load_model",
-    "read_csv",
-    "write_csv",
-]
+from fame.lazy import attach
 
-__getattr__ = from_homes(__name__, _HOMES)
-"""What is asked for, imported now: importing `fame.monitor.anomaly` itself costs nothing."""
+if TYPE_CHECKING:
+    from fame.monitor.anomaly.chain import Chain as Chain, load_chain as load_chain
+    from fame.monitor.anomaly.confusion_matrix import OutputMatrix as OutputMatrix
+    from fame.monitor.anomaly.detector import AnomalyDetector as AnomalyDetector
+    from fame.monitor.anomaly.files import read_csv as read_csv, write_csv as write_csv
+    from fame.monitor.anomaly.interface import Interface as Interface
+    from fame.monitor.anomaly.model import Model as Model
+    from fame.monitor.anomaly.paths import PathDetector as PathDetector
+    from fame.monitor.anomaly.process import DataProcess as DataProcess
+    from fame.monitor.anomaly.recording import Recording as Recording
+    from fame.monitor.anomaly.storage import DataPersist as DataPersist, load_model as load_model
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "chain": ["Chain", "load_chain"],
+            "confusion_matrix": ["OutputMatrix"],
+            "detector": ["AnomalyDetector"],
+            "files": ["read_csv", "write_csv"],
+            "interface": ["Interface"],
+            "model": ["Model"],
+            "paths": ["PathDetector"],
+            "process": ["DataProcess"],
+            "recording": ["Recording"],
+            "storage": ["DataPersist", "load_model"],
+        },
+    )
