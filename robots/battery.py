@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fame.config.fields import parameter
+from fame.config.parameters import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from robots.robot import MEASUREMENT

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fame.clock import SECOND
-from fame.config.fields import parameter
+from fame.config.parameters import parameter
 from fame.middleware.interface import Message, Node
 from robots.robot import Pose
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from robots.robot import ROBOT, Pose
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from fame.config.fields import parameter
+from fame.config.parameters import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from robots.robot import MEASUREMENT, Pose

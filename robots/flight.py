@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from fame.clock import SECOND
-from fame.config.fields import Point, parameter
+from fame.config.parameters import parameter
+from fame.config.values import Point
 from fame.middleware.interface import Message
 from robots.body import body_of, rectangle
 from robots.drive import GRAVITY, towards, within

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from fame.config.fields import parameter
+from fame.config.parameters import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
 from robots.noise import Noise

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from fame.config.fields import Point, parameter
+from fame.config.parameters import parameter
+from fame.config.values import Point
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Message, Node
 from robots.robot import MEASUREMENT

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from fame.middleware.interface import Message, QoS
 
 if TYPE_CHECKING:

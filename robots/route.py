@@ -12,7 +12,7 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from sim2d.grid import Grid
 
 _STRAIGHT, _DIAGONAL = 985, 1393

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from fame.config.fields import parameter
+from fame.config.parameters import parameter
 from robots.battery import DRAIN_RATE, Battery, BatteryParameters
 from robots.blade import Blade, BladeParameters
 from robots.drive import FRICTION

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from sim2d import style, symbols
 from sim2d.config import Thing
 from sim2d.record import Record

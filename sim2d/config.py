@@ -9,10 +9,9 @@ from dataclasses import dataclass, field, fields
 from os import PathLike
 from typing import Any, TypeVar
 
-from fame.config.fields import Entry, Point, Source, fill, read_yaml
-from fame.config.kind import meant_for
-from fame.errors import ConfigError
-from fame.text import suggestion
+from fame.config.loader import read_document
+from fame.config.parameters import fill
+from fame.config.values import ConfigValue, Point, Source
 from robots import ROBOTS
 from sim2d.shapes import Circle, Shape, bounding_box, box, convex
 
@@ -94,23 +93,20 @@ class WorldConfig:
 
 def read_world(path: str | PathLike[str]) -> WorldConfig:
     """The world of a YAML file. Raises ConfigError with file, line and key."""
-    data, source = read_yaml(path)
-    if other := meant_for(data, "world"):
-        raise ConfigError(other, file=str(path))
-    return world_config(data, source)
+    return world_config(read_document(path, "world"))
 
 
-def world_config(data: Mapping[str, Any], source: Source = Source(), path: str = "") -> WorldConfig:  # noqa: B008 (frozen)
-    """The world that a mapping describes; `path` is its key in the file. Raises ConfigError."""
-    top = Entry(data, path, source)
-    keys = top.mapping(_KEYS)
-    bounds = _bounds(top, keys)
+def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
+    """The world that a mapping describes. Raises ConfigError."""
+    value = world if isinstance(world, ConfigValue) else ConfigValue(world)
+    keys = value.mapping(_KEYS)
+    bounds = _bounds(value, keys)
     resolution = keys["resolution"].number(minimum=0.01, maximum=1) if "resolution" in keys else 0.05
     area = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
     if area / resolution**2 > _CELLS:
         least = math.ceil(math.sqrt(area / _CELLS) * 100) / 100
-        text = f"found a map of {area / resolution**2:.0f} cells, a resolution of at least {least:g} would be right"
-        raise keys.get("resolution", top).error(text)
+        text = f"expected a resolution of at least {least:g}, got a map of {area / resolution**2:.0f} cells"
+        raise keys.get("resolution", value).error(text)
     return WorldConfig(
         bounds,
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
@@ -119,83 +115,81 @@ def world_config(data: Mapping[str, Any], source: Source = Source(), path: str =
         weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, bounds)),
         chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, bounds)),
         step=keys["step"].number(minimum=0.0001, maximum=0.05) if "step" in keys else 0.01,
-        walls=keys["walls"].flag() if "walls" in keys else True,
+        walls=keys["walls"].boolean() if "walls" in keys else True,
         resolution=resolution,
-        source=source,
+        source=value.source,
     )
 
 
-def _bounds(top: Entry, keys: Mapping[str, Entry]) -> Bounds:
+def _bounds(value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Bounds:
     if ("size" in keys) == ("bounds" in keys):
-        raise top.error(
-            "found neither or both of size and bounds, one of size: [w, h] and bounds: [xmin, ymin, xmax, ymax] "
-            "would be right"
-        )
+        got = "both" if "size" in keys else "neither"
+        raise value.error(f"expected either size: [w, h] or bounds: [xmin, ymin, xmax, ymax], got {got}")
     if "size" in keys:
         width, height = keys["size"].numbers(2, "[width, height] in m")
         xmin, ymin, xmax, ymax = 0.0, 0.0, width, height
     else:
         xmin, ymin, xmax, ymax = keys["bounds"].numbers(4, "[xmin, ymin, xmax, ymax] in m")
     if not (_LEAST <= xmax - xmin <= _MOST and _LEAST <= ymax - ymin <= _MOST):
-        raise (keys.get("size") or keys["bounds"]).wrong(f"ground of {_LEAST:g} to {_MOST:g} m on each side")
+        raise (keys.get("size") or keys["bounds"]).expected(f"ground of {_LEAST:g} to {_MOST:g} m on each side")
     return xmin, ymin, xmax, ymax
 
 
-def _things(listed: Entry | None, kind: str, bounds: Bounds) -> tuple[Thing, ...]:
+def _things(listed: ConfigValue | None, kind: str, bounds: Bounds) -> tuple[Thing, ...]:
     things: list[Thing] = []
-    for number, entry in enumerate(listed.items() if listed else (), 1):
-        thing = _thing(entry, f"{kind}_{number}")
+    for number, value in enumerate(listed.items() if listed else (), 1):
+        thing = _thing(value, f"{kind}_{number}")
         if any(other.name == thing.name for other in things):
-            raise entry.error(f"found a second {kind} named {thing.name!r}, another name would be right")
+            raise value.error(f"expected a name of its own, got a second {kind} named {thing.name!r}")
         xmin, ymin, xmax, ymax = bounding_box(thing.shape)
         if xmax <= bounds[0] or ymax <= bounds[1] or xmin >= bounds[2] or ymin >= bounds[3]:
-            raise entry.error(f"{thing.name} is outside the ground, a place inside {list(bounds)} would be right")
+            raise value.error(f"expected a place inside {list(bounds)}; {thing.name} is outside the ground")
         things.append(thing)
     return tuple(things)
 
 
-def _thing(entry: Entry, default_name: str) -> Thing:
-    kinds = [key for key in _SHAPES if key in entry.mapping()]
+def _thing(value: ConfigValue, default_name: str) -> Thing:
+    kinds = [key for key in _SHAPES if key in value.mapping()]
     if len(kinds) != 1:
-        raise entry.error(f"found {' and '.join(kinds) or 'no shape'}, one of radius, size and polygon would be right")
-    keys = entry.mapping(_SHAPES[kinds[0]])
+        raise value.error(f"expected one of radius, size and polygon, got {' and '.join(kinds) or 'none'}")
+    keys = value.mapping(_SHAPES[kinds[0]])
     name = keys["name"].text() if "name" in keys else default_name
-    return Thing(name, _shape(kinds[0], entry, keys), entry.path)
+    return Thing(name, _shape(kinds[0], value, keys), value.path)
 
 
-def _shape(kind: str, entry: Entry, keys: Mapping[str, Entry]) -> Shape:
+def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Shape:
     if kind == "polygon":
         corners = [corner.point() for corner in keys["polygon"].items()]
         polygon = convex(corners)
         if polygon is None:
             raise keys["polygon"].error(
-                "found corners that make no convex polygon, at least three in order around it would be right "
+                "expected the corners of a convex polygon, at least three, in order around it "
                 "(several obstacles together make any form)"
             )
         return polygon
-    centre = required(entry, keys, "at", "[x, y] in m").point()
+    centre = value.required("at", "[x, y] in m").point()
     if kind == "radius":
         return Circle(centre, keys["radius"].number(above=0))
     width, height = keys["size"].numbers(2, "[width, height] in m")
     if width <= 0 or height <= 0:
-        raise keys["size"].wrong("a width and a height above 0")
+        raise keys["size"].expected("a width and a height above 0")
     angle = keys["angle"].number() if "angle" in keys else 0.0
     return box(centre, width, height, math.radians(angle))
 
 
-def _flat(listed: Entry | None, kind: str, make: type[_Flat], bounds: Bounds) -> Iterator[_Flat]:
+def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Bounds) -> Iterator[_Flat]:
     """What lies on the ground: a name, a place, and numbers above 0 that have defaults."""
     numbers: list[str] = [one.name for one in fields(make) if one.name not in ("name", "at")]
     names: set[str] = set()
-    for number, entry in enumerate(listed.items() if listed else (), 1):
-        keys = entry.mapping(("name", "at", *numbers))
+    for number, value in enumerate(listed.items() if listed else (), 1):
+        keys = value.mapping(("name", "at", *numbers))
         name = keys["name"].text() if "name" in keys else f"{kind}_{number}"
         if name in names:
-            raise entry.error(f"found a second {kind} named {name!r}, another name would be right")
+            raise value.error(f"expected a name of its own, got a second {kind} named {name!r}")
         names.add(name)
-        at = required(entry, keys, "at", "[x, y] in m").point()
+        at = value.required("at", "[x, y] in m").point()
         if not inside(bounds, at):
-            raise keys["at"].wrong(f"a place on the ground, inside {list(bounds)},")
+            raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
         yield make(name, at, **{key: keys[key].number(above=0) for key in numbers if key in keys})
 
 
@@ -204,35 +198,25 @@ def inside(bounds: Bounds, place: Point) -> bool:
     return bounds[0] <= place[0] <= bounds[2] and bounds[1] <= place[1] <= bounds[3]
 
 
-def _robots(listed: Entry, bounds: Bounds) -> tuple[RobotConfig, ...]:
+def _robots(listed: ConfigValue, bounds: Bounds) -> tuple[RobotConfig, ...]:
     robots: dict[str, RobotConfig] = {}
-    for name, entry in listed.mapping().items():
+    for name, value in listed.mapping().items():
         if not _NAME.fullmatch(name):
-            raise entry.error(f"found the name {name!r}, a letter, then letters, digits and _ would be right")
+            raise value.error(f"expected a name of letters, digits and _ that begins with a letter, got {name!r}")
         if name.casefold() in robots:
-            raise entry.error(
-                f"found the names {robots[name.casefold()].name!r} and {name!r}, "
-                "names that differ in more than case would be right"
+            raise value.error(
+                f"expected names that differ in more than case, got {robots[name.casefold()].name!r} and {name!r}"
             )
-        robots[name.casefold()] = _robot(name, entry, bounds)
+        robots[name.casefold()] = _robot(name, value, bounds)
     return tuple(robots.values())
 
 
-def _robot(name: str, entry: Entry, bounds: Bounds) -> RobotConfig:
-    keys = entry.mapping()
-    kind = required(entry, keys, "type", f"one of {', '.join(ROBOTS)}").text()
-    if kind not in ROBOTS:
-        raise keys["type"].error(f"found the robot type {kind!r}; {suggestion(kind, ROBOTS)}")
-    parameters: Any = fill(ROBOTS[kind].Parameters(), entry, besides=("type", "at", "heading"))
-    at = required(entry, keys, "at", "[x, y] in m").point()
+def _robot(name: str, value: ConfigValue, bounds: Bounds) -> RobotConfig:
+    keys = value.mapping()
+    kind = value.required("type", f"one of {', '.join(ROBOTS)}").choice(ROBOTS, "a robot type")
+    parameters: Any = fill(ROBOTS[kind].Parameters(), value, besides=("type", "at", "heading"))
+    at = value.required("at", "[x, y] in m").point()
     if not inside(bounds, at):
-        raise keys["at"].wrong(f"a place on the ground, inside {list(bounds)},")
+        raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
     heading = keys["heading"].number() if "heading" in keys else 0.0
-    return RobotConfig(name, kind, at, math.radians(heading), parameters, entry.path)
-
-
-def required(entry: Entry, keys: Mapping[str, Entry], key: str, right: str) -> Entry:
-    """The entry of a key that must be there."""
-    if key not in keys:
-        raise entry.error(f"found no {key}, {key}: {right} would be right")
-    return keys[key]
+    return RobotConfig(name, kind, at, math.radians(heading), parameters, value.path)

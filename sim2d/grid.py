@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from fame.middleware.interface import Message
 from sim2d.shapes import Circle, Shape
 

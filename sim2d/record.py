@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from robots.robot import Look, Pose
 from sim2d.config import WorldConfig
 

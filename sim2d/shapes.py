@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fame.config.fields import Point
+from fame.config.values import Point
 
 
 @dataclass(frozen=True, slots=True)

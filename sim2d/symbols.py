@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from fame.config.fields import Point
+from fame.config.values import Point
 from robots.robot import Look
 from sim2d.shapes import disc
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fame.config.fields import Point
+from fame.config.values import Point
 
 if TYPE_CHECKING:
     from sim2d.config import WeedConfig

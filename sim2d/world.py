@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.config.fields import Point
+from fame.config.values import Point
 from fame.errors import ConfigError
 from fame.extras import require
 from fame.middleware import messages

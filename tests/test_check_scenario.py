@@ -41,7 +41,7 @@ WRONG = {
     "no robot for a pool": (GOOD.replace("REX", "TIM"), "s.yaml: error: "),
     "no such model": (GOOD.replace("m.bpmn", "n.bpmn"), "n.bpmn: error: "),
     "a robot that stands outside": (GOOD.replace("[1, 1]", "[9, 1]"), "s.yaml:4: error: world.robots.REX.at: "),
-    "not YAML": ("model: [", "s.yaml:1: error: is not YAML: "),
+    "not YAML": ("model: [", "s.yaml:1: error: is not valid YAML: "),
     "another file": ("Files: {}", "s.yaml: error: is a learning file, which is for fame adm learn"),
 }
 

@@ -81,7 +81,7 @@ def test_a_mistyped_word_is_told_with_the_closest_one(given: str, said: str, cap
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("world models/convoy.bpmn", "models/convoy.bpmn: is a model; a world, or a scenario that has one (.yaml), "),
+        ("world models/convoy.bpmn", "models/convoy.bpmn: expected a world, or a scenario that has one (.yaml), "),
         ("templates -o README.md", "README.md: is a file; a folder would be right"),
     ],
 )

@@ -216,10 +216,10 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["param", "set", "/low_pass", "cutoff", "["], "is no YAML"),
+        (["param", "set", "/low_pass", "cutoff", "["], "is not valid YAML"),
         (["param", "set", "/low_pass", "cutoff", "2026-13-45"], "month must be in 1..12"),
-        (["process", "x.yaml", "--set", "cutoff=["], "which is no YAML"),
-        (["process", "x.yaml", "--set", "cutoff=2026-13-45"], "which is no YAML"),
+        (["process", "x.yaml", "--set", "cutoff=["], "which is not valid YAML"),
+        (["process", "x.yaml", "--set", "cutoff=2026-13-45"], "which is not valid YAML"),
         (["process", "x.yaml", "--frequency", "1e12"], "--frequency: found 1000000000000.0"),
         (["process", "x.yaml", "--frequency", "1e-300"], "--frequency: found 1e-300"),
         (["topic", "list", "--duration", "1e300"], "--duration: found '1e300'"),

@@ -151,7 +151,7 @@ def test_what_is_wrong_is_said_in_one_line_with_the_path_of_the_key(tmp_path: Pa
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (": a\n b", "is no YAML"),
+        (": a\n b", "is not valid YAML"),
         ("- a", "a mapping with Inputs"),
         ("", "a mapping with Inputs"),
         (None, "cannot be read"),
@@ -275,13 +275,16 @@ def test_nested_fields_empty_messages_and_numbers_of_numpy_are_written() -> None
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("Name: 2026-13-45", "is no YAML: month must be in 1..12"),
-        ("Name: !!int x", "is no YAML"),
-        ("Name: !!bool maybe", "is no YAML"),
-        ("Frequency: " + "9" * 5000, "is no YAML"),
+        ("Name: 2026-13-45", "is not valid YAML: month must be in 1..12"),
+        ("Name: !!int x", "is not valid YAML"),
+        ("Name: !!bool maybe", "is not valid YAML"),
+        ("Frequency: " + "9" * 5000, "is not valid YAML"),
         ("[" * 5000, "nested too deeply"),
         ("Inputs: {}\nInputs: {}", ":2: Inputs: is given twice"),
-        ("Processor: {Class: LowPass, Parameters: {cutoff: 1, cutoff: 2}}", ":1: cutoff: is given twice"),
+        (
+            "Processor: {Class: LowPass, Parameters: {cutoff: 1, cutoff: 2}}",
+            ":1: Processor.Parameters.cutoff: is given twice",
+        ),
     ],
 )
 def test_whatever_yaml_makes_of_a_file_is_one_line_with_the_file(text: str, why: str, tmp_path: Path) -> None:

@@ -77,10 +77,10 @@ WRONG = {
     "{at: 7, robot: PORTER, element: t}": (
         "s.yaml:3: found 't', which is no user, manual or receive task of PORTER; it has sign, load"
     ),
-    "{at: -1, robot: PORTER, element: load}": "s.yaml:3: complete[0].at: found -1, a finite number",
-    "{robot: PORTER, element: load}": "s.yaml:3: complete[0]: lacks at; {at: 12, robot: REX",
+    "{at: -1, robot: PORTER, element: load}": "s.yaml:3: complete[0].at: expected a number of at least 0, got -1",
+    "{robot: PORTER, element: load}": "s.yaml:3: complete[0]: expected the key at, as in {at: 12, robot: REX",
     "{at: 7, robot: PORTER, element: load, value: {}}": "complete[0].value: unknown key; did you mean 'values'?",
-    "{at: 7, robot: PORTER, element: load, values: {a-b: 1}}": "complete[0].values.a-b: found 'a-b', the name of a",
+    "{at: 7, robot: PORTER, element: load, values: {a-b: 1}}": "complete[0].values.a-b: expected the name of a",
 }
 
 

@@ -40,12 +40,12 @@ def test_weeds_have_names_places_and_sizes_and_may_be_in_an_obstacle():
 @pytest.mark.parametrize(
     ("weeds", "complaint"),
     [
-        ([{"name": "thistle"}], r"weeds\[0\]: found no at"),
-        ([{"at": [30, 1]}], r"weeds\[0\].at: found \[30, 1\], a place on the ground"),
-        ([{"at": [3, 1], "radius": 0}], r"weeds\[0\].radius: found 0"),
+        ([{"name": "thistle"}], r"weeds\[0\]: expected the key at"),
+        ([{"at": [30, 1]}], r"weeds\[0\].at: expected a place on the ground, .*, got \[30, 1\]"),
+        ([{"at": [3, 1], "radius": 0}], r"weeds\[0\].radius: expected a number above 0, got 0"),
         ([{"at": [3, 1], "size": 1}], r"weeds\[0\].size: unknown key"),
         ([{"at": [3, 1], "name": "a"}, {"at": [4, 1], "name": "a"}], "a second weed named 'a'"),
-        (3, "weeds: found 3, a list"),
+        (3, "weeds: expected a list, got 3"),
     ],
 )
 def test_a_wrong_weed_is_refused(weeds, complaint):

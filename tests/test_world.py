@@ -12,6 +12,7 @@ import pymunk
 import pytest
 from grounds import Ground, ground
 
+from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from sim2d.config import read_world, world_config
 from sim2d.shapes import Circle, Polygon, convex
@@ -65,70 +66,105 @@ def test_the_example_of_the_documentation_can_be_read(tmp_path):
     ("found", "instead", "line", "complaint"),
     [
         ("size: [6, 4]", "sise: [6, 4]", 1, "sise: unknown key; did you mean 'size'?"),
-        ("size: [6, 4]", "size: [6]", 1, "size: found [6], [width, height] in m would be right"),
-        ("size: [6, 4]", "size: [6, 0]", 1, "size: found [6, 0], ground of 0.01 to 1000 m"),
-        ("size: [6, 4]", "step: 0.01", 1, "neither or both of size and bounds"),
-        ("size: [6, 4]", "size: [6, 4]\nstep: 0", 2, "step: found 0, a finite number of at least 0.0001"),
-        ("radius: 0.3", "radius: 0", 3, "obstacles[0].radius: found 0, a finite number above 0 would be right"),
-        ("radius: 0.3", "radius: .nan", 3, "obstacles[0].radius: found nan, a finite number"),
-        ("radius: 0.3", "radius: big", 3, "obstacles[0].radius: found 'big', a finite number"),
-        ("radius: 0.3", "r: 0.3", 3, "obstacles[0]: found no shape, one of radius, size and polygon"),
-        ("radius: 0.3", "radius: 0.3, size: [1, 1]", 3, "found radius and size, one of"),
-        ("at: [2, 2], radius", "radius", 3, "obstacles[0]: found no at, at: [x, y] in m would be right"),
-        ("at: [2, 2]", "at: [2, .inf]", 3, "obstacles[0].at[1]: found inf"),
-        ("at: [2, 2]", "at: [20, 2]", 3, "obstacles[0]: rock is outside the ground"),
-        ("size: [0.5, 1.2]", "size: [0.5, -1]", 4, "obstacles[1].size: found [0.5, -1], a width and a height above 0"),
+        ("size: [6, 4]", "size: [6]", 1, "size: expected [width, height] in m, got [6]"),
+        ("size: [6, 4]", "size: [6, 0]", 1, "size: expected ground of 0.01 to 1000 m on each side, got [6, 0]"),
+        (
+            "size: [6, 4]",
+            "step: 0.01",
+            1,
+            "expected either size: [w, h] or bounds: [xmin, ymin, xmax, ymax], got neither",
+        ),
+        ("size: [6, 4]", "size: [6, 4]\nstep: 0", 2, "step: expected a number from 0.0001 to 0.05, got 0"),
+        ("radius: 0.3", "radius: 0", 3, "obstacles[0].radius: expected a number above 0, got 0"),
+        ("radius: 0.3", "radius: .nan", 3, "obstacles[0].radius: expected a finite number above 0, got nan"),
+        ("radius: 0.3", "radius: big", 3, "obstacles[0].radius: expected a number above 0, got 'big'"),
+        ("radius: 0.3", "r: 0.3", 3, "obstacles[0]: expected one of radius, size and polygon, got none"),
+        (
+            "radius: 0.3",
+            "radius: 0.3, size: [1, 1]",
+            3,
+            "expected one of radius, size and polygon, got radius and size",
+        ),
+        ("at: [2, 2], radius", "radius", 3, "obstacles[0]: expected the key at: [x, y] in m"),
+        ("at: [2, 2]", "at: [2, .inf]", 3, "obstacles[0].at[1]: expected a finite number, got inf"),
+        ("at: [2, 2]", "at: [20, 2]", 3, "obstacles[0]: expected a place inside [0.0, 0.0, 6.0, 4.0]; rock is"),
+        (
+            "size: [0.5, 1.2]",
+            "size: [0.5, -1]",
+            4,
+            "obstacles[1].size: expected a width and a height above 0, got [0.5, -1]",
+        ),
         (
             "size: [0.5, 1.2], angle",
             "size: [0.5, 1.2], angel",
             4,
             "obstacles[1].angel: unknown key; did you mean 'angle'",
         ),
-        ("[4.3, 3.5], [4.6, 3]", "[5, 3]", 5, "obstacles[2].polygon: found corners that make no convex polygon"),
-        ("[4.6, 3]]", "[4.6, 3], [4.3, 3.2]]", 5, "no convex polygon"),
-        ("  - {polygon", "  - {name: rock, polygon", 5, "found a second obstacle named 'rock'"),
+        ("[4.3, 3.5], [4.6, 3]", "[5, 3]", 5, "obstacles[2].polygon: expected the corners of a convex polygon"),
+        ("[4.6, 3]]", "[4.6, 3], [4.3, 3.2]]", 5, "of a convex polygon"),
+        (
+            "  - {polygon",
+            "  - {name: rock, polygon",
+            5,
+            "expected a name of its own, got a second obstacle named 'rock'",
+        ),
         (
             "type: car, at: [0.5, 0.5]",
             "type: cart, at: [0.5, 0.5]",
             9,
-            "robots.REX.type: found the robot type 'cart'; did",
+            "robots.REX.type: expected a robot type, got 'cart'; did",
         ),
         (
             "type: car, at: [0.5, 0.5]",
             "at: [0.5, 0.5]",
             9,
-            "robots.REX: found no type, type: one of car, ",
+            "robots.REX: expected the key type: one of car, ",
         ),
-        ("at: [0.5, 0.5]", "at: [0.5, 5]", 9, "robots.REX.at: found [0.5, 5], a place on the ground"),
+        ("at: [0.5, 0.5]", "at: [0.5, 5]", 9, "robots.REX.at: expected a place on the ground"),
         ("heading: 90", "headng: 90", 9, "robots.REX.headng: unknown key; did you mean 'heading'?"),
-        ("heading: 90", "watchdog: -1", 9, "robots.REX.watchdog: found -1, a finite number of at least 0"),
-        ("friction: smooth", "friction: smoth", 10, "robots.DINGO.friction: found 'smoth'; did you mean 'smooth'?"),
+        ("heading: 90", "watchdog: -1", 9, "robots.REX.watchdog: expected a number of at least 0, got -1"),
+        (
+            "friction: smooth",
+            "friction: smoth",
+            10,
+            "robots.DINGO.friction: expected a number or a name, got 'smoth'; did you mean 'smooth'?",
+        ),
         ("max: 3.0", "maxi: 3.0", 10, "robots.DINGO.range.maxi: unknown key; did you mean 'max'?"),
-        ("max: 3.0", "min: 3.0", 10, "robots.DINGO.range.min: found min 3, at most that of max, 2, would be right"),
-        ("max: 3.0", "max: 0.01", 10, "robots.DINGO.range.max: found min 0.02, at most that of max, 0.01, would"),
+        ("max: 3.0", "min: 3.0", 10, "robots.DINGO.range.min: expected min to be at most max (2), got 3"),
+        ("max: 3.0", "max: 0.01", 10, "robots.DINGO.range.max: expected min to be at most max (0.01), got 0.02"),
         (
             "max: 3.0",
             "noise: 1.0e+300",
             10,
-            "robots.DINGO.range.noise: found 1e+300, a finite number of at least 0 from",
+            "robots.DINGO.range.noise: expected a number from 0 to 1e+09, got 1e+300",
         ),
-        ("max: 3.0", "rate: 1.0e-320", 10, "range.rate: found 1e-320, a number of at least 1e-06 would be right"),
-        ("max: 3.0", "rays: 1000000", 10, "found 1000000, a whole number of at least 2 and at most 1000"),
-        ("heading: 90", f"heading: {10**400}", 9, "robots.REX.heading: found a whole number, a finite number"),
-        ("size: [6, 4]", "step: 1.0e-12\nsize: [6, 4]", 1, "step: found 1e-12, a finite number of at least 0.0001"),
+        ("max: 3.0", "rate: 1.0e-320", 10, "range.rate: expected a number of at least 1e-06, got 1e-320"),
+        ("max: 3.0", "rays: 1000000", 10, "expected a whole number from 2 to 1000, got 1000000"),
+        (
+            "heading: 90",
+            f"heading: {10**400}",
+            9,
+            "robots.REX.heading: expected a number from -1e+09 to 1e+09, got a larger",
+        ),
+        ("size: [6, 4]", "step: 1.0e-12\nsize: [6, 4]", 1, "step: expected a number from 0.0001 to 0.05, got 1e-12"),
         (
             "size: [6, 4]",
             "resolution: 0.01\nsize: [900, 900]",
             1,
-            "found a map of 8100000000 cells, a resolution of at",
+            "resolution: expected a resolution of at least 0.18, got a map of 8",
         ),
-        ("name: rock", 'name: "r\\0ck"', 3, "a text of one line, without control characters,"),
-        ("max: 3.0", "rays: 2.5", 10, "robots.DINGO.range.rays: found 2.5, a whole number of at least 2"),
-        ("  DINGO:", "  rex:", 10, "robots.rex: found the names 'REX' and 'rex'"),
+        ("name: rock", 'name: "r\\0ck"', 3, "a text of one line without control characters"),
+        ("max: 3.0", "rays: 2.5", 10, "robots.DINGO.range.rays: expected a whole number from 2 to 1000, got 2.5"),
+        ("  DINGO:", "  rex:", 10, "robots.rex: expected names that differ in more than case, got 'REX' and 'rex'"),
         ("  DINGO:", "  REX:", 10, "robots.REX: is given twice"),
-        ("  DINGO:", "  big dog:", 10, "found the name 'big dog', a letter, then letters, digits and _"),
-        ("targets:\n  - {name: target, at: [5, 3.5], radius: 0.1}", "targets: 3", 6, "found 3, a list would be right"),
-        ("robots:", "robots: [", 10, "is not YAML"),
+        (
+            "  DINGO:",
+            "  big dog:",
+            10,
+            "expected a name of letters, digits and _ that begins with a letter, got 'big dog'",
+        ),
+        ("targets:\n  - {name: target, at: [5, 3.5], radius: 0.1}", "targets: 3", 6, "targets: expected a list, got 3"),
+        ("robots:", "robots: [", 10, "is not valid YAML"),
     ],
 )
 def test_a_wrong_file_is_refused_with_file_line_and_key(tmp_path, found, instead, line, complaint):
@@ -143,10 +179,10 @@ def test_a_wrong_file_is_refused_with_file_line_and_key(tmp_path, found, instead
 def test_a_file_that_is_missing_empty_or_no_text_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         read_world(tmp_path / "none.yaml")
-    with pytest.raises(ConfigError, match="a mapping of keys to values would be right"):
+    with pytest.raises(ConfigError, match="expected a mapping of keys to values, got an empty file"):
         read(tmp_path, "")
     (tmp_path / "picture.yaml").write_bytes(b"\x89PNG\xff")
-    with pytest.raises(ConfigError, match="not text in UTF-8"):
+    with pytest.raises(ConfigError, match="is not UTF-8 text"):
         read_world(tmp_path / "picture.yaml")
 
 
@@ -310,8 +346,8 @@ def test_two_cars_with_all_their_sensors_drive_without_a_collision():
 
 
 def test_a_mapping_without_a_file_is_refused_by_its_keys():
-    with pytest.raises(ConfigError, match=r"^world.robots.REX.type: found the robot type 'boat'"):
-        world_config({"size": [1, 1], "robots": {"REX": {"type": "boat"}}}, path="world")
+    with pytest.raises(ConfigError, match=r"^world.robots.REX.type: expected a robot type, got 'boat'"):
+        world_config(ConfigValue({"size": [1, 1], "robots": {"REX": {"type": "boat"}}}, "world"))
 
 
 def test_a_closed_world_leaves_nothing_to_the_collector() -> None:
@@ -337,18 +373,18 @@ def test_a_world_that_cannot_be_built_leaves_nothing_either() -> None:
     "text", ["walls: !!bool maybe", "step: !!int ''", "size: !!timestamp x", "size: " + "[" * 5000]
 )
 def test_what_yaml_itself_stumbles_over_is_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(ConfigError, match=r"is not YAML|is nested too deeply"):
+    with pytest.raises(ConfigError, match=r"is not valid YAML|is nested too deeply"):
         read(tmp_path, text)
 
 
 def test_a_list_of_lists_of_itself_many_times_is_refused_at_once(tmp_path: Path) -> None:
     lists = [f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 10)}]" for level in range(1, 12)]
-    with pytest.raises(ConfigError, match="found the key"):
+    with pytest.raises(ConfigError, match="expected a text as key"):
         read(tmp_path, "size: &a0 [x]\n1: 2\n" + "\n".join(lists))
     nested: list = ["x"]
     for _ in range(30):
         nested = [nested] * 10
-    with pytest.raises(ConfigError, match=r"size: found \[\[.*would be right"):
+    with pytest.raises(ConfigError, match=r"size: expected .*, got \[\["):
         world_config({"size": nested})
 
 

@@ -65,9 +65,9 @@ def _get(client: Any, arguments: Namespace) -> int:
 
 
 def _set(client: Any, arguments: Namespace) -> int:
-    from fame.config.yaml import parse_document
+    from fame.config.loader import parse_document
 
-    client.set(arguments.name, parse_document(arguments.value, arguments.name))
+    client.set(arguments.name, parse_document(arguments.value, arguments.name).data)
     return _get(client, arguments)
 
 

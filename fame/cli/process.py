@@ -46,14 +46,14 @@ def add(commands: Commands) -> None:
 
 def assignment(text: str) -> tuple[str, Any]:
     """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
-    from fame.config.yaml import parse_document
+    from fame.config.loader import parse_document
     from fame.errors import ConfigError
 
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise ArgumentTypeError(f"found {text!r}, NAME=VALUE as in cutoff=5 would be right")
     try:
-        return name.strip(), parse_document(value)
+        return name.strip(), parse_document(value).data
     except ConfigError as error:
         raise ArgumentTypeError(f"found {value!r}, which {error.text}") from None
 

@@ -1,1 +1,6 @@
-"""Configuration files that people write: YAML with line numbers, and what a file is for."""
+"""Configuration files that people write: one loader, one validator, errors with file, line and key path.
+
+loader      YAML text to values that know their line; which command a file is for
+values      `ConfigValue`: a value, its key path and its line; methods that check it
+parameters  dataclasses of parameters, filled from a mapping
+"""

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.clock import EPOCH, parse_epoch
-from fame.config.kind import meant_for
 from fame.engine.data import is_variable
 from fame.errors import ConfigError
 from fame.scenario.result import Completion
 
 if TYPE_CHECKING:
-    from fame.config.fields import Entry
+    from fame.config.values import ConfigValue
     from sim2d.config import WorldConfig
 
 DURATION = 600.0
@@ -44,27 +43,23 @@ class Said:
 
 
 def read_scenario(path: Path) -> Said:
-    from fame.config.fields import Entry, read_yaml
+    from fame.config.loader import read_document
     from sim2d.config import read_world, world_config
 
-    data, source = read_yaml(path)
-    if other := meant_for(data, "scenario"):
-        raise ConfigError(other, file=str(path))
-    top = Entry(data, "", source)
-    keys = top.mapping(_KEYS)
-    if "model" not in keys:
-        raise top.error("names no model; add model: FILE.bpmn")
+    document = read_document(path, "scenario")
+    keys = document.mapping(_KEYS)
+    model = document.required("model", "FILE.bpmn").text()
     world = None
-    if "world" in keys and isinstance(keys["world"].value, str):
-        world = read_world(path.parent / keys["world"].value)
+    if "world" in keys and isinstance(keys["world"].data, str):
+        world = read_world(path.parent / keys["world"].data)
     elif "world" in keys:
-        world = world_config(data["world"], source, "world")
+        world = world_config(keys["world"])
     folders = keys["library"].items() if "library" in keys else []
     return Said(
-        model=path.parent / keys["model"].text(),
+        model=path.parent / model,
         world=world,
         computers=_computers(keys["computers"], world) if "computers" in keys else (),
-        seed=keys["seed"].whole(minimum=0) if "seed" in keys else 0,
+        seed=keys["seed"].integer(minimum=0) if "seed" in keys else 0,
         duration=keys["duration"].number(above=0) if "duration" in keys else DURATION,
         epoch=_epoch(keys["epoch"]) if "epoch" in keys else EPOCH,
         library=tuple(path.parent / folder.text() for folder in folders),
@@ -72,49 +67,49 @@ def read_scenario(path: Path) -> Said:
     )
 
 
-def _epoch(entry: Entry) -> datetime:
+def _epoch(value: ConfigValue) -> datetime:
     """YAML makes a date of most of what looks like one."""
     try:
-        return parse_epoch(entry.value.isoformat() if isinstance(entry.value, date) else entry.text())
+        return parse_epoch(value.data.isoformat() if isinstance(value.data, date) else value.text())
     except ValueError as error:
-        raise entry.error(f"{error}; a date, or now, would be right") from None
+        raise value.error(f"{error}; expected a date, or now") from None
 
 
-def _computers(entry: Entry, world: WorldConfig | None) -> tuple[str, ...]:
+def _computers(value: ConfigValue, world: WorldConfig | None) -> tuple[str, ...]:
     taken = {robot.name for robot in world.robots} if world is not None else set()
-    for item in entry.items():
+    for item in value.items():
         if item.text() in taken:
-            raise item.error(f"found {item.value!r}, which is there already; a name of its own would be right")
+            raise item.error(f"expected a name of its own, got {item.text()!r}, which is taken")
         taken.add(item.text())
-    return tuple(item.text() for item in entry.items())
+    return tuple(item.text() for item in value.items())
 
 
-def _completion(entry: Entry) -> tuple[Completion, int]:
-    keys = entry.mapping(("at", "robot", "element", "values"))
+def _completion(value: ConfigValue) -> tuple[Completion, int]:
+    keys = value.mapping(("at", "robot", "element", "values"))
     for key in ("at", "robot", "element"):
         if key not in keys:
-            raise entry.error(f"lacks {key}; {_COMPLETE} would be right")
+            raise value.error(f"expected the key {key}, as in {_COMPLETE}")
     values = keys["values"].mapping() if "values" in keys else {}
     for name, value in values.items():
         if not is_variable(name):
-            raise value.error(f"found {name!r}, the name of a variable would be right")
+            raise value.error(f"expected the name of a variable, got {name!r}")
     done = Completion(
         robot=keys["robot"].text(),
         time=keys["at"].number(minimum=0),
         element=keys["element"].text(),
-        values={name: value.value for name, value in values.items()},
+        values={name: value.data for name, value in values.items()},
     )
-    return done, entry.source.lines.get(entry.path, 0)
+    return done, value.line
 
 
 def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
     """The world of a scenario file, or of a file that is a world itself, and its seed. Raises ConfigError."""
-    from fame.config.fields import read_yaml
+    from fame.config.loader import read_document
     from sim2d.config import read_world
 
     if path.suffix.lower() in (".bpmn", ".xml"):
-        raise ConfigError("is a model; a world, or a scenario that has one (.yaml), would be right", file=str(path))
-    data, _ = read_yaml(path)
+        raise ConfigError("expected a world, or a scenario that has one (.yaml), got a model", file=str(path))
+    data = read_document(path).data
     if isinstance(data, Mapping) and "model" in data:
         said = read_scenario(path)
         return said.world, said.seed

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from fame.config.fields import parameter
+from fame.config.parameters import parameter
 from fame.errors import ConfigError
 from fame.monitor.anomaly.packages import scipy
 from robots.arm.mh5 import MH5

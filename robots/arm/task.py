@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fame.config.fields import Entry, read_yaml
+from fame.config.loader import read_document
 from fame.errors import ConfigError
 from fame.monitor.anomaly.recording import Floats, Whole
 
@@ -46,14 +46,15 @@ TRIANGLE = Polygon(np.array([(0.5669, 0.0), (0.4169, 0.07505), (0.4169, -0.07505
 
 def read_polygon(path: Path) -> Polygon:
     """A task file: ``corners``, [x, y] (m) each, in the order of cutting, and ``height`` (m). Raises ConfigError."""
-    data, source = read_yaml(path)
-    keys = Entry(data, "", source).mapping(("corners", "height"))
-    for key in ("corners", "height"):
-        if key not in keys:
-            raise source.error("", f"names no {key}; the keys are corners and height")
-    polygon = Polygon(np.array([corner.point() for corner in keys["corners"].items()]), keys["height"].number())
+    document = read_document(path)
+    document.mapping(("corners", "height"))
+    corners, height = (
+        document.required("corners", "a list of [x, y] in m"),
+        document.required("height", "a number of m"),
+    )
+    polygon = Polygon(np.array([corner.point() for corner in corners.items()]), height.number())
     if len(polygon.corners) < 3 or abs(polygon.area) < 1e-9:
-        raise keys["corners"].error(f"found {len(polygon.corners)} corners around no area; a polygon would be right")
+        raise corners.error(f"expected a polygon, got {len(polygon.corners)} corners around no area")
     return polygon
 
 

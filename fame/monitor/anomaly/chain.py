@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from fame.config.yaml import read_document
+from fame.config.loader import read_document
 from fame.errors import ConfigError
 from fame.monitor.anomaly.recording import Floats
 
@@ -90,7 +90,7 @@ def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
     Raises ConfigError.
     """
     file = "" if isinstance(source, Mapping) else str(source)
-    text = source if isinstance(source, Mapping) else read_document(source)
+    text = source if isinstance(source, Mapping) else read_document(source).data
     try:
         joints = list(text["joints"])
         origins = tuple(_vector(joint["origin"]) for joint in joints)

@@ -30,8 +30,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from fame.config.kind import meant_for
-from fame.config.yaml import read_document
+from fame.config.loader import read_document
 from fame.errors import ConfigError
 
 _SECTIONS = ("Files", "Operations", "Classifiers", "Grid", "Split", "Threshold")
@@ -85,15 +84,15 @@ class Learning:
 
 
 def load(path: str | Path) -> Learning:
-    """Read a learning file. Raises ConfigError with the path of the key."""
+    """Read a learning file. Raises ConfigError with file, line and key path."""
     path = Path(path)
-    text = read_document(path)
-    if other := meant_for(text, "learning"):
-        raise ConfigError(other, file=str(path))
+    document = read_document(path, "learning")
     try:
-        return _learning(path, text)
+        return _learning(path, document.data)
     except ConfigError as error:
-        raise ConfigError(error.text, file=error.file or str(path), line=error.line, element=error.element) from None
+        if error.file:
+            raise
+        raise document.source.error(error.element, error.text) from None
 
 
 def _learning(path: Path, text: Any) -> Learning:

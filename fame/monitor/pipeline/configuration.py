@@ -32,8 +32,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fame.config.kind import meant_for
-from fame.config.yaml import read_document
+from fame.config.loader import read_document
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
@@ -87,15 +86,15 @@ class Configuration:
 
 
 def load(path: str | Path) -> Configuration:
-    """Read a configuration. Raises ConfigError with the path of the key."""
+    """Read a configuration. Raises ConfigError with file, line and key path."""
     path = Path(path)
-    content = read_document(path)
-    if other := meant_for(content, "node"):
-        raise ConfigError(other, file=str(path))
+    document = read_document(path, "node")
     try:
-        return _configuration(path, content)
+        return _configuration(path, document.data)
     except ConfigError as error:
-        raise ConfigError(error.text, file=error.file or str(path), line=error.line, element=error.element) from None
+        if error.file:
+            raise
+        raise document.source.error(error.element, error.text) from None
 
 
 def stages_of(value: Any) -> tuple[Stage, ...]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from fame.bpmn.library import BUILT_IN
-from fame.config.yaml import parse_document
+from fame.config.loader import parse_document
 from fame.errors import ConfigError
 from fame.monitor.pipeline.configuration import Configuration, Stage, load
 from fame.monitor.pipeline.loading import find_class
@@ -91,7 +91,7 @@ def _file(around: Around, variables: Mapping[str, Any]) -> Path:
 
 def _parameters(variables: Mapping[str, Any]) -> Mapping[str, Any]:
     given = variables.get("parameters") or {}
-    given = parse_document(given, "parameters") if isinstance(given, str) else given
+    given = parse_document(given, "parameters").data if isinstance(given, str) else given
     if not isinstance(given, Mapping):
         raise ConfigError(f"found {given!r}; a mapping such as {{cutoff: 5}} would be right", element="parameters")
     return given

@@ -1,0 +1,101 @@
+"""Load YAML: whatever is wrong with the text is one ConfigError, with its line where that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from fame.config.values import ConfigValue, Source, join
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    import yaml
+
+Kind = Literal["scenario", "world", "node", "learning"]
+"""What a file is for."""
+_KINDS: dict[Kind, tuple[set[str], str, str]] = {
+    "scenario": ({"model"}, "a scenario", "fame run"),
+    "world": ({"robots", "size", "bounds"}, "a world", "fame world"),
+    "node": ({"Inputs", "Outputs"}, "the configuration of a node", "fame process, fame record or fame train"),
+    "learning": ({"Files"}, "a learning file", "fame adm learn"),
+}
+"""The keys that only such a file has, what it is called, and its commands."""
+
+
+def read_document(path: str | PathLike[str], kind: Kind | None = None) -> ConfigValue:
+    """The content of a YAML file. Raises ConfigError, also if its keys are those of another kind of file."""
+    file = str(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", file=file) from None
+    except UnicodeDecodeError:
+        raise ConfigError("is not UTF-8 text", file=file) from None
+    document = parse_document(text, file)
+    if kind is not None and (other := meant_for(document.data, kind)):
+        raise ConfigError(other, file=file)
+    return document
+
+
+def parse_document(text: str, file: str = "") -> ConfigValue:
+    """The content of a YAML text. Raises ConfigError, also for a key that is given twice."""
+    import yaml  # an engine that waits for its process does without
+
+    try:
+        loader = yaml.SafeLoader(text)
+        node = loader.get_single_node()
+        if node is None:
+            return ConfigValue(None, "", Source(file))
+        lines: dict[str, int] = {}
+        _note_lines(node, "", lines, set(), file)
+        return ConfigValue(loader.construct_document(node), "", Source(file, lines))
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 0
+        raise ConfigError(f"is not valid YAML: {error.problem or error.context}", file=file, line=line) from None
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: numbers and dates that do not exist
+        raise ConfigError(f"is not valid YAML: {error}", file=file) from None
+    except RecursionError:
+        raise ConfigError("is nested too deeply; expected a few levels", file=file) from None
+    except (LookupError, AttributeError, TypeError, OverflowError):  # PyYAML's own, of `!!bool maybe` and its like
+        raise ConfigError("is not valid YAML: the value after a tag (!!...) is of another kind", file=file) from None
+
+
+def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], seen: set[int], file: str) -> None:
+    """Fill `lines` (1-based) with the key paths inside a node. Raises ConfigError for a key that is given twice."""
+    lines.setdefault(path, node.start_mark.line + 1)
+    if id(node) in seen:  # an alias, which may contain itself
+        return
+    seen.add(id(node))
+    if isinstance(node.value, str):
+        return
+    keys: set[str] = set()
+    for index, item in enumerate(node.value):
+        if not isinstance(item, tuple):  # of a list; a mapping has pairs
+            _note_lines(item, f"{path}[{index}]", lines, seen, file)
+            continue
+        key, value = item
+        line, inner = key.start_mark.line + 1, join(path, str(key.value))
+        if key.value in keys and key.value != "<<":
+            raise ConfigError("is given twice", file=file, line=line, element=inner)
+        if isinstance(key.value, str):
+            keys.add(key.value)
+        lines[inner] = line
+        _note_lines(value, inner, lines, seen, file)
+
+
+def meant_for(content: object, kind: Kind) -> str:
+    """What a file is, and its command, if it has the keys of another kind than `kind` and none of that; else empty.
+
+    >>> meant_for({"Files": {}}, "node")
+    'is a learning file, which is for fame adm learn'
+    >>> meant_for({"Inputs": {}, "Files": {}}, "node"), meant_for({"speed": 1}, "world"), meant_for(None, "world")
+    ('', '', '')
+    """
+    keys = {key for key in content if isinstance(key, str)} if isinstance(content, Mapping) else set()
+    if not keys & _KINDS[kind][0]:
+        for telling, name, commands in _KINDS.values():
+            if keys & telling:
+                return f"is {name}, which is for {commands}"
+    return ""

@@ -1,0 +1,175 @@
+"""A value of a configuration file, with its place: methods that check it and hand it out.
+
+The data stay plain (`dict`, `list`, `float`, `str`); the line of each key path is kept beside them in a `Source`. Every
+error reads ``FILE:LINE: KEY.PATH: expected Y, got X``.
+"""
+
+from __future__ import annotations
+
+import math
+import reprlib
+import unicodedata
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from fame.errors import ConfigError
+from fame.text import suggestion
+
+Point = tuple[float, float]
+"""x and y in m."""
+_LARGEST, _LEAST = 1e9, 1e-6
+"""The largest absolute value of any number, and the least of one that has to be above 0: what physics can bear."""
+_REPR = reprlib.Repr()  # a list may hold itself, or others a thousand times
+_REPR.maxlevel, _REPR.maxlist, _REPR.maxstring, _REPR.maxother = 4, 8, 60, 60
+
+
+def join(path: str, key: str) -> str:
+    """The path of a key inside a mapping."""
+    return f"{path}.{key}" if path else key
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where data came from: a file, and the line (1-based) of each key path, as in ``robots.REX.at[0]``."""
+
+    file: str = ""
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+    def line(self, path: str) -> int:
+        """The line of a key path, or that of the nearest key around it; 0 if unknown."""
+        while path and path not in self.lines:
+            path = path[: max(path.rfind("."), path.rfind("["), 0)]
+        return self.lines.get(path, 0)
+
+    def error(self, path: str, text: str) -> ConfigError:
+        """An error about the value at `path`."""
+        return ConfigError(text, file=self.file, line=self.line(path), element=path)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigValue:
+    """A value and its place. Every method that checks raises ConfigError if the value is not what it asks for."""
+
+    data: Any
+    path: str = ""
+    source: Source = Source()
+
+    @property
+    def line(self) -> int:
+        """Its line in the file (1-based), 0 if unknown."""
+        return self.source.line(self.path)
+
+    def error(self, text: str) -> ConfigError:
+        """An error about this value."""
+        return self.source.error(self.path, text)
+
+    def expected(self, what: str) -> ConfigError:
+        """The error that this is not `what` was expected."""
+        return self.error(f"expected {what}, got {self._shown()}")
+
+    def _shown(self) -> str:
+        if self.data is None:
+            return "nothing" if self.path else "an empty file"
+        if isinstance(self.data, int) and abs(self.data) > 1e18:
+            return "a larger whole number"
+        shown = _REPR.repr(self.data)
+        return shown if len(shown) < 60 else shown[:57] + "..."
+
+    def mapping(self, known: Iterable[str] | None = None) -> dict[str, ConfigValue]:
+        """Its values by key, in the order of the file; only keys that are `known`, if given."""
+        if not isinstance(self.data, Mapping):
+            raise self.expected("a mapping of keys to values")
+        values = {}
+        for key, data in self.data.items():
+            value = ConfigValue(data, join(self.path, str(key)), self.source)
+            if not isinstance(key, str):
+                raise value.error(f"expected a text as key, got {key!r}")
+            if known is not None and key not in known:
+                raise value.error(f"unknown key; {suggestion(key, known)}")
+            values[key] = value
+        return values
+
+    def required(self, key: str, example: str) -> ConfigValue:
+        """The value of a key that the mapping must have; `example` is what to write after it."""
+        if key not in self.mapping():
+            raise self.error(f"expected the key {key}: {example}")
+        return self.mapping()[key]
+
+    def items(self) -> list[ConfigValue]:
+        """Its values, of a list."""
+        if not isinstance(self.data, list | tuple):
+            raise self.expected("a list")
+        return [ConfigValue(data, f"{self.path}[{index}]", self.source) for index, data in enumerate(self.data)]
+
+    def number(
+        self, *, above: float | None = None, minimum: float | None = None, maximum: float | None = None
+    ) -> float:
+        """A finite number, greater than `above`, from `minimum` to `maximum`."""
+        data, what = self.data, f"a number{_limits(above, minimum, maximum)}"
+        if isinstance(data, bool) or not isinstance(data, int | float):
+            raise self.expected(what)
+        if not -math.inf < data < math.inf:
+            raise self.expected(what.replace("number", "finite number"))
+        if abs(data) > _LARGEST:
+            least, most = -_LARGEST if minimum is None else minimum, _LARGEST if maximum is None else maximum
+            raise self.expected(f"a number{_limits(None, least, most)}")
+        if above == 0 and 0 < data < _LEAST:
+            raise self.expected(f"a number of at least {_LEAST:g}")
+        low = (above is not None and data <= above) or (minimum is not None and data < minimum)
+        if low or (maximum is not None and data > maximum):
+            raise self.expected(what)
+        return float(data)
+
+    def integer(self, *, minimum: int, maximum: int | None = None) -> int:
+        """A whole number from `minimum` to `maximum`."""
+        data, most = self.data, math.inf if maximum is None else maximum
+        if isinstance(data, bool) or not isinstance(data, int) or not minimum <= data <= most:
+            raise self.expected(f"a whole number{_limits(None, minimum, maximum)}")
+        return data
+
+    def numbers(self, count: int, example: str) -> list[float]:
+        """A list of `count` finite numbers, such as `example`."""
+        if not isinstance(self.data, list | tuple) or len(self.data) != count:
+            raise self.expected(example)
+        return [value.number() for value in self.items()]
+
+    def point(self) -> Point:
+        """A place on the ground, in m."""
+        x, y = self.numbers(2, "[x, y] in m")
+        return x, y
+
+    def text(self) -> str:
+        """Text that is not empty and has no control characters."""
+        if not isinstance(self.data, str) or not self.data.strip():
+            raise self.expected("a text")
+        if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in self.data):
+            raise self.expected("a text of one line without control characters")
+        return self.data
+
+    def choice(self, known: Iterable[str], what: str) -> str:
+        """One of the `known` words, each of which is a `what`."""
+        words = list(known)
+        if self.text() not in words:
+            raise self.error(f"expected {what}, got {self._shown()}; {suggestion(self.text(), words)}")
+        return self.text()
+
+    def boolean(self) -> bool:
+        """True or false."""
+        if not isinstance(self.data, bool):
+            raise self.expected("true or false")
+        return self.data
+
+
+def _limits(above: float | None, minimum: float | None, maximum: float | None) -> str:
+    """The limits of a number in words.
+
+    >>> _limits(0, None, None), _limits(None, 1, 5), _limits(0, None, 2), _limits(None, None, None)
+    (' above 0', ' from 1 to 5', ' above 0 and at most 2', '')
+    """
+    if minimum is not None and maximum is not None:
+        return f" from {minimum:g} to {maximum:g}"
+    limits = {"above": above, "of at least": minimum, "at most" if above is not None else "of at most": maximum}
+    return "".join(
+        f"{' and' if word == 'at most' else ''} {word} {limit:g}" for word, limit in limits.items() if limit is not None
+    )

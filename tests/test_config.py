@@ -1,0 +1,88 @@
+"""Files that people write: an error names file, line, key path, what was expected and what was found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fame.cli import main
+from fame.config.loader import parse_document
+from fame.errors import ConfigError
+
+FILES = {
+    "scenario": ({"model": "m.bpmn", "seed": 1}, "is a scenario, which is for fame run"),
+    "world": ({"size": [4, 4], "robots": []}, "is a world, which is for fame world"),
+    "node": ({"Inputs": {}, "Training": {}}, "is the configuration of a node, which is for fame process, "),
+    "learning": ({"Files": {}, "Split": {}}, "is a learning file, which is for fame adm learn"),
+}
+COMMANDS = {
+    "run": (["run"], ("scenario",)),
+    "world": (["world"], ("world", "scenario")),
+    "process": (["process"], ("node",)),
+    "train": (["train"], ("node",)),
+    "record": (["record", "-o", "x.csv"], ("node",)),
+    "learn": (["adm", "learn", "-o", "x.skops"], ("learning",)),
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "kind"), [(name, kind) for name, (_, own) in COMMANDS.items() for kind in FILES if kind not in own]
+)
+def test_a_file_for_another_command_is_refused_with_its_name(command: str, kind: str, tmp_path: Path, capsys) -> None:
+    content, said = FILES[kind]
+    path = tmp_path / "file.yaml"
+    path.write_text(yaml.safe_dump(content))
+    (first, *rest), _ = COMMANDS[command]
+    words = [first, *rest[:1], str(path), *rest[1:]] if first == "adm" else [first, str(path), *rest]
+    assert main(words) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"fame: error: {path}: {said}")
+    assert err.count("\n") == 1
+
+
+def test_a_file_with_keys_that_none_has_is_told_those_that_are_known(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "file.yaml"
+    path.write_text("speed: 3\n")
+    assert main(["train", str(path)]) == 2
+    assert "found the key 'speed'; known are Inputs, Outputs" in capsys.readouterr().err
+
+
+WRONG = {
+    "scenario": (
+        "run",
+        "model: m.bpmn\nworld:\n  size: [4, 4]\n  robots:\n    REX: {type: car, at: [1, x]}\n",
+        ":5: world.robots.REX.at[1]: expected a number, got 'x'",
+    ),
+    "world": ("world", "size: [4, 4]\nstep: fast\n", ":2: step: expected a number from 0.0001 to 0.05, got 'fast'"),
+    "pipeline": (
+        "process",
+        "Inputs:\n  A: {Topic: t, MessageType: std_msgs/msg/Float64, Field: data}\nFrequency: fast\n",
+        ":3: Freq",
+    ),
+    "learning": ("adm learn -o x.skops", "Files:\n  testing: []\nSplit:\n  folds: 1\n", ":4: Split.folds: "),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_every_kind_of_file_is_refused_with_file_line_and_key_path(kind: str, tmp_path: Path, capsys) -> None:
+    command, text, said = WRONG[kind]
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    assert main([*command.split(), str(path)]) == 2
+    assert f"fame: error: {path}{said}" in capsys.readouterr().err
+
+
+def test_a_value_that_an_alias_repeats_and_one_that_is_merged_in_have_the_line_of_the_key_around_them() -> None:
+    text = "a: &a\n  x: 1\nb: *a\nc:\n  <<: *a\n  y: 2\n"
+    values = parse_document(text, "f.yaml").mapping()
+    assert [values[name].mapping()["x"].line for name in "abc"] == [2, 3, 4]
+    with pytest.raises(ConfigError, match=r"^f.yaml:3: b.x: expected a text, got 1$"):
+        values["b"].mapping()["x"].text()
+
+
+def test_keys_with_dots_are_not_taken_for_paths_given_twice() -> None:
+    assert parse_document("a: {b: 1}\na.b: 2\n").data == {"a": {"b": 1}, "a.b": 2}
+    with pytest.raises(ConfigError, match=r"^line 2: a: is given twice$"):
+        parse_document("a: 1\na: 2\n")
