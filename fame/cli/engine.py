@@ -158,7 +158,7 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
 
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, Report, engines
-    from fame.deploy.reports import HEARTBEAT
+    from fame.deploy.status import HEARTBEAT
     from fame.deploy.voice import is_twin
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found

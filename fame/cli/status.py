@@ -39,8 +39,8 @@ def run(arguments: Namespace) -> int:
 
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, engines
-    from fame.deploy.reports import HEARTBEAT
     from fame.deploy.signing import read_trusted
+    from fame.deploy.status import HEARTBEAT
     from fame.deploy.voice import Voice
     from fame.errors import DeploymentError
 

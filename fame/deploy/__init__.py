@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING
 from fame.lazy import attach
 
 if TYPE_CHECKING:
+    from fame.deploy.engine_node import EngineNode as EngineNode
     from fame.deploy.envelope import (
         STATUS_QOS as STATUS_QOS,
         STRING as STRING,
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
         read_envelope as read_envelope,
     )
     from fame.deploy.late_joiners import Keeper as Keeper
-    from fame.deploy.robot import EngineNode as EngineNode
     from fame.deploy.sender import Deployment as Deployment, Standing as Standing
     from fame.deploy.splitter_node import SplitterNode as SplitterNode
 else:
@@ -54,7 +54,7 @@ else:
         {
             "envelope": ["Envelope", "Report", "STATUS_QOS", "STRING", "engines", "model_hash", "read_envelope"],
             "late_joiners": ["Keeper"],
-            "robot": ["EngineNode"],
+            "engine_node": ["EngineNode"],
             "sender": ["Deployment", "Standing"],
             "splitter_node": ["SplitterNode"],
         },

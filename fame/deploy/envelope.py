@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
 from fame.deploy import fields
-from fame.errors import DeploymentError
+from fame.errors import DeploymentError, FameError, ModelError
 from fame.middleware.interface import Middleware, QoS
 
 STRING = "std_msgs/msg/String"
@@ -29,6 +29,24 @@ _Said = TypeVar("_Said", "Envelope", "Report")
 AHEAD = 366 * 86_400.0
 """How far a sequence may be ahead of the clock of the robot (s): a sender takes a number above all that were seen, so
 that one from far ahead must not take the numbers of all that follow. Clocks may be wrong, and this one runs on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Where an error is (``line`` from 1, 0 if unknown; ``element`` an id), and its ``text`` without that."""
+
+    file: str = ""
+    line: int = 0
+    element: str = ""
+    text: str = ""
+
+    @classmethod
+    def of(cls, error: FameError) -> Problem | None:
+        """The place of an error of a model, None for any other one."""
+        return cls(error.file, error.line, error.element, error.text) if isinstance(error, ModelError) else None
+
+    def __str__(self) -> str:
+        return str(ModelError(self.text, file=self.file, line=self.line, element=self.element))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,12 +71,12 @@ class Envelope:
     phase: str
     hash: str = ""
     model: str = ""
-    promises: Mapping[str, str] = field(default_factory=dict)
-    team: Sequence[str] = ()
-    engines: Mapping[str, str] = field(default_factory=dict)
+    promises: Mapping[str, str] = field(default_factory=dict, hash=False)
+    team: Sequence[str] = field(default=(), hash=False)
+    engines: Mapping[str, str] = field(default_factory=dict, hash=False)
     again: bool = False
     begun: bool = False
-    proof: Mapping[str, Any] = field(default_factory=dict)
+    proof: Mapping[str, Any] = field(default_factory=dict, hash=False)
     born: int = 0
     issued: float = 0.0
     signature: str = ""
@@ -86,6 +104,7 @@ class Report:
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
                ``asking`` (the others what became of it), to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deploy.tasks`): ``completed``, ``activated``, ``refused``, to that request
+    problem    of a model that was refused: `file`, `line`, `element`, `text`, which `reason` has in one sentence
     elements   how many elements have been completed
     ahead      what of the timers of start events is still to come: nothing, ``endless`` (cycles without end), ``due``
     waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
@@ -108,6 +127,7 @@ class Report:
     deployment: str = ""
     answer: str = ""
     reason: str = ""
+    problem: Mapping[str, Any] = field(default_factory=dict)
     instances: int = 0
     started: int = 0
     completed: int = 0
@@ -175,6 +195,7 @@ _ERROR: dict[str, fields.Check] = {
     **dict.fromkeys(("code", "element", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
+_PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 _REPORT: dict[str, fields.Check] = {
     "robot": fields.robot,
     "state": fields.among("waiting", "loading", "ready", "holding", "running", "idle", "failed"),
@@ -185,6 +206,7 @@ _REPORT: dict[str, fields.Check] = {
     "deployment": _NAME,
     "answer": _NAME,
     "reason": _TEXT,
+    "problem": fields.record(_PROBLEM),
     "instances": fields.integer(),
     "started": fields.integer(),
     "elements": fields.integer(),

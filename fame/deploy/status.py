@@ -1,4 +1,4 @@
-"""What a robot says of itself on ``bpmn_status``: every second, and whenever it answers somebody."""
+"""A robot's status on ``bpmn_status``: every second, and whenever it answers somebody."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
-from fame.deploy.envelope import STATUS_QOS, STRING, Report
+from fame.deploy.envelope import STATUS_QOS, STRING, Problem, Report
 from fame.deploy.refusals import Digest
 from fame.deploy.signing import Identity, sign
 from fame.deploy.voice import is_twin
@@ -21,17 +21,19 @@ if TYPE_CHECKING:
     from fame.robot import RobotNode
 
 HEARTBEAT = 1.0
-"""How often a robot repeats how it stands (s)."""
-_ANSWERS = 100
-"""Deployments whose answer is remembered."""
+"""How often a robot publishes its status (s)."""
+_OTHERS = 100
+"""How many other engines of the same name are remembered."""
 
 
 class Status:
-    """The voice of a robot: `standing` gives what a `Report` says beside the answer. It minds who speaks on `topic`
-    with another type, and listens to itself: the younger of two with one name leaves, unless it runs something. Where
-    keys are used (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
-    `refused` is told why something was refused, and as an answer to which deployment, if it was one; `warn` the rest.
-    Of refusals that nobody waits for, those of one cause are one a second.
+    """The publisher of a robot's reports.
+
+    `progress` gives what a `Report` has beside the answer. It reports messages of another type on `topic`, and listens
+    to its own status: of two engines with one name the younger leaves, unless it runs something. Where keys are used
+    (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
+    `on_refusal` gets reason and deployment (empty if it is not an answer) of each refusal; `note` gets other texts.
+    Refusals that nobody waits for are reported once a second for each cause.
     """
 
     def __init__(
@@ -39,101 +41,90 @@ class Status:
         robot: str,
         topic: str,
         born: int,
-        standing: Callable[[], Mapping[str, Any]],
+        progress: Callable[[], Mapping[str, Any]],
         *,
         node: Node,
         scheduler: Scheduler,
-        refused: Callable[[str, str], object],
+        on_refusal: Callable[[str, str], object],
         warnings: Warnings,
-        warn: Callable[[str], object],
+        note: Callable[[str], object],
         identity: Identity | None = None,
         trusted: Sequence[Any] = (),
         wall_time: Callable[[], float] = time.time,
     ) -> None:
-        self._identity, self._trusted, self._wall_time, self._warn = identity, trusted, wall_time, warn
+        self._identity, self._trusted, self._wall_time, self._note = identity, trusted, wall_time, note
         self._met_others: set[str] = set()
-        self._robot, self._topic, self._born, self._standing = robot, topic, born, standing
-        self._scheduler, self._refused, self._warnings = scheduler, refused, warnings
-        self._garbage = Digest(scheduler, self._refuse)
-        self._answers: dict[str, tuple[str, str]] = {}
+        self._robot, self._topic, self._born, self._progress = robot, topic, born, progress
+        self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
+        self._garbage = Digest(scheduler, lambda reason: self._publish_refusal("", reason, None))
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
-        node.subscription("bpmn_status", STRING, self._met, STATUS_QOS)
+        node.subscription("bpmn_status", STRING, self._on_own_status, STATUS_QOS)
 
     def begin(self) -> None:
-        """Say it now, and every second from now on."""
-        self.say()
-        self._refuse_unread()
+        """Publish now, and every second from now on."""
+        self.publish()
+        self._refuse_other_types()
         self._pulse = self._scheduler.after(round(HEARTBEAT * SECOND), self.begin, Kind.TIMER)
 
-    def say(self, answer: str = "", deployment: str = "", reason: str = "") -> None:
-        """How it stands, perhaps as an answer."""
-        if answer == "refused" and not deployment:
+    def publish(
+        self,
+        answer: str = "",
+        deployment: str = "",
+        reason: str = "",
+        problem: Problem | None = None,
+        *,
+        repeated: bool = False,
+    ) -> None:
+        """Publish a report, perhaps as an answer; one that is `repeated` is for whoever asked, and for nobody else."""
+        if answer != "refused" or repeated:
+            self._publish(answer, deployment, reason, problem)
+        elif deployment:
+            self._publish_refusal(deployment, reason, problem)
+        else:
             self._garbage(reason)
-            return
-        self._publish(answer, deployment, reason)
-        if answer == "refused":
-            self._refused(reason, deployment)
 
-    def _refuse(self, reason: str) -> None:
-        self._publish("refused", "", reason)
-        self._refused(reason, "")
+    def _publish_refusal(self, deployment: str, reason: str, problem: Problem | None) -> None:
+        self._publish("refused", deployment, reason, problem)
+        self._on_refusal(reason, deployment)
 
-    def _publish(self, answer: str, deployment: str, reason: str) -> None:
+    def _publish(self, answer: str, deployment: str, reason: str, problem: Problem | None) -> None:
         report = Report(
             robot=self._robot,
             deployment=deployment,
             answer=answer,
             reason=reason,
+            problem=asdict(problem) if problem is not None else {},
             born=self._born,
             time=self._scheduler.now / SECOND,
-            **self._standing(),
+            **self._progress(),
         )
         if self._identity is not None:
             report = replace(report, key=self._identity.key, voucher=self._identity.voucher)
             report = replace(report, signature=sign(asdict(report), self._identity.private))
         self._out.publish(messages.create(STRING, report.to_json()))
 
-    def answer(self, answer: str, deployment: str, reason: str = "") -> None:
-        """The last word on a deployment so far, which is said `again` to whoever asks."""
-        self._answers[deployment] = answer, reason
-        if len(self._answers) > _ANSWERS:
-            del self._answers[next(iter(self._answers))]
-        self.say(answer, deployment, reason)
-
-    def answered(self, deployment: str) -> str:
-        """The last word on it, or nothing."""
-        return self._answers.get(deployment, ("", ""))[0]
-
-    def again(self, deployment: str, otherwise: tuple[str, str] = ("", "")) -> None:
-        """Say what was answered, or else something."""
-        known = self._answers.get(deployment)
-        if known is not None:
-            self._publish(known[0], deployment, known[1])
-        else:
-            self.say(otherwise[0], deployment, otherwise[1])
-
     def close(self) -> None:
-        """Say it no more by itself."""
+        """Stop the heartbeat."""
         self._pulse.cancel()
         self._garbage.close()
 
-    def _refuse_unread(self) -> None:
-        """What the middleware does not even bring: messages of another type."""
+    def _refuse_other_types(self) -> None:
+        """Refuse messages of another type, which the middleware only warns of."""
         for text in self._warnings.look(f"{self._topic}:"):
-            self.say("refused", reason=text)
+            self.publish("refused", reason=text)
 
-    def _met(self, message: Any) -> None:
-        """Somebody else speaks for this robot: the younger of the two leaves, if that can be known and nothing runs."""
+    def _on_own_status(self, message: Any) -> None:
+        """Raise FameError if an older engine proves that it is this robot, and nothing runs here."""
         other = Report.from_json(message.data)
         if other is None or not 0 < other.born < self._born:
             return
         proved = is_twin(other, self._robot, self._trusted, self._wall_time())
-        if proved and self._standing()["state"] == "waiting":
+        if proved and self._progress()["state"] == "waiting":
             raise FameError(f"there is an engine {self._robot!r} already; a robot has one")
-        if other.engine not in self._met_others and len(self._met_others) < _ANSWERS:
+        if other.engine not in self._met_others and len(self._met_others) < _OTHERS:
             self._met_others.add(other.engine)
             why = "runs a process" if proved else "cannot tell it from a stranger: it does not prove its name"
-            self._warn(f"an older engine says that it is {self._robot!r}; this one goes on, because it {why}")
+            self._note(f"an older engine says that it is {self._robot!r}; this one goes on, because it {why}")
 
 
 class Absences:

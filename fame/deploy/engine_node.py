@@ -1,0 +1,321 @@
+"""The robot's end of a deployment as a node: it receives processes, runs one, and replaces it by the next.
+
+`fame.deploy.robot_protocol` decides; here are the topics, the loading, the timers and the signatures around it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import EPOCH, SECOND, Kind, Scheduler
+from fame.deploy.beside import Work
+from fame.deploy.candidate import Candidate
+from fame.deploy.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope, Problem, engines, read_envelope
+from fame.deploy.loading import load
+from fame.deploy.machine import Machine
+from fame.deploy.refusals import Digest
+from fame.deploy.robot_protocol import (
+    Action,
+    AskOthers,
+    AwaitSender,
+    Discard,
+    Drop,
+    Event,
+    Hold,
+    Load,
+    LoadDue,
+    Loaded,
+    Match,
+    Matched,
+    Note,
+    Received,
+    Replace,
+    Replaced,
+    Reply,
+    RobotState,
+    Run,
+    ScheduleLoad,
+    Stopped,
+    step,
+)
+from fame.deploy.signing import Identity, verify, verify_signature
+from fame.deploy.status import Absences, Status, progress, state_of
+from fame.deploy.tasks import Done, Tasks
+from fame.deploy.termination import Silence
+from fame.deploy.warnings import Warnings
+from fame.errors import DeploymentError, FameError
+from fame.middleware.interface import Middleware
+
+if TYPE_CHECKING:
+    from fame.bpmn.library import Library
+    from fame.robot import Event as RobotEvent, RobotNode, Service
+
+
+class EngineNode:
+    """A robot's engine: receive a process, run it, replace it by the next one.
+
+    `observer`, `safe_state` and others: as of `fame.robot.RobotNode`. With `trusted` public keys it takes only what one
+    of them signed, and signs its reports with the key of its `identity`, or one made now; with `unsigned_tasks`
+    requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that
+    is not `scheduler`: one of simulated time, and `epoch` the date of its second 0.
+
+    Raises FameError, from the scheduler's `run`, if an older engine of the same robot reports before this one has a
+    process.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        scheduler: Scheduler,
+        middleware: Middleware,
+        library: Library | None = None,
+        services: Mapping[str, Service] | None = None,
+        observer: Callable[[RobotEvent], object] | None = None,
+        on_report: Callable[[RobotEvent], object] | None = None,
+        safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
+        safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
+        trusted: Sequence[Any] = (),
+        identity: Identity | None = None,
+        unsigned_tasks: bool = False,
+        wall_time: Callable[[], float] = time.time,
+        time: Scheduler | None = None,
+        epoch: datetime = EPOCH,
+    ) -> None:
+        self._trusted, self._wall_time = trusted, wall_time
+        self._task_signers = () if unsigned_tasks else trusted
+        self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
+        self._time = scheduler if time is None else time  # a scheduler with nothing to do is false
+        self._options: dict[str, Any] = {
+            "library": library,
+            "services": services,
+            "observer": observer,
+            "on_report": on_report,
+            "safe_state": safe_state,
+            "safe_suspended": safe_suspended,
+            "epoch": epoch,
+            "on_end": lambda instance: self.status.publish(),
+        }
+        self._on_report = on_report or (lambda event: None)
+        self.born = round(wall_time() * SECOND)
+        self.running: RobotNode | None = None
+        self.candidate: Candidate | None = None
+        self._loaded: RobotNode | None = None  # on its way to be a candidate
+        self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
+        self._absences = Absences()
+        self._refusals = {
+            kind: Digest(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
+        }  # of senders that wait for an answer, and of bare models
+        self._stopped = False
+        self.node = middleware.node("fame_deployment", robot)
+        self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
+        self._process.limit = SIZE
+        self.warn = Warnings(middleware, self._on_warning)
+        self.status: Status = Status(
+            robot,
+            self._process.topic,
+            self.born,
+            self._progress,
+            on_refusal=self._on_refusal,
+            note=self._note,
+            identity=(identity or Identity.new()) if trusted else None,
+            trusted=trusted,
+            wall_time=wall_time,
+            node=self.node,
+            scheduler=scheduler,
+            warnings=self.warn,
+        )
+        self._process.dropped = lambda text: self.status.publish("refused", reason=text)
+        self._tasks = Tasks(self.node, lambda: self.running, self.status.publish, self._verify_task)
+        self.status.begin()
+
+    @property
+    def state(self) -> str:
+        """See `Report`."""
+        protocol = self._protocol.state
+        if protocol.candidate is None:
+            return "loading" if protocol.loading is not None else state_of(self.running)
+        if protocol.candidate.stage != "ready":
+            return "loading"
+        return "holding" if protocol.candidate.asks else "ready"
+
+    @property
+    def deployed(self) -> str:
+        """The deployment of what runs, or nothing."""
+        return self._protocol.state.deployed
+
+    @property
+    def hash(self) -> str:
+        """The hash of the model that runs, or nothing."""
+        running = self._protocol.state.running
+        return running.hash if running is not None else ""
+
+    def _progress(self) -> dict[str, Any]:
+        """The part of a `Report` beside the answer."""
+        protocol = self._protocol.state
+        team = protocol.running.team if protocol.running is not None else ()
+        return {
+            "state": self.state,
+            "hash": self.hash,
+            "deployed": self.deployed,
+            "sequence": protocol.newest[0],
+            "candidate": protocol.candidate.envelope.deployment if protocol.candidate is not None else "",
+            "absent": self._absences.seen(team, self.scheduler.now, lambda: engines(self.middleware)),
+            "warnings": self.warn.lines(),
+            "now": self._time.now / SECOND,
+            **progress(self.running),
+        }
+
+    def _on_refusal(self, reason: str, deployment: str) -> None:
+        if not deployment:
+            self._note(f"refused: {reason}")
+        else:
+            self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}")
+
+    def _note(self, text: str, kind: str = "report") -> None:
+        """Tell whoever watches this engine; an ``answer`` goes to the sender as well."""
+        from fame.robot import Event
+
+        self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", kind, text))
+
+    def _on_warning(self, text: str) -> None:
+        """Tell whoever watches this engine, or the observers of its mission."""
+        from fame.robot import Event
+
+        tell = self._on_report if self.running is None else self.running.tell
+        tell(Event(self._time.now, self.robot, 0, 0, "", "report", text))
+
+    # ---- what it receives ------------------------------------------------------------------------------------------
+
+    def _on_envelope(self, message: Any) -> None:
+        deployment = ""
+        try:
+            envelope = read_envelope(message.data, self.robot, self._wall_time())
+            deployment = envelope.deployment
+            if self._trusted:
+                self._verify(envelope)
+        except DeploymentError as error:
+            self.status.publish("refused", deployment, str(error))
+            return
+        self._protocol.handle(Received(envelope))
+
+    def _verify(self, envelope: Envelope) -> None:
+        """Raise DeploymentError unless a trusted key signed it; another robot asks with what its own sender signed."""
+        if envelope.phase != "ask":
+            verify(asdict(envelope), self._trusted, self._wall_time(), self.born)
+            return
+        verify_signature(envelope.proof, self._trusted)
+        if (envelope.proof.get("deployment"), envelope.proof.get("sequence")) != (
+            envelope.deployment,
+            envelope.sequence,
+        ):
+            raise DeploymentError("asks about another deployment than was signed")
+
+    def _verify_task(self, done: Done) -> None:
+        """Raise DeploymentError for a person's request if keys are used and it was not signed for this robot."""
+        if self._task_signers:
+            verify(asdict(done), self._task_signers, self._wall_time(), self.born)
+            if done.robot != self.robot:
+                raise DeploymentError(f"meant for robot {done.robot!r}, not for {self.robot!r}")
+
+    # ---- what it does ----------------------------------------------------------------------------------------------
+
+    def _perform(self, action: Action) -> None:
+        """Carry out an action of the protocol. Those on the candidate come only while there is one."""
+        match action:
+            case Reply():
+                self.status.publish(
+                    action.answer, action.deployment, action.reason, action.problem, repeated=action.repeated
+                )
+            case Note(text):
+                self._note(text)
+            case ScheduleLoad():
+                self.scheduler.soon(partial(self._protocol.handle, LoadDue()), Kind.RESUMPTION)
+            case Load(envelope):
+                self._load(envelope)
+            case Discard():
+                self._discard()
+            case Match(envelope):
+                self._match(envelope)
+            case Hold():
+                if self.running is not None:
+                    self.running.hold()
+            case Drop():
+                self._drop()
+            case _ if self.candidate is not None:
+                self._perform_on(self.candidate, action)
+
+    def _perform_on(self, candidate: Candidate, action: Action) -> None:
+        match action:
+            case AwaitSender(seconds):
+                candidate.await_sender(seconds, partial(self._protocol.handle, Silence()))
+            case AskOthers():
+                candidate.ask_others(self._protocol.handle)
+            case Replace():
+                candidate.replace(self.running, partial(self._protocol.handle, Replaced()))
+            case Run():
+                self._close_running()
+                self.running, self.candidate = candidate.process, None
+                self.running.start()
+
+    def _load(self, envelope: Envelope) -> None:
+        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options)
+        Work(self.scheduler, task, self._on_loaded)
+
+    def _on_loaded(self, result: RobotNode | FameError) -> None:
+        if isinstance(result, FameError):
+            self._protocol.handle(Loaded(str(result), Problem.of(result)))
+        else:
+            self._loaded = result
+            self._protocol.handle(Loaded())
+
+    def _discard(self) -> None:
+        if self._loaded is not None:
+            self._loaded.close()
+            self._loaded = None
+
+    def _match(self, envelope: Envelope) -> None:
+        assert self._loaded is not None
+        around: dict[str, Any] = {"node": self.node, "scheduler": self.scheduler, "middleware": self.middleware}
+        self.candidate, self._loaded = Candidate(envelope, self._loaded, **around), None
+        self.candidate.match(lambda missing: self._protocol.handle(Matched(tuple(missing))))
+
+    def _drop(self) -> None:
+        candidate, self.candidate = self.candidate, None
+        if candidate is not None:
+            candidate.close()
+        if self.running is not None:
+            self.running.release()
+
+    def _close_running(self) -> None:
+        """The safe state comes last: scripts that leave may have commanded something else."""
+        if self.running is not None:
+            self.running.make_safe("terminated")
+            self.running.close()
+
+    # ---- the end ---------------------------------------------------------------------------------------------------
+
+    def stop(self) -> bool:
+        """Cancel what runs and take no more; whether scripts are still leaving, which `close` would not wait for."""
+        if not self._stopped:
+            self._stopped = True
+            self.status.close()
+            self._process.close()
+            self._tasks.close()
+            for refusals in self._refusals.values():
+                refusals.close()
+            self._protocol.handle(Stopped())
+            if self.running is not None:
+                self.running.stop()
+        return self.running is not None and self.running.leaving
+
+    def close(self) -> None:
+        """Bring the robot to its safe state and close all endpoints."""
+        self.stop()
+        self._close_running()
+        self.node.close()

@@ -1,0 +1,474 @@
+"""The robot's end of a deployment as a pure state machine: ``step(state, event) -> (state, actions)``.
+
+Theory of operation. A robot has at most one process that runs, one *candidate* to replace it, and one envelope that
+waits to be loaded::
+
+    waiting ──> loading ──> matching ──topics are matched──> ready ──start──> replacing ──> running
+       │           │           └──abort, newer one,            └──abort, or nobody was told to start
+       │           │              topic without other end
+       └───────────┴──abort, newer one, model is wrong
+
+The candidate begins when its model is loaded. What runs is not touched before the candidate starts. A bare model (phase
+``run``) has no sender that waits for an answer: it is never ready, and starts as soon as its topics are matched.
+
+Invariants, checked for every reachable state in ``tests/test_robot_protocol.py``:
+
+- A robot that answered ``ready`` has given its promise: only ``abort`` of its sender or the decision with the other
+  robots (`fame.deploy.termination`) drops the candidate. A newer one waits meanwhile.
+- Of the envelopes that wait only the newest is loaded; the others are answered ``superseded``.
+- The same deployment is never loaded twice: the last answer to it is repeated.
+- Every model is answered in the end.
+
+Nothing here sends, waits, loads or looks at a clock: `fame.deploy.engine_node` carries the actions out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from fame.deploy import termination
+from fame.deploy.envelope import SILENCE, Envelope, Problem
+from fame.deploy.termination import Answered, Ready, Silence, Told
+
+MATCHING = 5.0
+"""How long a robot waits for the other ends of its topics (s)."""
+ASKING = 1.0
+"""How often a robot that holds asks the other robots (s)."""
+_ANSWERS = 100
+_NOT_LOADED = "no such deployment is loaded here"
+_NOT_READY = "it is not ready: the other ends of its topics are not there yet"
+_NEWER = "a newer one waits; its sender decides, since others may have been told to start"
+_NOT_READY_FOR_PEER = "the sender fell silent; it was not ready here"
+_ENDS = "the engine ends"
+
+
+# ---- state -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A process that is loaded and is to replace what runs.
+
+    commit  what was promised, once it is ready
+    asked   whether the other robots have been asked since the sender fell silent
+    holds   whether what runs is suspended, since the others did not answer at once
+    """
+
+    envelope: Envelope
+    stage: Literal["matching", "ready", "replacing"] = "matching"
+    commit: Ready | None = None
+    asked: bool = False
+    holds: bool = False
+
+    @property
+    def asks(self) -> bool:
+        """Whether it asks the other robots, since its sender fell silent."""
+        return self.commit is not None and self.commit.asking
+
+    @property
+    def why_it_holds(self) -> str:
+        """The reason, for people."""
+        missing = sorted(self.commit.unheard) if self.commit is not None else ()
+        return f"the sender fell silent, and what became of it at {', '.join(missing)} is not known"
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """How far a robot is.
+
+    running  the envelope of what runs, without its model
+    waiting  the newest envelope that is not loaded yet; it keeps waiting while it is being loaded
+    loading  the envelope whose model is being loaded, even if it has been aborted meanwhile
+    newest   `Envelope.order` of the newest that was loaded: older ones are ``stale``
+    answers  the last final answer to each of the last 100 deployments, oldest first
+    """
+
+    robot: str
+    running: Envelope | None = None
+    waiting: Envelope | None = None
+    loading: Envelope | None = None
+    candidate: Candidate | None = None
+    newest: tuple[int, str] = (-1, "")
+    answers: tuple[Reply, ...] = ()
+
+    @property
+    def deployed(self) -> str:
+        """The deployment that runs, or nothing."""
+        return self.running.deployment if self.running is not None else ""
+
+    def answer_to(self, deployment: str) -> Reply | None:
+        """The last final answer."""
+        return next((one for one in self.answers if one.deployment == deployment), None)
+
+    def candidate_of(self, deployment: str) -> Candidate | None:
+        """The candidate, if it came with this deployment."""
+        same = self.candidate is not None and self.candidate.envelope.deployment == deployment
+        return self.candidate if same else None
+
+
+# ---- events ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """An envelope that was read and verified."""
+
+    envelope: Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class LoadDue:
+    """It is time to load what waits (after `ScheduleLoad`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """The result of `Load`: a process, or an error, with its place where it has one."""
+
+    error: str = ""
+    problem: Problem | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Matched:
+    """The result of `Match`: the promised ends that are missing, as ``topic (publisher)``."""
+
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Replaced:
+    """What ran has ended, its scripts included (after `Replace`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The engine ends."""
+
+
+Event = Received | LoadDue | Loaded | Matched | Silence | Answered | Replaced | Stopped
+
+
+# ---- actions ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Report an answer to a deployment. `repeated`: it was given before, so that only whoever asks needs it."""
+
+    answer: str
+    deployment: str
+    reason: str = ""
+    problem: Problem | None = None
+    repeated: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Tell whoever watches this engine."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduleLoad:
+    """Give `LoadDue` as soon as all messages of this moment are in: of a burst only the newest is loaded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Read, check and compile the model beside what runs; then give `Loaded`."""
+
+    envelope: Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class Discard:
+    """Close the process that has just been loaded: it is not wanted any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """Wait until the promised other ends of the candidate's topics are there, at most `MATCHING` s; give `Matched`."""
+
+    envelope: Envelope
+
+
+@dataclass(frozen=True, slots=True)
+class AwaitSender:
+    """Give `Silence` after so many seconds, unless this action or the end of the candidate comes before."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class AskOthers:
+    """Ask the other robots of the deployment what became of it; give `Answered` for each answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """Suspend what runs, in the safe state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drop:
+    """Close the candidate; what runs goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replace:
+    """Cancel what runs; when its scripts have left, give `Replaced`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Start the candidate's process."""
+
+
+Action = Reply | Note | ScheduleLoad | Load | Discard | Match | AwaitSender | AskOthers | Hold | Drop | Replace | Run
+
+
+# ---- transitions -----------------------------------------------------------------------------------------------------
+
+
+def step(state: RobotState, event: Event) -> tuple[RobotState, tuple[Action, ...]]:
+    """The next state, and what is to be done in this order. An event that does not fit the state changes nothing."""
+    move = _Transition(state)
+    match event:
+        case Received(envelope):
+            move.receive(envelope)
+        case LoadDue():
+            move.load()
+        case Loaded():
+            move.loaded(event)
+        case Matched(missing):
+            move.matched(missing)
+        case Silence() | Answered():
+            move.decide(event)
+        case Replaced():
+            move.replaced()
+        case Stopped():
+            move.stop()
+    return move.state, tuple(move.actions)
+
+
+class _Transition:
+    """One step: the state as it becomes, and the actions so far."""
+
+    def __init__(self, state: RobotState) -> None:
+        self.state = state
+        self.actions: list[Action] = []
+
+    # ---- envelopes ----
+
+    def receive(self, envelope: Envelope) -> None:
+        deployment, waiting = envelope.deployment, self.state.waiting
+        if envelope.phase in ("load", "run"):
+            self._receive_model(envelope)
+        elif envelope.phase == "ask":
+            self._answer_peer(envelope)
+        elif waiting is not None and waiting.deployment == deployment:
+            if envelope.phase == "abort":
+                self.state = replace(self.state, waiting=None)
+                self._answer("aborted", deployment)
+        elif (candidate := self.state.candidate_of(deployment)) is None:
+            self._repeat(deployment, Reply("refused", deployment, _NOT_LOADED))
+        else:
+            self._receive_decision(candidate, Told(envelope.phase, envelope.begun))
+
+    def _receive_model(self, envelope: Envelope) -> None:
+        deployment, waiting = envelope.deployment, self.state.waiting
+        newest = max(self.state.newest, waiting.order) if waiting is not None else self.state.newest
+        if envelope.phase == "load" and self._is_known(deployment):
+            self._repeat(deployment, Reply("", deployment))
+        elif envelope.phase == "load" and envelope.order <= newest:
+            self._do(Reply("stale", deployment, f"sequence {envelope.sequence} is older than {newest[0]}"))
+        else:
+            self.state = replace(self.state, waiting=envelope)
+            if waiting is None:
+                self._do(ScheduleLoad())
+            else:
+                self._answer("superseded", waiting.deployment)
+
+    def _is_known(self, deployment: str) -> bool:
+        """Whether a deployment is under way or was answered."""
+        waiting = self.state.waiting
+        under_way = (waiting is not None and waiting.deployment == deployment) or self.state.candidate_of(deployment)
+        return bool(under_way) or self.state.answer_to(deployment) is not None
+
+    def _receive_decision(self, candidate: Candidate, told: Told) -> None:
+        """Follow the sender's word on the candidate; one that is being started already needs none."""
+        if candidate.stage == "ready":
+            self.decide(told)
+            self._ask_sender_for_room()
+        elif candidate.stage == "matching" and told.phase == "abort":
+            self._drop("aborted")
+        elif candidate.stage == "matching" and told.phase == "start":
+            self._do(Reply("refused", candidate.envelope.deployment, _NOT_READY))
+
+    def _answer_peer(self, envelope: Envelope) -> None:
+        """Tell another robot whose sender fell silent what became of the deployment here."""
+        deployment = envelope.deployment
+        candidate = self.state.candidate_of(deployment)
+        if candidate is not None and candidate.stage == "replacing":
+            return  # `started` follows in a moment
+        answered = self.state.answer_to(deployment)
+        running = self.state.running is not None and self.state.running.deployment == deployment
+        started = running or (answered is not None and answered.answer == "started")
+        answer = termination.reply(candidate.commit if candidate is not None else None, started=started)
+        reason = _NOT_READY_FOR_PEER if answer == "aborted" else ""
+        if answer == "aborted":
+            self._renounce(envelope, reason)
+        self._do(Reply(answer, deployment, reason))
+
+    def _renounce(self, envelope: Envelope, reason: str) -> None:
+        """Never become ready for a deployment: neither now nor when its model arrives later."""
+        self.state = replace(self.state, newest=max(self.state.newest, envelope.order))
+        if self.state.waiting is not None and self.state.waiting.deployment == envelope.deployment:
+            self.state = replace(self.state, waiting=None)
+            self._answer("aborted", envelope.deployment, reason)
+        elif self.state.candidate_of(envelope.deployment) is not None:
+            self._drop("aborted", reason)
+
+    # ---- from the envelope that waits to the candidate ----
+
+    def load(self) -> None:
+        envelope, candidate = self.state.waiting, self.state.candidate
+        if envelope is None or self.state.loading is not None:
+            return
+        if candidate is not None and candidate.stage != "matching":
+            self._ask_sender_for_room()
+            return
+        self._drop("superseded")
+        self.state = replace(self.state, loading=envelope, newest=max(self.state.newest, envelope.order))
+        self._do(Load(envelope))
+
+    def loaded(self, result: Loaded) -> None:
+        envelope, wanted = self.state.loading, self.state.waiting == self.state.loading
+        if envelope is None:
+            return
+        self.state = replace(self.state, loading=None, waiting=None if wanted else self.state.waiting)
+        if wanted and result.error:
+            self._answer("refused", envelope.deployment, result.error, result.problem)
+        elif wanted:
+            self.state = replace(self.state, candidate=Candidate(envelope))
+            self._do(Match(envelope))
+        else:
+            if not result.error:
+                self._do(Discard())
+            self._load_next()
+
+    def matched(self, missing: tuple[str, ...]) -> None:
+        candidate = self.state.candidate
+        if candidate is None or candidate.stage != "matching":
+            return
+        if missing:
+            self._drop("refused", f"nobody came to {', '.join(missing)} within {MATCHING:g} s")
+        elif candidate.envelope.phase == "run":
+            self._replace(candidate)
+        else:
+            commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
+            self.state = replace(self.state, candidate=replace(candidate, stage="ready", commit=commit))
+            self._do(AwaitSender(SILENCE))
+            self._answer("ready", candidate.envelope.deployment)
+
+    # ---- a candidate that is ready ----
+
+    def decide(self, event: termination.Event) -> None:
+        candidate = self.state.candidate
+        if candidate is None or candidate.commit is None or candidate.stage != "ready":
+            return
+        commit, action = termination.step(candidate.commit, event)
+        candidate = replace(candidate, commit=commit)
+        self.state = replace(self.state, candidate=candidate)
+        match action:
+            case termination.Wait():
+                self._do(AwaitSender(SILENCE))
+            case termination.Ask():
+                self._ask_others(candidate)
+            case termination.Report():
+                self._do(Reply("asking", candidate.envelope.deployment, candidate.why_it_holds))
+            case termination.Start():
+                self._replace(candidate)
+            case termination.Abort(reason):
+                self._drop("aborted", reason)
+
+    def _ask_others(self, candidate: Candidate) -> None:
+        """Others that are there answer at once: only a robot that asks again has to hold."""
+        self._do(AskOthers(), AwaitSender(ASKING))
+        self._do(Reply("asking", candidate.envelope.deployment, candidate.why_it_holds))
+        if candidate.asked:
+            self._hold(candidate)
+        holds = candidate.asked
+        self.state = replace(self.state, candidate=replace(candidate, asked=True, holds=holds))
+
+    def _hold(self, candidate: Candidate) -> None:
+        reason = f"holds deployment {candidate.envelope.deployment}: {candidate.why_it_holds}"
+        if not candidate.holds:
+            self._do(Hold(), Note(reason))
+        if (waiting := self.state.waiting) is not None:
+            self.state = replace(self.state, waiting=None)
+            self._answer("refused", waiting.deployment, f"{reason}; fame abort {self.state.robot} ends that")
+
+    def _ask_sender_for_room(self) -> None:
+        """Tell the sender of a candidate that is ready that a newer one waits: the promise itself stays."""
+        candidate = self.state.candidate
+        if self.state.waiting is not None and candidate is not None and candidate.stage == "ready":
+            self._do(Reply("superseded", candidate.envelope.deployment, _NEWER))
+
+    # ---- the end of a candidate ----
+
+    def _replace(self, candidate: Candidate) -> None:
+        self.state = replace(self.state, candidate=replace(candidate, stage="replacing"))
+        self._do(Replace())
+
+    def replaced(self) -> None:
+        candidate = self.state.candidate
+        if candidate is None or candidate.stage != "replacing":
+            return
+        envelope = candidate.envelope
+        self.state = replace(self.state, candidate=None, running=replace(envelope, model=""))
+        self._do(Run())
+        reason = "it had this process before, and takes it up again from the start" if envelope.again else ""
+        if reason:
+            self._do(Note(reason))
+        self._answer("started", envelope.deployment, reason)
+        self._load_next()
+
+    def _drop(self, answer: str, reason: str = "") -> None:
+        """Forget the candidate, if there is one, with a final answer."""
+        if (candidate := self.state.candidate) is not None:
+            self.state = replace(self.state, candidate=None)
+            self._do(Drop())
+            self._answer(answer, candidate.envelope.deployment, reason)
+            self._load_next()
+
+    def stop(self) -> None:
+        waiting, candidate = self.state.waiting, self.state.candidate
+        self.state = replace(self.state, waiting=None)
+        if waiting is not None:
+            self._answer("aborted", waiting.deployment, _ENDS)
+        if candidate is not None:  # after a promise not even a robot that ends may say that it aborted
+            self._drop("aborted" if candidate.stage == "matching" else "left", _ENDS)
+
+    # ---- actions ----
+
+    def _do(self, *actions: Action) -> None:
+        self.actions += actions
+
+    def _load_next(self) -> None:
+        if self.state.waiting is not None:
+            self._do(ScheduleLoad())
+
+    def _answer(self, answer: str, deployment: str, reason: str = "", problem: Problem | None = None) -> None:
+        """Give an answer that is repeated to whoever asks again."""
+        reply = Reply(answer, deployment, reason, problem)
+        others = tuple(one for one in self.state.answers if one.deployment != deployment)
+        self.state = replace(self.state, answers=(*others, reply)[-_ANSWERS:])
+        self._do(reply)
+
+    def _repeat(self, deployment: str, otherwise: Reply) -> None:
+        known = self.state.answer_to(deployment)
+        self._do(replace(known, repeated=True) if known is not None else otherwise)

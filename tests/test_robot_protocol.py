@@ -1,0 +1,214 @@
+"""The robot's end of a deployment decides as it should, in every state that it can reach and without any middleware."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from fame.deploy.envelope import Envelope, Problem
+from fame.deploy.robot_protocol import (
+    Action,
+    AskOthers,
+    AwaitSender,
+    Discard,
+    Drop,
+    Event,
+    Hold,
+    Load,
+    LoadDue,
+    Loaded,
+    Match,
+    Matched,
+    Note,
+    Received,
+    Replace,
+    Replaced,
+    Reply,
+    RobotState,
+    Run,
+    ScheduleLoad,
+    Stopped,
+    step,
+)
+from fame.deploy.termination import NOBODY, Answered, Silence
+
+FIRST = Envelope(deployment="d1", sequence=1, robot="A", phase="load", team=["A", "B"])
+SECOND = replace(FIRST, deployment="d2", sequence=2)
+BARE = Envelope(deployment="plain-1", sequence=-1, robot="A", phase="run")
+
+
+def after(*events: Event, robot: str = "A") -> tuple[RobotState, list[Action]]:
+    """The state after some events, and what is to be done for the last one."""
+    state, actions = RobotState(robot), ()
+    for event in events:
+        state, actions = step(state, event)
+    return state, list(actions)
+
+
+def told(phase: str, envelope: Envelope = FIRST, **options) -> Received:
+    return Received(replace(envelope, phase=phase, **options))
+
+
+LOADED = (Received(FIRST), LoadDue(), Loaded())
+READY = (*LOADED, Matched())
+HOLDS = (*READY, Silence(), Silence())
+
+
+@pytest.mark.parametrize(
+    ("events", "actions"),
+    [
+        ((Received(FIRST),), [ScheduleLoad()]),
+        ((Received(FIRST), LoadDue()), [Load(FIRST)]),
+        ((Received(BARE), LoadDue(), Loaded(), Matched()), [Replace()]),
+        (LOADED, [Match(FIRST)]),
+        (READY, [AwaitSender(5.0), Reply("ready", "d1")]),
+        ((*READY, told("hold")), [AwaitSender(5.0)]),
+        ((*READY, told("start")), [Replace()]),
+        ((*READY, told("start"), Replaced()), [Run(), Reply("started", "d1")]),
+        ((*READY, told("abort")), [Drop(), Reply("aborted", "d1")]),
+        ((*LOADED, told("abort")), [Drop(), Reply("aborted", "d1")]),
+        ((Received(FIRST), told("abort")), [Reply("aborted", "d1")]),
+        ((Received(FIRST), LoadDue(), told("abort"), Loaded()), [Discard()]),
+        ((*READY, told("start"), Received(FIRST)), [Reply("ready", "d1", repeated=True)]),
+        ((*READY, Received(FIRST)), [Reply("ready", "d1", repeated=True)]),
+        ((Received(FIRST), Received(FIRST)), [Reply("", "d1")]),
+        ((Received(FIRST), Received(SECOND)), [Reply("superseded", "d1")]),
+        ((Received(SECOND), Received(FIRST)), [Reply("stale", "d1", "sequence 1 is older than 2")]),
+        ((*LOADED, Received(SECOND), LoadDue()), [Drop(), Reply("superseded", "d1"), ScheduleLoad(), Load(SECOND)]),
+        ((*READY, Stopped()), [Drop(), Reply("left", "d1", "the engine ends")]),
+        ((*READY, told("start"), Stopped()), [Drop(), Reply("left", "d1", "the engine ends")]),
+        ((*LOADED, Stopped()), [Drop(), Reply("aborted", "d1", "the engine ends")]),
+        ((*READY, told("ask")), [Reply("ready", "d1")]),
+        ((*READY, told("start"), Replaced(), told("ask")), [Reply("started", "d1")]),
+        ((*HOLDS, Answered("B", "started")), [Replace()]),
+        ((*HOLDS, Answered("B", "asking")), [Drop(), Reply("aborted", "d1", NOBODY)]),
+    ],
+)
+def test_what_a_robot_does(events, actions):
+    assert after(*events)[1] == actions
+
+
+def test_a_model_that_is_wrong_is_refused_with_its_place():
+    problem = Problem("A.bpmn", 3, "t", "is wrong")
+    _, actions = after(Received(FIRST), LoadDue(), Loaded(str(problem), problem))
+    assert actions == [Reply("refused", "d1", "A.bpmn:3: t: is wrong", problem)]
+
+
+def test_what_runs_is_suspended_when_the_others_did_not_answer_at_once():
+    assert Hold() not in after(*READY, Silence())[1]
+    asked, wait, report, hold, note = after(*HOLDS)[1]
+    assert (asked, wait, hold) == (AskOthers(), AwaitSender(1.0), Hold())
+    assert (report.answer, note.text) == ("asking", f"holds deployment d1: {report.reason}")
+    assert not {Hold, Note} & set(map(type, after(*HOLDS, Silence())[1]))
+
+
+def test_a_robot_that_has_answered_aborted_to_another_one_never_becomes_ready():
+    state, actions = after(told("ask"), Received(FIRST))
+    assert [action.answer for action in actions] == ["stale"]
+    assert state.waiting is None
+
+
+def test_an_answer_is_remembered_for_a_hundred_deployments():
+    events = [Received(replace(FIRST, deployment=f"d{number}", sequence=number)) for number in range(150)]
+    state, _ = after(*events)
+    assert [reply.deployment for reply in state.answers] == [f"d{number}" for number in range(49, 149)]
+
+
+# ---- every state that a robot can reach ------------------------------------------------------------------------------
+
+
+ANY_TIME = (
+    *(told(phase) for phase in ("load", "hold", "start", "abort", "ask")),
+    told("start", begun=True),
+    *(told(phase, SECOND) for phase in ("load", "start", "abort")),
+    Received(BARE),
+    LoadDue(),
+    Stopped(),
+)
+
+
+def possible(state: RobotState) -> Iterator[Event]:
+    """The events that can happen in a state: anything may be received, results follow what was begun."""
+    yield from ANY_TIME
+    if state.loading is not None:
+        yield from (Loaded(), Loaded("is wrong"))
+    stage = state.candidate.stage if state.candidate is not None else ""
+    if stage == "matching":
+        yield from (Matched(), Matched(("/go (subscriber)",)))
+    if stage == "ready":
+        yield from (Silence(), *(Answered("B", answer) for answer in ("started", "aborted", "asking", "ready")))
+    if stage == "replacing":
+        yield Replaced()
+
+
+@cache
+def reachable() -> list[tuple[RobotState, Event, RobotState, tuple[Action, ...]]]:
+    first = RobotState("A")
+    seen, left, transitions = {first}, [first], []
+    while left:
+        state = left.pop()
+        for event in possible(state):
+            following, actions = step(state, event)
+            transitions.append((state, event, following, actions))
+            following = replace(following, answers=summary(following.answers))
+            if following not in seen:
+                seen.add(following)
+                left.append(following)
+    return transitions
+
+
+def summary(answers: tuple[Reply, ...]) -> tuple[Reply, ...]:
+    """Of old answers the protocol asks only whether there is one and whether it was ``started``."""
+    brief = {reply.deployment: reply.answer == "started" for reply in answers if reply.deployment != BARE.deployment}
+    return tuple(Reply("started" if brief[name] else "aborted", name) for name in sorted(brief))
+
+
+def test_every_transition_keeps_what_the_protocol_promises():
+    states = set()
+    for state, event, following, actions in reachable():
+        states.add(following)
+        about = (state, event, following, actions)
+        assert following.loading is None or following.candidate is None, about
+        answers = [action for action in actions if isinstance(action, Reply) and not action.repeated]
+        if state.running != following.running:
+            assert Run() in actions, about
+            assert state.candidate is not None, about
+            assert state.candidate.stage == "replacing", about
+        promised = state.candidate is not None and state.candidate.stage != "matching"
+        if promised and following.candidate is None and isinstance(event, Received):
+            assert event.envelope.phase == "abort", about  # a newer model never breaks a promise
+        if isinstance(event, Stopped) and promised:
+            said = [answer.answer for answer in answers if answer.deployment == state.candidate.envelope.deployment]
+            assert said[-1] == "left", about  # others may have started
+        if Load(SECOND) in actions or Load(FIRST) in actions:
+            assert following.answer_to(following.loading.deployment) is None, about  # never loaded twice
+        if following.waiting is not None and state.waiting is None:
+            assert ScheduleLoad() in actions, about
+        if state.waiting is not None and following.waiting not in (None, state.waiting):
+            assert any(answer.answer == "superseded" for answer in answers), about
+    assert len(states) > 500
+
+
+def test_a_robot_that_nobody_talks_to_any_more_comes_to_rest():
+    """Results arrive and timers fire, but no envelope: whatever waits is loaded, and no promise is made for ever."""
+    for state in {following for _, _, following, _ in reachable()}:
+        for _ in range(20):
+            if (event := next_result(state)) is None:
+                break
+            state, _ = step(state, event)
+        assert state.waiting is None or state.candidate is not None, state
+        assert state.loading is None, state
+        assert state.candidate is None or state.candidate.asks, state
+
+
+def next_result(state: RobotState) -> Event | None:
+    if state.loading is not None:
+        return Loaded()
+    if state.candidate is None:
+        return LoadDue() if state.waiting is not None else None
+    if state.candidate.stage == "matching":
+        return Matched()
+    if state.candidate.stage == "replacing":
+        return Replaced()
+    return None if state.candidate.holds else Silence()
