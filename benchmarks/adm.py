@@ -17,15 +17,13 @@ from typing import Any
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
-from fame.monitor.anomaly.classifiers import DEFAULTS, make
-from fame.monitor.anomaly.config import Entry, Learning, Source
-from fame.monitor.anomaly.detector import fit, is_supervised
-from fame.monitor.anomaly.files import read_csv
+from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make
 from fame.monitor.anomaly.learn import best, learn
+from fame.monitor.anomaly.learning_file import Entry, Learning, Source
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.recording import Recording
+from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.recording import Recording, read_csv
 
 ROOT = Path(__file__).resolve().parent.parent
 PATH = Entry("path", "PathDetector", {"chain": str(ROOT / "robots" / "arm" / "mh5.yaml")}, reduction=0, threshold=0.002)

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fame.monitor.anomaly.files import read_csv
+from fame.monitor.anomaly.evaluation import render
 from fame.monitor.anomaly.learn import fold_numbers
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.recording import ANOMALOUS, Floats, Recording, of_runs
-from fame.monitor.anomaly.table import render
+from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs, read_csv
+from fame.monitor.arrays import Floats
 from robots.arm.mh5 import MH5
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import TRIANGLE, find_cut

@@ -27,11 +27,9 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage, load
-from fame.monitor.pipeline.model import TrainedModel
-from fame.monitor.pipeline.network import Network
 from fame.monitor.pipeline.node import ProcessingNode
-from fame.monitor.pipeline.onnx import save_onnx
 from fame.monitor.pipeline.recording import RecordingNode
+from fame.monitor.pipeline.trained_model import Network, TrainedModel
 
 RATE, JOINTS = 500, tuple(f"joint_{number}" for number in range(6))
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -138,7 +136,7 @@ def inference(model: TrainedModel, made: list[Any], folder: Path) -> dict[str, f
     windows = np.random.default_rng(2).standard_normal((2, 50, 6))
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
-    save_onnx(model, folder / "model.onnx")
+    model.save(folder / "model.onnx")
     session = onnxruntime.InferenceSession(str(folder / "model.onnx"), options, providers=["CPUExecutionProvider"])
 
     def scikit() -> None:

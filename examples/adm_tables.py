@@ -16,16 +16,13 @@ from typing import Any
 import numpy as np
 
 from fame.errors import FameError
-from fame.monitor.anomaly.classifiers import DEFAULTS, make
-from fame.monitor.anomaly.config import Entry
-from fame.monitor.anomaly.confusion_matrix import Matrix, by_run, run_scores
-from fame.monitor.anomaly.detector import fit, is_supervised, predict
-from fame.monitor.anomaly.files import read_csv
+from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make, predict
+from fame.monitor.anomaly.evaluation import Matrix, by_run, render, run_scores
+from fame.monitor.anomaly.learning_file import Entry
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.plots import deviations, joint_space, matrices
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs
-from fame.monitor.anomaly.table import render
+from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
+from fame.monitor.plots import deviations, joint_space, matrices
 from robots.arm.envelope import envelope
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.noise import simulated_runs

@@ -18,12 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.errors import FameError
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 from fame.monitor.pipeline import offline
 from fame.monitor.pipeline.filters import LowPass
-from fame.monitor.pipeline.model import TrainedModel
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses
+from fame.monitor.pipeline.trained_model import TrainedModel
 from robots.arm.reassembly import SCENARIOS, Scenario, recorded
 from robots.arm.ur5e import UR5E
 

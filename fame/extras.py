@@ -10,6 +10,7 @@ _EXTRAS = {
     "PIL": ("animations need Pillow", "sim"),
     "matplotlib": ("pictures need matplotlib", "sim"),
     "pymunk": ("the 2D world needs pymunk", "sim"),
+    "scipy": ("paths and runs of arms need scipy", "ml"),
     "sklearn": ("training needs scikit-learn", "ml"),
     "onnx": ("ONNX files need the package onnx", "onnx"),
     "onnxruntime": ("ONNX files need the package onnxruntime", "onnx"),

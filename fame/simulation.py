@@ -17,7 +17,7 @@ from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
 from fame.errors import ModelError, expect
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.services import UNITS
+from fame.monitor.services import SERVICES
 from fame.robot import Event, RobotNode, Service, mission
 
 
@@ -70,7 +70,7 @@ class Simulation:
         self.node = RobotNode(
             robot,
             mission(definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)),
-            units=UNITS,
+            built_in_services=SERVICES,
             scheduler=self.scheduler,
             middleware=self.middleware,
             observer=observer,

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fame.monitor.anomaly.files import read_csv
-from fame.monitor.anomaly.recording import Recording
+from fame.monitor.anomaly.recording import Recording, read_csv
 
 FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data" / "mh5"
 BENIGN, BOTH = FOLDER / "original_30.csv", FOLDER / "rbfsvm_train_30.csv"

@@ -9,9 +9,8 @@ from arm_data import BENIGN, needs_data, recording
 
 from fame.cli import parser
 from fame.errors import ConfigError, MissionError
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.files import read_csv, write_csv
-from fame.monitor.anomaly.recording import of_runs
+from fame.monitor.anomaly.recording import of_runs, read_csv, write_csv
+from fame.monitor.kinematics import Chain
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
 
@@ -101,9 +100,8 @@ def test_fewer_runs_than_asked_for_are_written_and_said(tmp_path: Path, capsys: 
 
 @needs_data
 def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
-    from fame.monitor.anomaly.model import Model
+    from fame.monitor.anomaly.model import Model, save_model
     from fame.monitor.anomaly.paths import PathDetector
-    from fame.monitor.anomaly.storage import save_model
 
     benign = recording(BENIGN).select(range(4))
     other = tuple(f"other_{name}" for name in MH5.joints)

@@ -7,8 +7,7 @@ import pytest
 from arm_data import BENIGN, BOTH, needs_data, recording
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.files import merge, read_csv, write_csv
-from fame.monitor.anomaly.recording import Recording, of_runs
+from fame.monitor.anomaly.recording import Recording, merge, of_runs, read_csv, write_csv
 
 
 def made(label: int = 1) -> Recording:

@@ -15,17 +15,15 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly import storage
 from fame.monitor.anomaly.classifiers import _HOMES, candidates
-from fame.monitor.anomaly.config import load
-from fame.monitor.anomaly.confusion_matrix import OutputMatrix
-from fame.monitor.anomaly.files import write_csv
+from fame.monitor.anomaly.evaluation import TRAIN, VALIDATION, OutputMatrix, render, rows
 from fame.monitor.anomaly.interface import Interface
-from fame.monitor.anomaly.learn import TRAIN, VALIDATION, best, learn
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.recording import join, of_runs
-from fame.monitor.anomaly.storage import DataPersist, load_model, save_model
-from fame.monitor.anomaly.table import render, rows
+from fame.monitor.anomaly.learn import best, learn
+from fame.monitor.anomaly.learning_file import load
+from fame.monitor.anomaly.model import DataPersist, data_hash, load_model, save_model
+from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.recording import join, of_runs, write_csv
+from fame.monitor.storage import write_artefact
 
 FILES = """
 Files:
@@ -200,7 +198,7 @@ def test_a_stored_model_judges_as_before_and_one_by_one_as_all_at_once(folder: P
 
 
 def persist_points(folder: Path):
-    from fame.monitor.anomaly.files import read_csv
+    from fame.monitor.anomaly.recording import read_csv
 
     return read_csv(folder / "test.csv")
 
@@ -320,14 +318,13 @@ def test_fewer_points_than_columns_are_refused_with_their_file(folder: Path):
 
 def test_the_hash_tells_data_apart(folder: Path):
     points = persist_points(folder)
-    assert storage.data_hash(points) != storage.data_hash(points.select([0]))
+    assert data_hash(points) != data_hash(points.select([0]))
 
 
 @needs_data
 def test_the_one_class_svm_of_the_paper_by_resubstitution():
-    from fame.monitor.anomaly.classifiers import DEFAULTS, make
-    from fame.monitor.anomaly.confusion_matrix import by_run, run_scores
-    from fame.monitor.anomaly.detector import fit, predict
+    from fame.monitor.anomaly.classifiers import DEFAULTS, fit, make, predict
+    from fame.monitor.anomaly.evaluation import by_run, run_scores
 
     entry, benign, both = DEFAULTS[0], recording(BENIGN), recording(BOTH)
     estimator, process = make(entry, Path()), DataProcess().fit(benign.values)
@@ -405,5 +402,5 @@ def test_a_classifier_that_could_not_be_read_back_is_not_stored(tmp_path: Path) 
         pass
 
     with pytest.raises(ConfigError, match="could not be read back as data"):
-        storage.write_artefact({"estimator": Own()}, tmp_path / "own.skops")
+        write_artefact({"estimator": Own()}, tmp_path / "own.skops")
     assert list(tmp_path.iterdir()) == []

@@ -13,10 +13,9 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.anomaly.collect import Collect, Collector
-from fame.monitor.anomaly.joint_states import TYPE
+from fame.monitor.anomaly.live import Collector
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.operate import Operate
+from fame.monitor.anomaly.nodes import TYPE, Collect, Operate
 from fame.monitor.anomaly.paths import PathDetector
 from robots.arm.mh5 import MH5
 from robots.arm.sabotage import alter, knots

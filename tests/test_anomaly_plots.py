@@ -11,10 +11,10 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.confusion_matrix import Matrix
+from fame.monitor.anomaly.evaluation import Matrix
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, joint_space, matrices
 from fame.monitor.anomaly.recording import of_runs
+from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, joint_space, matrices
 from robots.arm.mh5 import MH5
 from robots.arm.sabotage import alter, knots
 

@@ -20,11 +20,10 @@ from lxml import etree
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
-from fame.monitor.anomaly.files import read_csv
-from fame.monitor.anomaly.joint_states import TYPE
-from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.storage import save_model
+from fame.monitor.anomaly.model import Model, save_model
+from fame.monitor.anomaly.nodes import TYPE
+from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.recording import read_csv
 
 ROOT = Path(__file__).parent.parent
 DOMAIN = 100 + os.getpid() % 100

@@ -10,7 +10,7 @@ import pytest
 from arm_data import BENIGN, needs_data, recording
 
 from fame.cli import main
-from fame.monitor.anomaly.files import read_csv, write_csv
+from fame.monitor.anomaly.recording import read_csv, write_csv
 from robots.arm.mh5 import MH5
 from robots.arm.task import TRIANGLE, find_cut
 

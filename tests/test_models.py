@@ -27,7 +27,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
-from fame.monitor.services import UNITS
+from fame.monitor.services import SERVICES
 
 MODELS = Path(__file__).parent.parent / "models"
 LIBRARY = [path for folder in ("library", "monitoring") for path in sorted((MODELS / folder).glob("*.bpmn"))]
@@ -97,7 +97,7 @@ def test_tasks_are_units_ros_services_or_scripts_of_at_most_15_lines(model: Defi
     tasks = [node for node in nodes(model) if isinstance(node, Task)]
     services = [node for node in tasks if node.kind == "service"]
     assert all(node.kind == "script" for node in tasks if node not in services)
-    assert all(node.operation in UNITS or node.topic is not None for node in services)
+    assert all(node.operation in SERVICES or node.topic is not None for node in services)
     assert all(len(text.strip().splitlines()) <= 15 for _, text in scripts(model))
 
 

@@ -19,9 +19,9 @@ import yaml
 from fame.cli import main
 from fame.clock import SECOND
 from fame.middleware import messages
-from fame.monitor.pipeline.model import TrainedModel
-from fame.monitor.pipeline.plots import plot_loss
 from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.plots import plot_loss
 
 ROOT = Path(__file__).parent.parent
 MONITOR = ROOT / "models" / "monitoring" / "joint_monitor"

@@ -14,9 +14,8 @@ from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
 from fame.monitor.pipeline.configuration import INPUT, Configuration, load
 from fame.monitor.pipeline.fields import Unusable, reader
-from fame.monitor.pipeline.loading import assign, find_class, make_processors
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.processors import PROCESSORS
+from fame.monitor.pipeline.processors import PROCESSORS, assign, find_class, make_processors
 from fame.monitor.pipeline.train import training_of
 from fame.monitor.pipeline.writing import writer
 
@@ -288,8 +287,8 @@ def test_nested_fields_empty_messages_and_numbers_of_numpy_are_written() -> None
     ],
 )
 def test_whatever_yaml_makes_of_a_file_is_one_line_with_the_file(text: str, why: str, tmp_path: Path) -> None:
-    from fame.monitor.anomaly.chain import load_chain
-    from fame.monitor.anomaly.config import load as load_learning
+    from fame.monitor.anomaly.learning_file import load as load_learning
+    from fame.monitor.kinematics import load_chain
 
     (tmp_path / "wrong.yaml").write_text(text)
     for read in (load, load_learning, load_chain):

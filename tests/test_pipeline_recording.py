@@ -24,12 +24,12 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.pipeline.bag_writer import Bag
+from fame.monitor.bags import Bag
 from fame.monitor.pipeline.configuration import Configuration, load
 from fame.monitor.pipeline.influx import Influx
 from fame.monitor.pipeline.recording import RecordingNode, record_bag
 from fame.monitor.pipeline.rows import Row
-from fame.monitor.pipeline.tables import read_runs
+from fame.monitor.tables import read_runs
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}

@@ -10,13 +10,12 @@ import pytest
 
 from fame.errors import ConfigError
 from fame.monitor.pipeline.estimators import Autoencoder
-from fame.monitor.pipeline.model import TrainedModel
-from fame.monitor.pipeline.network import Network
 from fame.monitor.pipeline.offline import run
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import LowPass, Threshold
-from fame.monitor.pipeline.tables import hash_files, read_runs
 from fame.monitor.pipeline.train import Training, fit, train, training_of
+from fame.monitor.pipeline.trained_model import Network, TrainedModel
+from fame.monitor.tables import hash_files, read_runs
 
 JOINTS = ("shoulder", "elbow", "wrist")
 QUICK = Training(window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500)
@@ -102,10 +101,8 @@ def test_the_loss_is_the_mean_squared_error_over_the_window(model: TrainedModel)
 
 @pytest.mark.parametrize("ending", [".skops", ".onnx"])
 def test_a_model_comes_back_as_it_was(model: TrainedModel, tmp_path: Path, ending: str) -> None:
-    from fame.monitor.pipeline.onnx import save_onnx
-
     path = tmp_path / f"model{ending}"
-    model.save(path) if ending == ".skops" else save_onnx(model, path)
+    model.save(path)
     again = TrainedModel.load(path)
     windows = np.random.default_rng(2).normal(size=(7, 20, 3))
     np.testing.assert_array_equal(again.loss(windows), model.loss(windows))
@@ -117,9 +114,7 @@ def test_a_model_comes_back_as_it_was(model: TrainedModel, tmp_path: Path, endin
 def test_onnxruntime_finds_the_same_loss(model: TrainedModel, tmp_path: Path) -> None:
     import onnxruntime
 
-    from fame.monitor.pipeline.onnx import save_onnx
-
-    save_onnx(model, tmp_path / "model.onnx")
+    model.save(tmp_path / "model.onnx")
     session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
     windows = np.random.default_rng(2).normal(size=(7, 20, 3))
     np.testing.assert_allclose(session.run(None, {"windows": windows})[0], model.loss(windows), rtol=1e-5)
@@ -133,7 +128,7 @@ def refusal(path: Path, **asked: object) -> str:
 
 def test_a_model_of_other_columns_or_older_data_is_refused_with_the_reason(model: TrainedModel, tmp_path: Path) -> None:
     model.save(tmp_path / "m.skops")
-    assert "asked for a, b: train again" in refusal(tmp_path / "m.skops", columns=("a", "b"))
+    assert "expected a, b: train again" in refusal(tmp_path / "m.skops", columns=("a", "b"))
     assert "is stale: trained on data cafecafecafe" in refusal(tmp_path / "m.skops", data="beef" * 16)
     assert TrainedModel.load(tmp_path / "m.skops", columns=JOINTS, data="cafe" * 16).columns == JOINTS
 
@@ -147,14 +142,14 @@ def test_foreign_and_damaged_files_are_refused_with_the_reason(model: TrainedMod
     (tmp_path / "pickle.skops").write_bytes(pickle.dumps({"format": "fame-autoencoder-1"}))
     assert "is corrupt, or no model of fame train" in refusal(tmp_path / "pickle.skops")
     skops.io.dump(PCA(), tmp_path / "pca.skops")
-    assert "is no model of fame train: found format None" in refusal(tmp_path / "pca.skops")
+    assert "is not a model of fame train: expected format" in refusal(tmp_path / "pca.skops")
     skops.io.dump({"format": "fame-autoencoder-1", "run": print}, tmp_path / "code.skops")
     assert "contains code or unknown classes" in refusal(tmp_path / "code.skops")
     assert "there is no such file" in refusal(tmp_path / "none.skops")
     replace(model, thresholds=(1.0,)).save(tmp_path / "torn.skops")
     assert "is damaged" in refusal(tmp_path / "torn.skops")
     (tmp_path / "text.onnx").write_text("hello")
-    assert "is no ONNX file" in refusal(tmp_path / "text.onnx")
+    assert "is not a valid ONNX file" in refusal(tmp_path / "text.onnx")
 
 
 # ---- data that do not fit --------------------------------------------------------------------------------------------
@@ -264,7 +259,7 @@ def test_the_files_of_a_training_may_be_a_pattern_anywhere(tmp_path: Path) -> No
 def test_a_stored_model_whose_figures_cannot_be_is_damaged(
     model: TrainedModel, change: dict[str, float], tmp_path: Path
 ) -> None:
-    from fame.monitor.anomaly.storage import read_artefact, write_artefact
+    from fame.monitor.storage import read_artefact, write_artefact
 
     model.save(tmp_path / "model.skops")
     content = read_artefact(tmp_path / "model.skops", "fame train")

@@ -11,7 +11,7 @@ import pytest
 
 from examples import reassembly_table
 from fame.errors import ConfigError
-from fame.monitor.pipeline.model import TrainedModel
+from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.scenario import Fault, Result, Scenario
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "reassembly.yaml"

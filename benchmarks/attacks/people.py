@@ -65,7 +65,7 @@ def stopped_engine(field: Field) -> None:
 
 BOMB = """
 import resource
-from fame.monitor.anomaly.storage import load_model
+from fame.monitor.anomaly.model import load_model
 try:
     load_model({path!r})
 except Exception as error:

@@ -31,7 +31,7 @@ from fame.check.findings import Finding
 from fame.check.scope import Subject, Unit
 from fame.check.texts import texts_of
 from fame.engine import joins, loops
-from fame.monitor.services import UNITS
+from fame.monitor.services import SERVICES
 
 _SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
 _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")
@@ -110,7 +110,12 @@ def _selection(unit: Unit, node: FlowNode) -> Iterator[Finding]:
     outside = _outside(node)
     if outside:
         yield unit.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)
-    if isinstance(node, Task) and node.kind == "service" and node.operation not in ("", *UNITS) and node.topic is None:
+    if (
+        isinstance(node, Task)
+        and node.kind == "service"
+        and node.operation not in ("", *SERVICES)
+        and node.topic is None
+    ):
         text = f"needs the service {node.operation!r} where it runs: Simulation(services=...)"
         yield unit.finding("note", text, node)
 

@@ -19,7 +19,7 @@ from fame.check.scope import Subject, Unit
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
-from fame.monitor.services import UNITS
+from fame.monitor.services import SERVICES
 from fame.scripting import script_topics
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -278,7 +278,7 @@ def level_of(team: Sequence[Subject]) -> Level:
     """
     pools = [pool for one in team for pool in one.definitions.participants]
     nodes = (node for one in team for unit in one.units for node in unit.process.body.walk())
-    monitored = any(isinstance(node, Task) and node.operation in UNITS for node in nodes)
+    monitored = any(isinstance(node, Task) and node.operation in SERVICES for node in nodes)
     return (
         "warning" if len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored else "note"
     )

@@ -2,7 +2,7 @@
 
 Called processes share the variables of their caller, unless a mapping gives them variables of their own. So what counts
 is a space: a process and all that it calls without a mapping. In a space every name that anything sets is set; the
-order of things is not looked at. A space in which people, services (but the units of FAME) or JavaScript that names no
+order of things is not looked at. A space in which people, services (but FAME's own) or JavaScript that names no
 names set variables is not judged.
 """
 
@@ -35,7 +35,7 @@ from fame.check.texts import Text, names_of, texts_of
 from fame.check.topics import fields_taken, taken_by_prefix
 from fame.engine import joins, loops
 from fame.engine.data import variable_name
-from fame.monitor.services import GIVES, NEEDS
+from fame.monitor.services import SERVICES
 from fame.scripting.interface import NAMES
 from fame.scripting.javascript.identifiers import words_of
 
@@ -51,7 +51,7 @@ class Uses:
     """What one process does to variables. `declared` by data objects; `sets`: name -> first element that sets it.
 
     `code`: functions, classes and modules that scripts leave for later ones;
-    `needs`: the names that units of FAME cannot do without; `opaque`: something in it may set whatever it likes.
+    `needs`: the variables that FAME's own services need; `opaque`: something in it may set whatever it likes.
     """
 
     texts: list[Text] = field(default_factory=list)
@@ -94,8 +94,8 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
         for node in body.nodes:
             for name in (*named_by(node), *_caught(unit, node, objects, types)):
                 uses.sets.setdefault(name, node)
-            if isinstance(node, Task) and node.kind == "service" and node.operation in NEEDS:
-                uses.needs += [(node, name) for name in NEEDS[node.operation]]
+            if isinstance(node, Task) and node.kind == "service" and node.operation in SERVICES:
+                uses.needs += [(node, name) for name in SERVICES[node.operation].required]
             elif isinstance(node, Task):
                 uses.opaque |= node.kind in ("user", "manual", "service", "business_rule")
         for item in body.data_objects:
@@ -125,7 +125,7 @@ def named_by(node: FlowNode) -> Iterator[str]:
     if isinstance(node, Task) and node.result_variable:
         yield node.result_variable
     if isinstance(node, Task) and node.kind == "service":
-        yield from GIVES.get(node.operation, ())
+        yield from SERVICES[node.operation].results if node.operation in SERVICES else ()
 
 
 def _caught(unit: Unit, node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:

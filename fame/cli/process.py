@@ -77,8 +77,8 @@ class Nodes:
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
     from fame.clock import SECOND
-    from fame.monitor.pipeline.loading import assign, make_processors
     from fame.monitor.pipeline.node import ProcessingNode
+    from fame.monitor.pipeline.processors import assign, make_processors
     from fame.scenario import serve
 
     configurations = [_configured(path, arguments) for path in arguments.configurations]

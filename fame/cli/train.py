@@ -29,9 +29,9 @@ def run(arguments: Namespace) -> int:
     from fame.errors import ConfigError
     from fame.extras import require
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.model import TrainedModel
-    from fame.monitor.pipeline.tables import hash_files
     from fame.monitor.pipeline.train import train, training_of
+    from fame.monitor.pipeline.trained_model import TrainedModel
+    from fame.monitor.tables import hash_files
 
     if arguments.onnx is not None:
         require("onnx")
@@ -51,9 +51,7 @@ def run(arguments: Namespace) -> int:
         model = train(training)
         model.save(path)
     if arguments.onnx is not None:
-        from fame.monitor.pipeline.onnx import save_onnx
-
-        save_onnx(model, arguments.onnx)
+        model.save(arguments.onnx)
     if arguments.json:
         told = {"model": str(path), "columns": model.columns, "data": model.data, "rate": model.rate}
         settings = {name: value for name, value in asdict(training).items() if name not in ("model", "columns")}

@@ -43,10 +43,10 @@ def _load(
     options: Mapping[str, Any],
 ) -> Task[RobotNode]:
     mission = yield partial(_read, model, robot, library, services)
-    from fame.monitor.services import UNITS
+    from fame.monitor.services import SERVICES
     from fame.robot import RobotNode
 
-    node = RobotNode(robot, mission, keep=KEPT, units=UNITS, compiled=False, **options)
+    node = RobotNode(robot, mission, keep=KEPT, built_in_services=SERVICES, compiled=False, **options)
     try:
         node.assemble((yield node.compile_process))
         node.load()

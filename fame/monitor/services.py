@@ -1,72 +1,227 @@
-"""The units that come with FAME, by the name that a service task calls them: see models/monitoring."""
+"""The services of monitoring, by the name that a service task gives (see models/monitoring).
+
+Each is started with the variables that the data object of its call activity names. Files are relative to the folder of
+the mission's model.
+
+``process``      a processing node: `configuration` (a file, also looked for in ``models/monitoring``), `parameters` of
+                 its processors by name (a mapping or its text), `namespace` that topics are relative to (default: the
+                 robot's)
+``record``       a recording node: `configuration`, `namespace`, `output`, one place or several
+``train``        ``fame train``: `configuration`; sets `model` and `thresholds`
+``adm_collect``  record labelled runs of an arm: `output`, `label`, `runs`, `points`, `rule`, `topic`, `field`
+``adm_learn``    ``fame adm learn``: `config`, `model`; sets `classifier`, the name of the best one
+``adm_operate``  watch an arm and raise the signal `anomaly`: `model`, `threshold`, `points`, `rule`, `topic`, `field`
+
+Modules with heavy dependencies are imported when a service is started.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from fame.robot.services import Around, Make, Unit
+from fame.errors import ConfigError, MissionError
+from fame.robot.services import BuiltInService, CommandService, RunningService, ServiceContext, variable
 
+if TYPE_CHECKING:
+    from fame.monitor.anomaly.segmentation import Rule
+    from fame.monitor.pipeline.configuration import Configuration, Stage
 
-def _adm_collect(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.monitor.anomaly.units import CollectUnit
-
-    return CollectUnit(around, variables)
-
-
-def _adm_learn(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.monitor.anomaly.units import learn_unit
-
-    return learn_unit(around, variables)
+RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")
 
 
-def _adm_operate(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.monitor.anomaly.units import OperateUnit
-
-    return OperateUnit(around, variables)
+class _Node(Protocol):
+    def close(self) -> None: ...
 
 
-def _processing(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.monitor.pipeline.units import processing_unit
+class _NodeService:
+    """A node that runs until its scope ends."""
 
-    return processing_unit(around, variables)
+    def __init__(self, node: _Node) -> None:
+        self._node = node
 
+    def results(self) -> None:
+        """Never give results: the node does not end by itself."""
 
-def _record(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.monitor.pipeline.units import record_unit
-
-    return record_unit(around, variables)
-
-
-def _train(around: Around, variables: Mapping[str, Any]) -> Unit:
-    from fame.monitor.pipeline.units import train_unit
-
-    return train_unit(around, variables)
+    def close(self) -> None:
+        """Close the node."""
+        self._node.close()
 
 
-UNITS: Mapping[str, Make] = {
-    "adm_collect": _adm_collect,
-    "adm_learn": _adm_learn,
-    "adm_operate": _adm_operate,
-    "process": _processing,
-    "record": _record,
-    "train": _train,
+# ---- pipelines -------------------------------------------------------------------------------------------------------
+
+
+def _process(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.node import ProcessingNode
+
+    configuration = load(_configuration_file(context, variables))
+    configuration = _with_parameters(configuration, _parameters(variables), context.folder)
+    node = ProcessingNode(
+        context.middleware, context.scheduler, configuration,
+        namespace=_namespace(context, variables), report=context.report,
+    )  # fmt: skip
+    return _NodeService(node)
+
+
+def _record(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    """Record until the scope ends. An existing CSV file is continued with the next run."""
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.recording import RecordingNode
+
+    output = variables.get("output")
+    outputs = output if isinstance(output, list) else [variable(variables, "output", type=str)]
+    node = RecordingNode(
+        context.middleware, context.scheduler, load(_configuration_file(context, variables)),
+        [place if "://" in str(place) else context.folder / str(place) for place in outputs],
+        namespace=_namespace(context, variables), append=True, report=context.report,
+    )  # fmt: skip
+    return _NodeService(node)
+
+
+def _train(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    def results(output: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {"model": str(Path(output["model"]).resolve()), "thresholds": output["thresholds"]}
+
+    return CommandService(context, ["train", str(_configuration_file(context, variables))], results)
+
+
+def _configuration_file(context: ServiceContext, variables: Mapping[str, Any]) -> Path:
+    from fame.bpmn.library import BUILT_IN
+
+    name = variable(variables, "configuration", type=str)
+    folders = (context.folder, *BUILT_IN)
+    found = next((folder / name for folder in folders if (folder / name).is_file()), None)
+    if found is None:
+        raise ConfigError(f"there is no configuration {name} in {', '.join(map(str, folders))}")
+    return found
+
+
+def _parameters(variables: Mapping[str, Any]) -> Mapping[str, Any]:
+    from fame.config.loader import parse_document
+
+    given = variables.get("parameters") or {}
+    given = parse_document(given, "parameters").data if isinstance(given, str) else given
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"expected a mapping such as {{cutoff: 5}}, got {given!r}", element="parameters")
+    return given
+
+
+def _with_parameters(configuration: Configuration, given: Mapping[str, Any], folder: Path) -> Configuration:
+    """Give each parameter to the stages that have it; files are relative to `folder`. Raises ConfigError."""
+    from dataclasses import replace
+
+    from fame.monitor.pipeline.processor import declared
+    from fame.monitor.pipeline.processors import find_class
+
+    stages: list[Stage] = []
+    used: set[str] = set()
+    for stage in configuration.stages:
+        types = {parameter.name: parameter.type for parameter in declared(find_class(stage.cls, configuration.folder))}
+        own = {
+            name: str((folder / str(value)).resolve()) if types[name] == "file" else value
+            for name, value in given.items()
+            if name in types
+        }
+        used |= own.keys()
+        stages.append(replace(stage, parameters={**stage.parameters, **own}))
+    unused = [name for name in given if name not in used]
+    if unused:
+        raise ConfigError("no processor has this parameter", file=str(configuration.file), element=unused[0])
+    return replace(configuration, stages=tuple(stages))
+
+
+def _namespace(context: ServiceContext, variables: Mapping[str, Any]) -> str:
+    given = variables.get("namespace")
+    return context.namespace if given is None else str(given).strip("/")
+
+
+# ---- anomaly detection -----------------------------------------------------------------------------------------------
+
+
+class CollectService:
+    """Records runs with a label. Ends after `runs` runs or with its scope, and writes `output` in both cases."""
+
+    def __init__(self, context: ServiceContext, variables: Mapping[str, Any]) -> None:
+        from fame.monitor.anomaly.live import Collector
+        from fame.monitor.anomaly.nodes import Collect
+
+        self._output = context.folder / variable(variables, "output", type=str)
+        label = variable(variables, "label", type=int)
+        if label not in (1, -1):
+            raise ConfigError(f"variable label: expected 1 (benign) or -1 (anomalous), got {label}")
+        points, runs = variable(variables, "points", 0, type=int), variable(variables, "runs", 0, type=int)
+        self._collector = Collector(label, _rule(variables), cycle=points, limit=runs)
+        self._report = context.report
+        self._node = Collect(
+            context.middleware, context.scheduler, self._collector,
+            topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
+            namespace=context.namespace, report=context.report, done=context.changed,
+        )  # fmt: skip
+
+    def results(self) -> Mapping[str, Any] | None:
+        """Give `runs_collected` once there are enough runs."""
+        return {"runs_collected": self._collector.complete} if self._collector.done else None
+
+    def close(self) -> None:
+        """Close the node and write the recording."""
+        from fame.monitor.anomaly.recording import write_csv
+
+        self._node.close()
+        try:
+            recording = self._collector.recording()
+            for note in recording.notes:
+                self._report(note)
+            write_csv(self._output, recording)
+        except MissionError as error:
+            self._report(error.text)
+
+
+def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    from fame.monitor.anomaly.model import load_model
+    from fame.monitor.anomaly.nodes import Operate
+
+    threshold = variable(variables, "threshold", type=float) if variables.get("threshold") is not None else None
+    if threshold is not None and not 0 <= threshold < 1:
+        raise ConfigError(f"variable threshold: expected a number from 0 to 1, got {threshold:g}")
+    model = load_model(context.folder / variable(variables, "model", type=str))
+    node = Operate(
+        context.middleware, context.scheduler, model, threshold=threshold, rule=_rule(variables),
+        cycle=variable(variables, "points", 0, type=int),
+        topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
+        namespace=context.namespace, report=context.report,
+    )  # fmt: skip
+    return _NodeService(node)
+
+
+def _adm_learn(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
+    config = context.folder / variable(variables, "config", type=str)
+    model = context.folder / variable(variables, "model", "best.skops", type=str)
+
+    def results(output: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {"classifier": next(item["name"] for item in output["classifiers"] if item["best"])}
+
+    return CommandService(context, ["adm", "learn", str(config), "-o", str(model)], results)
+
+
+def _rule(variables: Mapping[str, Any]) -> Rule:
+    return cast("Rule", _choice(variables, "rule", RULES))
+
+
+def _choice(variables: Mapping[str, Any], name: str, known: tuple[str, ...]) -> str:
+    """Give one of the `known` words, the first if the variable is not set. Raises ConfigError for another."""
+    value = variable(variables, name, known[0], type=str)
+    if value not in known:
+        raise ConfigError(f"variable {name}: expected one of {', '.join(known)}, got {value!r}")
+    return value
+
+
+SERVICES: Mapping[str, BuiltInService] = {
+    "adm_collect": BuiltInService(CollectService, required=("output", "label"), results=("runs_collected",)),
+    "adm_learn": BuiltInService(_adm_learn, required=("config",), results=("classifier",)),
+    "adm_operate": BuiltInService(_adm_operate, required=("model",)),
+    "process": BuiltInService(_process, required=("configuration",)),
+    "record": BuiltInService(_record, required=("configuration", "output")),
+    "train": BuiltInService(_train, required=("configuration",), results=("model", "thresholds")),
 }
-"""What needs packages is imported when a unit is made."""
-
-NEEDS: Mapping[str, tuple[str, ...]] = {
-    "adm_collect": ("output", "label"),
-    "adm_learn": ("config",),
-    "adm_operate": ("model",),
-    "process": ("configuration",),
-    "record": ("configuration", "output"),
-    "train": ("configuration",),
-}
-"""The variables that a unit cannot do without."""
-
-GIVES: Mapping[str, tuple[str, ...]] = {
-    "adm_collect": ("runs_collected",),
-    "adm_learn": ("classifier",),
-    "train": ("model", "thresholds"),
-}
-"""The variables that a unit sets when it ends; those that are not here set none."""

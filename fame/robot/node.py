@@ -31,7 +31,7 @@ from fame.robot.gaps import Gaps
 from fame.robot.mission import Mission
 from fame.robot.scripts import Scripts
 from fame.robot.service_tasks import ask, asking_task
-from fame.robot.services import Around, Make, living
+from fame.robot.services import BuiltInService, ServiceContext, compile_service
 from fame.robot.timers import Timers
 from fame.robot.waiting_tokens import Wait, waits_of
 from fame.scripting import (
@@ -60,7 +60,7 @@ class RobotNode:
     until      when the run ends at the latest (ns): dates and cycles that are due later are reported
     keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
     on_end     called with each instance that has ended
-    units      what service tasks keep running, by name (`fame.robot.services`)
+    built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
     compiled   False leaves that to whoever makes it: `compile_process`, in any thread, then `assemble`
     """
 
@@ -81,7 +81,7 @@ class RobotNode:
         until: int | None = None,
         keep: int | None = None,
         on_end: Callable[[Instance], object] = lambda instance: None,
-        units: Mapping[str, Make] = MappingProxyType({}),
+        built_in_services: Mapping[str, BuiltInService] = MappingProxyType({}),
         compiled: bool = True,
     ) -> None:
         self.name, self.mission, self.scheduler, self.strict = name, mission, scheduler, strict
@@ -94,7 +94,7 @@ class RobotNode:
         self._hear = by_trails(observer) if observer is not None else None
         self.instances: list[Instance] = []
         self.started = self.completed = self.failed = self._elements = 0
-        self._keep, self._on_end, self._units = keep, on_end, units
+        self._keep, self._on_end, self._built_in_services = keep, on_end, built_in_services
         self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
         self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
         self.gaps = Gaps()
@@ -296,17 +296,17 @@ class RobotNode:
         mission, services = self.mission, self.mission.services
         if operation in services:
             return services[operation]
-        if operation in self._units:
-            return living(self._units[operation], self._around(element))
+        if operation in self._built_in_services:
+            return compile_service(self._built_in_services[operation].start, self._service_context(element))
         closure = mission.library.closure(mission.definitions, mission.process)
         found = asking_task((process for home, process in closure if home.file == file), element)
         if found is not None:
             return ask(*found, file=file, inbox=self.runner.inbox, compile=self.compile)
-        known = ", ".join(sorted(services) or sorted(self._units)) or "none"
+        known = ", ".join(sorted(services) or sorted(self._built_in_services)) or "none"
         raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
 
-    def _around(self, element: str) -> Around:
-        return Around(
+    def _service_context(self, element: str) -> ServiceContext:
+        return ServiceContext(
             robot=self.name,
             namespace=self.namespace,
             middleware=self.middleware,

@@ -1,11 +1,11 @@
-"""Units: what a service task keeps running for as long as its scope lasts, as processing, recording, watching an arm.
+"""Services that run as long as their service task: processing, recording, watching an arm.
 
-A unit is made when the token reaches its task, from the variables there are then; what is wrong with them fails the
-task. It works on topics of its own, beside the engine. The task ends when the unit says so, and sets the variables that
-it gives; if the scope is cancelled first, the unit is closed.
+A service is started when a token reaches its task, from the process variables of that moment; wrong variables fail the
+task. It uses topics of its own, beside the engine. The task ends when the service ends by itself, and its results are
+set as variables. If the scope is cancelled first, the service is closed.
 
-Theory of operation: the task is a coroutine that awaits the end of its unit, as a script would; the engine knows no
-units. A unit that has ended by itself calls `Around.changed`.
+Theory of operation: the task is a coroutine that awaits the end of its service, as a script would; the engine does not
+know about services. A service that has ended by itself calls `ServiceContext.changed`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from fame.clock import SECOND, Entry, Scheduler, WallScheduler
 from fame.engine.host import Compiled
@@ -25,16 +25,16 @@ from fame.middleware.interface import Middleware
 from fame.scripting.requests import Until
 
 Value = TypeVar("Value", str, float, int)
-_POLL = SECOND // 5
+_POLL_PERIOD = SECOND // 5
 
 
 @dataclass(frozen=True, slots=True)
-class Around:
-    """What a unit has around it.
+class ServiceContext:
+    """What a service can use.
 
-    folder   that of the mission's model: names of files are relative to it
-    report   says a line for people
-    changed  to be called when the unit has ended
+    folder   folder of the mission's model: names of files are relative to it
+    report   gets a line of text for people
+    changed  to be called when the service has ended by itself
     """
 
     robot: str
@@ -46,85 +46,104 @@ class Around:
     changed: Callable[[], object]
 
 
-class Unit(Protocol):
-    """Something that runs."""
+class RunningService(Protocol):
+    """A service that was started."""
 
     def results(self) -> Mapping[str, Any] | None:
-        """The variables to set if it has ended by itself; None as long as it runs."""
+        """Give the variables to set if the service has ended by itself, None while it runs."""
 
     def close(self) -> None:
-        """Leave. It may have ended or not."""
+        """End the service, which may have ended by itself already."""
 
 
-Make = Callable[[Around, Mapping[str, Any]], Unit]
-"""Makes a unit from the variables of its task. Raises FameError."""
+StartService: TypeAlias = Callable[[ServiceContext, Mapping[str, Any]], RunningService]
+"""Starts a service with the variables of its task. Raises FameError."""
 
 
-class Command:
-    """A command of `fame` in a process of its own, so that the engine goes on meanwhile. It takes no simulated time.
+@dataclass(frozen=True, slots=True)
+class BuiltInService:
+    """A service that service tasks can name.
 
-    `told` turns the object that it prints with ``--json`` into variables.
+    required  variables that it needs
+    results   variables that it sets when it ends by itself
+    """
+
+    start: StartService
+    required: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+
+
+class CommandService:
+    """A `fame` command in a process of its own, beside the engine. It takes no simulated time.
+
+    `results` turns the object that the command prints with ``--json`` into variables.
     """
 
     def __init__(
-        self, around: Around, arguments: Sequence[str], told: Callable[[Mapping[str, Any]], Mapping[str, Any]]
+        self,
+        context: ServiceContext,
+        arguments: Sequence[str],
+        results: Callable[[Mapping[str, Any]], Mapping[str, Any]],
     ) -> None:
-        self._around, self._results = around, told
+        self._context, self._to_variables = context, results
         command = [sys.executable, "-m", "fame", *arguments, "--json"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self._told: dict[str, Any] | None = None
+        self._output: dict[str, Any] | None = None
         self._poll: Entry | None = None
-        if isinstance(around.scheduler, WallScheduler):
-            self._poll = around.scheduler.after(_POLL, self._look)
+        if isinstance(context.scheduler, WallScheduler):
+            self._poll = context.scheduler.after(_POLL_PERIOD, self._check)
         else:
-            self._end()
+            self._finish()
 
     def results(self) -> Mapping[str, Any] | None:
-        """The variables. Raises ConfigError if the command failed."""
-        if self._told is None:
+        """Give the variables, None while the command runs. Raises ConfigError if the command failed."""
+        if self._output is None:
             return None
-        if "error" in self._told:
-            raise ConfigError(str(self._told["error"]["text"]), file=str(self._told["error"].get("file", "")))
-        return self._results(self._told)
+        if "error" in self._output:
+            raise ConfigError(str(self._output["error"]["text"]), file=str(self._output["error"].get("file", "")))
+        return self._to_variables(self._output)
 
     def close(self) -> None:
-        """End it, if it goes on."""
+        """Kill the command if it runs."""
         if self._poll is not None:
             self._poll.cancel()
-        if self._told is None:
+        if self._output is None:
             self._process.kill()
             self._process.communicate()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         if self._process.poll() is None:
-            self._poll = self._around.scheduler.after(_POLL, self._look)
+            self._poll = self._context.scheduler.after(_POLL_PERIOD, self._check)
             return
-        self._end()
-        self._around.changed()
+        self._finish()
+        self._context.changed()
 
-    def _end(self) -> None:
-        out, said = self._process.communicate()
-        for line in said.splitlines():
-            self._around.report(line)
-        self._told = json.loads(out)
+    def _finish(self) -> None:
+        output, messages = self._process.communicate()
+        for line in messages.splitlines():
+            self._context.report(line)
+        self._output = json.loads(output)
 
 
-def living(make: Make, around: Around) -> Compiled:
-    """What the service task does: a function of the variables that gives a coroutine."""
+def compile_service(start: StartService, context: ServiceContext) -> Compiled:
+    """Give the behaviour of a service task: a function of the variables that gives a coroutine."""
 
-    async def live(variables: dict[str, Any]) -> None:
-        unit = make(around, variables)
+    async def run(variables: dict[str, Any]) -> None:
+        service = start(context, variables)
         try:
-            await Until(lambda: unit.results() is not None)
-            variables.update(unit.results() or {})
+            await Until(lambda: service.results() is not None)
+            variables.update(service.results() or {})
         finally:
-            unit.close()
+            service.close()
 
-    return live
+    return run
 
 
-def setting(variables: Mapping[str, Any], name: str, default: Value | None = None, *, type: type[Value]) -> Value:
-    """A variable that a unit reads; `default` if it is not set. Raises ConfigError if it is missing or of no `type`."""
+def variable(variables: Mapping[str, Any], name: str, default: Value | None = None, *, type: type[Value]) -> Value:
+    """Give a variable that a service reads, `default` if it is not set.
+
+    Raises ConfigError if it is missing or not of this type.
+    """
     value = variables.get(name)
     if value is None:
         value = default
@@ -133,8 +152,8 @@ def setting(variables: Mapping[str, Any], name: str, default: Value | None = Non
     if type is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if not isinstance(value, type) or isinstance(value, bool):
-        raise ConfigError(f"found {name} = {value!r}; {_RIGHT[type]} would be right")
+        raise ConfigError(f"variable {name}: expected {_TYPE_NAMES[type]}, got {value!r}")
     return value
 
 
-_RIGHT: Mapping[type, str] = {str: "a text", float: "a number", int: "a whole number"}
+_TYPE_NAMES: Mapping[type, str] = {str: "a text", float: "a number", int: "a whole number"}

@@ -15,7 +15,7 @@ from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.services import UNITS
+from fame.monitor.services import SERVICES
 from fame.robot import Event, RobotNode, Wait, mission
 from fame.robot.events import Observer, together
 from fame.scenario.ending import at_rest, never_started, status_of
@@ -75,7 +75,7 @@ class Run:
             RobotNode(
                 robot,
                 mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
-                units=UNITS,
+                built_in_services=SERVICES,
                 scheduler=self.scheduler,
                 middleware=self.middleware,
                 observer=self.observer,

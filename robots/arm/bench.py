@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 from robots.arm.dynamics import GRAVITY
 
 MOTOR, TABLE = np.array([0.5, 0.0, 0.18]), np.array([0.32, -0.38, 0.05])

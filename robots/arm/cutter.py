@@ -20,7 +20,7 @@ import numpy as np
 
 from fame.config.parameters import parameter
 from fame.errors import ConfigError
-from fame.monitor.anomaly.packages import scipy
+from fame.extras import require
 from robots.arm.mh5 import MH5
 from robots.arm.noise import simulated
 from robots.arm.program import RETURN, cutting_run, movement
@@ -33,7 +33,7 @@ from robots.vehicle import check_fault
 
 if TYPE_CHECKING:
     from fame.middleware.interface import Message
-    from fame.monitor.anomaly.recording import Floats
+    from fame.monitor.arrays import Floats
     from robots.robot import Surroundings
     from sim2d.config import RobotConfig
 
@@ -66,7 +66,7 @@ class Cutter:
 
     def __init__(self, config: RobotConfig, world: Surroundings) -> None:
         p: CutterParameters = config.parameters
-        scipy("interpolate")  # which its runs need: said now, before anything moves
+        require("scipy")  # which its runs need: said now, before anything moves
         self.name, self.type = config.name, config.type
         self.outline = rectangle(p.base, p.base)
         self.body, _ = body_of(world.space, Pose(*config.at, config.heading), self.outline, p.mass)

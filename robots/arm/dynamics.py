@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fame.monitor.anomaly.chain import Chain, load_chain
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain, load_chain
 from robots.arm.inverse import rotations
 
 GRAVITY = 9.81

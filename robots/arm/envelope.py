@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.recording import ANOMALOUS, Floats, Recording, of_runs
+from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 from robots.arm.sabotage import Knot, alter
 from robots.arm.task import Polygon, find_cut
 

@@ -34,7 +34,7 @@ from sim2d.shapes import disc
 
 if TYPE_CHECKING:
     from fame.middleware.interface import Message, Node
-    from fame.monitor.anomaly.recording import Floats
+    from fame.monitor.arrays import Floats
     from robots.robot import Surroundings
     from sim2d.config import RobotConfig
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from fame.errors import MissionError
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 
 DAMPING = 1e-4
 ROUNDS = 30

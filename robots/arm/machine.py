@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 from robots.arm.bench import LID, Bench, Push
 from robots.arm.dynamics import Arm, friction, inertia_matrices, inverse_dynamics
 from robots.arm.inverse import forward

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fame.monitor.anomaly.chain import load_chain
+from fame.monitor.kinematics import load_chain
 
 FILE = Path(__file__).with_name("mh5.yaml")
 MH5 = load_chain(FILE)

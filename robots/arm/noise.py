@@ -12,9 +12,10 @@ import math
 
 import numpy as np
 
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.packages import scipy
-from fame.monitor.anomaly.recording import Floats, Recording
+from fame.extras import require
+from fame.monitor.anomaly.recording import Recording
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 
 LATE, LATEST = 0.03, 0.5
 """Part of the samples that come late, and by how many periods at most."""
@@ -32,9 +33,12 @@ def simulated_runs(recorded: Recording, count: int, seed: int, chain: Chain) -> 
 
 def simulated(run: Floats, random: np.random.Generator, chain: Chain) -> Floats:
     """One new run along a recorded one (points, joints)."""
+    require("scipy")
+    from scipy.interpolate import CubicSpline
+
     count = len(run) - 1
     late = np.where(random.random(count) < LATE, LATEST * random.random(count), 0.0)
     times = np.clip(np.arange(count) + random.random() + late, 0, count)
     steps = 2 * math.pi / np.array(chain.steps)
     jitter = random.normal(0.0, JITTER, (count, len(steps))) * steps
-    return chain.quantised(scipy("interpolate").CubicSpline(np.arange(count + 1), run)(times) + jitter)
+    return chain.quantised(CubicSpline(np.arange(count + 1), run)(times) + jitter)

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 from robots.arm.inverse import inverse
 from robots.arm.task import Polygon
 

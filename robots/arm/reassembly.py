@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 from robots.arm.bench import MOTOR, TABLE
 from robots.arm.machine import Generators, Machine, Plan
 from robots.arm.trajectory import sampled

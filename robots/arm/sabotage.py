@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.packages import scipy
-from fame.monitor.anomaly.recording import Floats
+from fame.extras import require
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 from robots.arm.inverse import inverse
 from robots.arm.mh5 import MH5
 from robots.arm.task import TRIANGLE, Cut, Polygon, find_cut
@@ -138,7 +138,10 @@ def _resampling(places: Floats, moved: Floats) -> Floats:
 
 def _at(places: Floats, index: Floats) -> Floats:
     """The path at fractional samples: a cubic spline through the samples, so that at whole ones nothing changes."""
-    return np.asarray(scipy("interpolate").CubicSpline(np.arange(len(places)), places)(index))
+    require("scipy")
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(np.arange(len(places)), places)(index))
 
 
 def _across(places: Floats, shift: Floats) -> Floats:

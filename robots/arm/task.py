@@ -10,7 +10,7 @@ import numpy as np
 
 from fame.config.loader import read_document
 from fame.errors import ConfigError
-from fame.monitor.anomaly.recording import Floats, Whole
+from fame.monitor.arrays import Floats, Whole
 
 DEPTH = 5e-4
 """How far (m) from the cutting plane still counts as cutting: benign runs stay within 0.3 mm of it."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 
 
 class Motion(NamedTuple):

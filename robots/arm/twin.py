@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.errors import MissionError
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 from robots.arm.inverse import inverse
 
 SPEED = 0.25

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 from robots.arm.dynamics import load_arm
 
 UR5E = load_arm(Path(__file__).with_name("ur5e.yaml"))

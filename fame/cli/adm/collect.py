@@ -14,7 +14,7 @@ from fame.cli.network import add_network
 if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
-    from fame.monitor.anomaly.collect import Collect
+    from fame.monitor.anomaly.nodes import Collect
 
 _EXAMPLES = (
     "fame adm collect --label 1 --runs 30 -o benign.csv",
@@ -38,8 +38,9 @@ def add(parts: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Collect until all runs are there, the bag is over, or somebody interrupts."""
     settle(arguments, "label", "output")
-    from fame.monitor.anomaly.collect import Collect, Collector
-    from fame.monitor.anomaly.files import write_csv
+    from fame.monitor.anomaly.live import Collector
+    from fame.monitor.anomaly.nodes import Collect
+    from fame.monitor.anomaly.recording import write_csv
 
     writable(arguments.output)
     collector = Collector(arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs)

@@ -27,8 +27,8 @@ def add(parts: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Alter them, write them, and say so."""
-    from fame.monitor.anomaly.chain import load_chain
-    from fame.monitor.anomaly.files import read_csv, write_csv
+    from fame.monitor.anomaly.recording import read_csv, write_csv
+    from fame.monitor.kinematics import load_chain
     from robots.arm.envelope import envelope
     from robots.arm.mh5 import MH5
     from robots.arm.task import TRIANGLE, read_polygon

@@ -12,7 +12,8 @@ from fame.cli.adm.sources import say, writable
 from fame.cli.arguments import Commands, add_json, command
 
 if TYPE_CHECKING:
-    from fame.monitor.anomaly.learn import Data, Learned, Progress
+    from fame.monitor.anomaly.evaluation import Learned
+    from fame.monitor.anomaly.learn import Data, Progress
 
 
 def add(parts: Commands) -> None:
@@ -30,10 +31,10 @@ def add(parts: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Fit, judge, store the best, and print how all of them did."""
-    from fame.monitor.anomaly.config import load
+    from fame.monitor.anomaly.evaluation import plain, render, rows
     from fame.monitor.anomaly.learn import best, learn, read_data
-    from fame.monitor.anomaly.storage import save_model
-    from fame.monitor.anomaly.table import plain, render, rows
+    from fame.monitor.anomaly.learning_file import load
+    from fame.monitor.anomaly.model import save_model
 
     learning = load(arguments.config)
     writable(arguments.output)
@@ -61,11 +62,11 @@ def run(arguments: Namespace) -> int:
 
 
 def _plot(folder: Path, learned: list[Learned], chosen: Learned, data: Data) -> None:
-    """What `fame.monitor.anomaly.plots` can draw of it."""
+    """What `fame.monitor.plots` can draw of it."""
+    from fame.monitor.anomaly.evaluation import data_name
     from fame.monitor.anomaly.paths import PathDetector
-    from fame.monitor.anomaly.plots import deviations, joint_space, matrices
     from fame.monitor.anomaly.recording import BENIGN
-    from fame.monitor.anomaly.table import data_name
+    from fame.monitor.plots import deviations, joint_space, matrices
 
     whole = data.both or data.benign
     assert whole is not None

@@ -27,7 +27,7 @@ def add(parts: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Join them, write the result, and say so."""
-    from fame.monitor.anomaly.files import merge, write_csv
+    from fame.monitor.anomaly.recording import merge, write_csv
 
     recording = merge(arguments.files)
     write_csv(arguments.output, recording)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from fame.monitor.anomaly.live import RunReport
-    from fame.monitor.anomaly.operate import Operate
+    from fame.monitor.anomaly.nodes import Operate
 
 _EXAMPLES = (
     "fame adm operate --model best.skops --threshold 0.01",
@@ -41,8 +41,8 @@ def add(parts: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Judge until all runs are judged, the bag is over, or somebody interrupts. 1 if one was anomalous."""
     settle(arguments, "model")
-    from fame.monitor.anomaly.operate import Operate
-    from fame.monitor.anomaly.storage import load_model
+    from fame.monitor.anomaly.model import load_model
+    from fame.monitor.anomaly.nodes import Operate
 
     model = load_model(arguments.model)
     nodes: list[Operate] = []

@@ -101,9 +101,8 @@ def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
     from fame.middleware import messages
     from fame.middleware.interface import SENSOR_DATA
     from fame.middleware.local import LocalMiddleware
-    from fame.monitor.anomaly.bags import read_bag
-    from fame.monitor.anomaly.joint_states import TYPE
-    from fame.monitor.anomaly.operate import EMPTY, END, START
+    from fame.monitor.anomaly.nodes import EMPTY, END, START, TYPE
+    from fame.monitor.bags import read_bag
 
     scheduler = Scheduler()
     middleware = LocalMiddleware(scheduler)

@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.config import load
-from fame.monitor.anomaly.confusion_matrix import Matrix, by_point
-from fame.monitor.anomaly.detector import AnomalyDetector, Named
+from fame.monitor.anomaly.classifiers import AnomalyDetector, Named
+from fame.monitor.anomaly.evaluation import HEADS, Matrix, by_point, render
 from fame.monitor.anomaly.learn import read_data
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.storage import DataPersist, data_hash
-from fame.monitor.anomaly.table import HEADS, render
+from fame.monitor.anomaly.learning_file import load
+from fame.monitor.anomaly.model import DataPersist, data_hash
+from fame.monitor.anomaly.preprocessing import DataProcess
 
 
 class Interface:

@@ -20,18 +20,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import candidates, make
-from fame.monitor.anomaly.config import Entry, Learning, Source
-from fame.monitor.anomaly.confusion_matrix import Matrix, by_point, by_run, run_scores
-from fame.monitor.anomaly.detector import fit, is_supervised, predict
-from fame.monitor.anomaly.files import read_csv, require_same_joints
-from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.classifiers import candidates, fit, is_supervised, make, predict
+from fame.monitor.anomaly.evaluation import TEST, TRAIN, VALIDATION, Judged, Learned, by_point, by_run, run_scores
+from fame.monitor.anomaly.learning_file import Entry, Learning, Source
+from fame.monitor.anomaly.model import Model, data_hash
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.recording import BENIGN, Recording
-from fame.monitor.anomaly.storage import data_hash, versions
+from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
+from fame.monitor.storage import versions
 
-TRAIN, VALIDATION, TEST = "train", "validation", "test"
 _REFERENCE_RUNS = 3
 
 
@@ -42,30 +39,6 @@ class Progress(NamedTuple):
     total: int
     name: str
     left: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """How a classifier did on some data: matrices of points and runs, and the score and label of each run."""
-
-    data: str
-    points: Matrix
-    runs: Matrix
-    scores: tuple[float, ...]
-    labels: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Learned:
-    """One classifier: its model and how it did. `note` says what is doubtful about it."""
-
-    entry: Entry
-    model: Model
-    judged: tuple[Judged, ...]
-    note: str = ""
-
-    def on(self, data: str) -> Judged | None:
-        return next((item for item in self.judged if item.data == data), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,62 +9,24 @@ With the rule *home* nothing is judged before the arm has been seen at rest near
 under way already it is not known how far it is.
 
 During a run its score is the anomalous points divided by the points of a nominal run, at its end by its own points.
-"""
+
+
+Collect: the node that records joint states of runs of a task, each with one label."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import numpy as np
+
+from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.model import Model, Verdict
-from fame.monitor.anomaly.runs import NEAR, STILL
-
-Rule = Literal["signal", "home", "count"]
-
-RISE = 5e-4
-"""How much farther from home (rad) than at its nearest the arm is on its way again: ten steps of
-the MH5's coarsest encoder."""
-
-WHOLE = 0.8
-"""A run with less than this part of the nominal points was cut off."""
-
-
-class Cutter:
-    """Says with each point whether a run begins, and how many points ago it did."""
-
-    def __init__(self, rule: Rule, cycle: int = 0) -> None:
-        self.rule, self.cycle = rule, cycle
-        self._count = 0
-        self._left = False
-        self._nearest, self._since = math.inf, 0
-
-    def feed(self, values: Sequence[float]) -> int | None:
-        """None: the run goes on. Else a run begins, and the last so many points, this one among them, are its own."""
-        self._count += 1
-        if self.rule == "count" and self._count > self.cycle > 0:
-            self._count = 1
-            return 1
-        return self._home(math.sqrt(sum(value * value for value in values))) if self.rule == "home" else None
-
-    @property
-    def undecided(self) -> bool:
-        """Whether the last points may turn out to belong to a new run."""
-        return self._left and self._since > 1
-
-    def _home(self, distance: float) -> int | None:
-        if distance >= NEAR:
-            self._left, self._nearest, self._since = True, math.inf, 0
-        elif self._left:
-            self._since += 1
-            if distance < self._nearest:
-                self._nearest, self._since = distance, 1
-            elif distance > self._nearest + RISE:
-                self._left = False
-                return self._since
-        return None
+from fame.monitor.anomaly.recording import Recording
+from fame.monitor.anomaly.segmentation import NEAR, STILL, WHOLE, Cutter, Rule
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,3 +146,88 @@ class RunMonitor:
 def _rests(before: Sequence[float], values: Sequence[float]) -> bool:
     """Whether the arm is at rest near home."""
     return math.hypot(*values) < NEAR and max(abs(a - b) for a, b in zip(values, before, strict=True)) < STILL
+
+
+class Collector:
+    """Gathers points, run by run, and stops taking them after `limit` whole runs (0: never).
+
+    With the rule ``home`` an arm that is under way at first (`late`) is recorded from its next pass of home on. Runs
+    that were cut off, shorter than `WHOLE` of the usual, are left out of the recording; its notes say so.
+    Raises ConfigError for the rule ``count`` without a `cycle`.
+    """
+
+    def __init__(self, label: int, rule: Rule = "home", *, cycle: int = 0, limit: int = 0) -> None:
+        if rule == "count" and cycle < 1:
+            raise ConfigError(f"found {cycle} points of a run; with the rule count 1 or more are needed")
+        self.label, self.limit = label, limit
+        self.late: bool | None = None if rule == "home" else False
+        self.joints: tuple[str, ...] = ()
+        self.done = False
+        self.complete = 0
+        self._rule, self._cutter = rule, Cutter(rule, cycle)
+        self._running = rule != "signal"
+        self._rows: list[tuple[float, int, list[float]]] = []
+
+    def begin(self) -> None:
+        """A run begins (rule ``signal``)."""
+        self._running = not self.done
+
+    def end(self) -> None:
+        """It ends."""
+        if self._running:
+            self._running = False
+            self._another()
+
+    def step(self, stamp: float, values: list[float]) -> None:
+        """One more point."""
+        if not self._running or self.done:
+            return
+        if self.late is None:
+            self.late = math.hypot(*values) >= NEAR
+        own = self._cutter.feed(values)
+        if own is not None:
+            keep = len(self._rows) - (own - 1)
+            moved = [*self._rows[keep:], (stamp, 0, values)]
+            if self.late:
+                self.late = False
+                self._rows = [(time, 0, row) for time, _, row in moved]
+                return
+            del self._rows[keep:]
+            self._another()
+            if not self.done:
+                self._rows += [(time, self.complete, row) for time, _, row in moved]
+        else:
+            self._rows.append((stamp, self.complete, values))
+
+    def recording(self) -> Recording:
+        """What was collected. Raises MissionError if nothing was."""
+        if self.late:
+            raise MissionError("nothing was collected: the arm never passed home, where all joints are near 0")
+        if not self._rows:
+            raise MissionError("nothing was collected: no run began, or the topic was silent")
+        stamps, runs, values = zip(*self._rows, strict=True)
+        timed = any(stamps)
+        recording = Recording(
+            self.joints or tuple(f"joint_{number + 1}" for number in range(len(values[0]))),
+            np.array(values),
+            np.full(len(values), self.label, dtype=np.int64),
+            np.array(runs, dtype=np.int64),
+            np.array(stamps) if timed else None,
+        )
+        return _whole(recording)
+
+    def _another(self) -> None:
+        self.complete += 1
+        self.done = 0 < self.limit <= self.complete
+
+
+def _whole(recording: Recording) -> Recording:
+    """All runs but those that were cut off."""
+    lengths = [len(run) for run in recording]
+    usual = int(np.quantile(lengths, 0.5, method="higher"))
+    cut = [number for number, length in enumerate(lengths) if length < WHOLE * usual]
+    notes = [
+        f"run {number} is left out: cut off after {lengths[number]} points, the usual is {usual}" for number in cut
+    ]
+    kept = recording.select([number for number in range(len(lengths)) if number not in cut])
+    return replace(kept, notes=tuple(notes))

@@ -3,19 +3,33 @@
 Scoring one point at a time is what Operate does, so classifiers with an RBF kernel are evaluated here directly: scaling
 and components are one matrix, the kernel one product and one exponential over the support vectors. A library's
 `predict` takes several times as long for a single point. The verdicts are the same; a test says so.
+
+
+DataPersist, and model files: stored with skops, which holds data and never code.
+
+A model file names its format and the packages that made it. What is refused, each with its reason: a file that is no
+model, one that holds anything beyond plain data, numpy and scikit-learn's own classes (it could be code), one of
+another format or of another scikit-learn, one whose parts do not fit. What was processed from data is stored under the
+hash of that data, and not taken again for any other.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from fame.errors import ConfigError
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.process import DataProcess
-from fame.monitor.anomaly.recording import ANOMALOUS, Floats, Recording
+from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.recording import ANOMALOUS, Recording
+from fame.monitor.arrays import Floats
+from fame.monitor.storage import read_artefact, versions, write_artefact
 
 
 class Verdict(NamedTuple):
@@ -138,3 +152,103 @@ def _decision(model: Model) -> Callable[[Floats], bool]:
         return bool(np.exp(-gamma * distances) @ weights + intercept > 0)
 
     return benign
+
+
+FORMAT = "fame-adm-1"
+
+
+def data_hash(*recordings: Recording) -> str:
+    """SHA-256 of the values, labels and runs of recordings."""
+    digest = hashlib.sha256()
+    for recording in recordings:
+        for part in (recording.values, recording.labels, recording.runs):
+            digest.update(np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
+
+
+def save_model(model: Model, path: str | Path) -> None:
+    """Store a model."""
+    estimator = model.estimator
+    process = model.process
+    content = {
+        "format": FORMAT,
+        "versions": versions(),
+        "name": model.name,
+        "joints": list(model.joints),
+        "estimator": estimator.to_plain() if isinstance(estimator, PathDetector) else estimator,
+        "process": None if process is None else [process.reduction, process.scaling, process.scaler, process.pca],
+        "threshold": float(model.threshold),
+        "nominal": int(model.nominal),
+        "reference": model.reference,
+        "data": model.data,
+    }
+    write_artefact(content, path)
+
+
+def load_model(path: str | Path) -> Model:
+    """Read a stored model. Raises ConfigError, for each of the reasons above."""
+    content = read_artefact(Path(path), "fame adm learn")
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != FORMAT:
+        raise ConfigError(
+            f"is no model of fame adm learn: found format {found!r}, {FORMAT!r} would be right", file=str(path)
+        )
+    stated = content.get("versions")
+    made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"
+    ours = version("scikit-learn")
+    if made.split(".")[:2] != ours.split(".")[:2]:
+        text = f"was made with scikit-learn {made}, here is {ours}: learn it again, or install scikit-learn {made}"
+        raise ConfigError(text, file=str(path))
+    try:
+        model = _model(content)
+        model.scorer().step(model.reference[0].tolist())  # its parts fit each other
+        return model
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise ConfigError(f"is damaged: {error!r}", file=str(path)) from None
+
+
+def _model(content: dict[str, Any]) -> Model:
+    estimator, parts = content["estimator"], content["process"]
+    if isinstance(estimator, dict):
+        estimator = PathDetector.from_plain(estimator)
+    elif parts is None:
+        raise ValueError("a classifier without its process")
+    joints = tuple(map(str, content["joints"]))
+    reference = np.asarray(content["reference"], dtype=np.float64)
+    if reference.ndim != 2 or reference.shape[1] != len(joints):
+        raise ValueError(f"reference of shape {reference.shape} for {len(joints)} joints")
+    return Model(
+        name=str(content["name"]),
+        joints=joints,
+        estimator=estimator,
+        process=None if parts is None else DataProcess(*parts),
+        threshold=float(content["threshold"]),
+        nominal=int(content["nominal"]),
+        reference=reference,
+        data=str(content["data"]),
+        versions=dict(content["versions"]),
+    )
+
+
+class DataPersist:
+    """The published role: keeps processed data and fitted processing in a folder, each under the hash of its origin."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    def save(self, name: str, content: Any, data: str) -> Path:
+        """Store something made from the data of that hash."""
+        path = self.folder / f"{name}.skops"
+        write_artefact({"format": FORMAT, "data": data, "versions": versions(), "content": content}, path)
+        return path
+
+    def retrieve(self, name: str, data: str) -> Any:
+        """What was stored. Raises ConfigError if it is not there, or was made from other data."""
+        path = self.folder / f"{name}.skops"
+        stored = read_artefact(path, "fame adm")
+        if not isinstance(stored, dict) or stored.get("format") != FORMAT:
+            raise ConfigError("was not stored by fame adm", file=str(path))
+        if stored["data"] != data:
+            text = f"is stale: made from data {stored['data'][:12]}, asked for {data[:12]}; learn again"
+            raise ConfigError(text, file=str(path))
+        return stored["content"]

@@ -28,9 +28,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.chain import Chain
-from fame.monitor.anomaly.packages import scipy
-from fame.monitor.anomaly.recording import Floats, Recording
+from fame.extras import require
+from fame.monitor.anomaly.recording import Recording
+from fame.monitor.arrays import Floats
+from fame.monitor.kinematics import Chain
 
 NEIGHBOURS = 8
 TURN = 0.02
@@ -193,9 +194,10 @@ class Tracker:
 
     def __init__(self, chain: Chain, paths: Paths, limits: Floats, period: float) -> None:
         self._chain, self._period = chain, period
-        self._tree = scipy("spatial").cKDTree(
-            np.hstack([paths.places, TURN * paths.directions, LAG * paths.times[:, None]])
-        )
+        require("scipy")
+        from scipy.spatial import cKDTree
+
+        self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, LAG * paths.times[:, None]]))
         self._places, self._directions, self._times = paths.places, paths.directions, paths.times
         self._limits, self._arrival = limits.tolist(), paths.arrival
         self.reset()

@@ -1,17 +1,27 @@
-"""A recording: joint states over time, cut into runs of the task."""
+"""A recording: joint states over time, cut into runs of the task.
+
+Recordings as CSV files: with a header, as `collect` writes them, or headerless, as the published data is.
+
+With a header: ``stamp`` (s), ``run``, one column per joint, ``label``; stamp and run may be missing. Without: numbers
+only, the columns named by the learning file; runs are found by `fame.monitor.anomaly.segmentation`.
+"""
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import TypeAlias
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
-Whole: TypeAlias = NDArray[np.int64]
+from fame.errors import ConfigError
+from fame.monitor.anomaly.segmentation import number_runs, separators
+from fame.monitor.arrays import Floats, Whole
 
 BENIGN, ANOMALOUS = 1, -1
 
@@ -96,3 +106,175 @@ def of_runs(runs: Sequence[Floats], label: int, joints: Sequence[str], source: s
         runs=np.repeat(np.arange(len(runs), dtype=np.int64), lengths),
         source=source,
     )
+
+
+STAMP, RUN, LABEL = "stamp", "run", "label"
+_FORMAT = "%.10g"
+
+
+class Table(NamedTuple):
+    """A CSV file as it is: `names` is empty without a header; `first` is the line of the first row."""
+
+    names: tuple[str, ...]
+    cells: Floats
+    first: int
+
+
+def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int | None = None) -> Recording:
+    """Read a recording.
+
+    `inputs` and `output` are 0-based columns; by default those that the header names, or all but the last and the last.
+    All-zero separator rows are left out, which `notes` says. Raises ConfigError for anything that is not a table of
+    finite numbers.
+    """
+    path = Path(path)
+    table = read_table(path)
+    inputs, output = _columns(table, path, inputs, output)
+    values, labels = table.cells[:, inputs], _labels(table, output, path)
+    _refuse_gaps(table, [*inputs, *(table.names.index(name) for name in (STAMP, RUN) if name in table.names)], path)
+    stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
+    if RUN in table.names:
+        given = table.cells[:, table.names.index(RUN)]
+        kept = ~separators(values)
+        runs = np.cumsum(np.diff(given[kept], prepend=given[kept][:1]) != 0).astype(np.int64)
+    else:
+        kept, runs = number_runs(values, labels)
+    names = tuple(table.names[column] if table.names else f"joint_{column + 1}" for column in inputs)
+    times = None if stamps is None else stamps[kept]
+    return Recording(names, values[kept], labels[kept], runs, times, str(path), _notes(path, table, kept))
+
+
+def read_table(path: Path) -> Table:
+    """The numbers of a CSV file. Raises ConfigError."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is no UTF-8 text"
+        raise ConfigError(f"cannot be read: {reason}", file=str(path)) from None
+    while lines and not lines[-1].strip():
+        lines.pop()
+    head = _cells(lines[0], path, 1) if lines else []
+    names = () if _numbers(head) is not None else tuple(name.strip() for name in head)
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ConfigError(
+            f"has several columns {twice[0]!r}; names of their own would be right", file=str(path), line=1
+        )
+    first = 2 if names else 1
+    width = len(head)
+    rows = []
+    for number, line in enumerate(lines[first - 1 :], start=first):
+        row = _cells(line, path, number)
+        cells = _numbers(row)
+        if cells is None or len(cells) != width:
+            found = f"{len(row)} columns" if cells is not None else ",".join(row)[:60]
+            raise ConfigError(f"found {found!r}; {width} numbers would be right", file=str(path), line=number)
+        rows.append(cells)
+    if not rows or not width:
+        raise ConfigError("has no rows of numbers", file=str(path))
+    return Table(names, np.array(rows, dtype=np.float64), first)
+
+
+def _cells(line: str, path: Path, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise ConfigError(f"is no row of a table: {error}", file=str(path), line=number) from None
+
+
+def write_csv(path: str | Path, recording: Recording) -> None:
+    """Write a recording with a header; times to the nanosecond."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        rows = csv.writer(stream, lineterminator="\n")
+        rows.writerow([*([STAMP] if recording.stamps is not None else []), RUN, *recording.joints, LABEL])
+        for index, values in enumerate(recording.values):
+            stamp = [] if recording.stamps is None else [f"{recording.stamps[index]:.9f}"]
+            cells = [_FORMAT % value for value in values]
+            rows.writerow([*stamp, int(recording.runs[index]), *cells, int(recording.labels[index])])
+
+
+def merge(paths: Sequence[str | Path]) -> Recording:
+    """Labelled files as one recording. Raises ConfigError if they are not of the same joints."""
+    recordings = [read_csv(path) for path in paths]
+    require_same_joints(recordings)
+    return join(recordings)
+
+
+def require_same_joints(recordings: Sequence[Recording]) -> None:
+    """Raises ConfigError if two have different joints; names made up for a headerless file fit any."""
+    for first, other in combinations(recordings, 2):
+        if not _same(other.joints, first.joints):
+            raise ConfigError(
+                f"has the {len(other.joints)} joints {', '.join(other.joints)}; the {len(first.joints)} of "
+                f"{first.source} ({', '.join(first.joints)}) would be right",
+                file=other.source,
+            )
+
+
+def _same(some: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether there are as many, and all of the same name, unless one of them was made up."""
+    made_up = re.compile(r"joint_\d+").fullmatch
+    return len(some) == len(others) and all(
+        one == other or made_up(one) or made_up(other) for one, other in zip(some, others, strict=True)
+    )
+
+
+def _notes(path: Path, table: Table, kept: NDArray[np.bool_]) -> tuple[str, ...]:
+    """What is said of separator rows."""
+    apart = np.flatnonzero(~kept)
+    if not len(apart):
+        return ()
+    lines = ", ".join(str(row + table.first) for row in apart[:5].tolist()) + (" ..." if len(apart) > 5 else "")
+    return (f"{path}: left out {len(apart)} all-zero rows away from home (line {lines})",)
+
+
+def _numbers(row: Sequence[str]) -> list[float] | None:
+    try:
+        return [float(cell) for cell in row]
+    except ValueError:
+        return None
+
+
+def _columns(
+    table: Table, path: Path, inputs: Sequence[int] | None, output: int | None
+) -> tuple[list[int], int | None]:
+    """Which columns are joints, which is the label."""
+    width = table.cells.shape[1]
+    if inputs is None:
+        special = {STAMP, RUN, LABEL}
+        inputs = [index for index in range(width) if table.names and table.names[index] not in special]
+        inputs = inputs or list(range(width - 1))
+        output = table.names.index(LABEL) if LABEL in table.names else None if table.names else width - 1
+    elif table.names and LABEL in table.names and RUN in table.names:
+        # The learning file counts the joints' columns, as in headerless files; stamp and run stand before them.
+        before = sum(name in (STAMP, RUN) for name in table.names)
+        inputs, output = [index + before for index in inputs], None if output is None else output + before
+    wrong = [index for index in (*inputs, *([] if output is None else [output])) if not 0 <= index < width]
+    if wrong or not inputs:
+        text = f"has {width} columns; column {wrong[0]} (counted from 0) is not there" if wrong else "has no joints"
+        raise ConfigError(text, file=str(path))
+    return list(inputs), output
+
+
+def _labels(table: Table, output: int | None, path: Path) -> Whole:
+    if output is None:
+        return np.ones(len(table.cells), dtype=np.int64)
+    column = table.cells[:, output]
+    wrong = np.flatnonzero(~np.isin(column, (1, -1)))
+    if len(wrong):
+        line = int(wrong[0]) + table.first
+        text = f"found the label {column[wrong[0]]:g} in column {output}; 1 (benign) or -1 (anomalous) would be right"
+        raise ConfigError(text, file=str(path), line=line)
+    return column.astype(np.int64)
+
+
+def _refuse_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
+    bad = np.flatnonzero(~np.isfinite(table.cells[:, inputs]).all(axis=1))
+    if len(bad):
+        more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
+        raise ConfigError(
+            f"found a value that is not finite{more}; every joint, stamp and run needs a number", file=str(path),
+            line=int(bad[0]) + table.first,
+        )  # fmt: skip

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.pipeline.model import TrainedModel
-from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples
-from fame.monitor.pipeline.stacking import stacked
+from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, stacked
+from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.monitor.pipeline.windows import Windower
 
 _METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
@@ -130,8 +129,8 @@ def load_estimator(path: str | Path) -> Any:
 
     Raises ConfigError for anything else, and for what could run code.
     """
-    from fame.monitor.anomaly.storage import read_artefact
     from fame.monitor.pipeline.onnx import OnnxEstimator
+    from fame.monitor.storage import read_artefact
 
     if str(path).endswith(".onnx"):
         return OnnxEstimator(path)

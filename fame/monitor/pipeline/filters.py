@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fame.monitor.pipeline.processor import Floats, Parameter, Processor, Result, Samples
+from fame.monitor.pipeline.processor import Floats, Parameter, Processor, Result, Samples, per_channel
 
 _BLOCK = 64  # samples that are filtered at a time
 _LONG = 100.0  # periods of the cutoff, after which nothing is left; sums of more would cost digits, or overflow
@@ -132,13 +132,3 @@ class Scale(Processor):
 
     def _fitting(self, name: str, samples: Samples) -> Floats | float:
         return per_channel(getattr(self, name), samples.values.shape, name)
-
-
-def per_channel(values: tuple[float, ...], shape: tuple[int, ...], name: str) -> Floats | float:
-    """One number for all channels of values of a shape (n, channels), or one for each. Raises ValueError."""
-    if len(values) == 1:
-        return values[0]
-    if len(shape) < 2 or len(values) != shape[1]:
-        found = f"{shape[1]} channels" if len(shape) > 1 else "one channel"
-        raise ValueError(f"{name} has {len(values)} numbers, the data {found}")
-    return np.array(values)

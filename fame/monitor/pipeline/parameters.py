@@ -17,7 +17,7 @@ from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from fame.monitor.pipeline.processor import Parameter, declared, set_value
-from fame.monitor.pipeline.subscriptions import Reporter
+from fame.monitor.silence import Reporter
 
 _SERVICES = {
     "ListParameters": "string[] prefixes\nuint64 depth\n---\nListParametersResult result",

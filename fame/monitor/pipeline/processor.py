@@ -13,7 +13,11 @@ Three attributes are optional. `parameters`: what can be set, also while it runs
 `outputs`: the names that it computes; if empty, it gives one output per input, under the input's name; without the
 attribute, what it computes is seen when it is called.
 `report`: set by whoever runs the processor, to be called with a line of text about data that cannot be used.
-"""
+
+
+Several inputs as one, for processors that look at all channels together.
+
+Low-pass, resample, scale: from samples to samples, all channels at once."""
 
 from __future__ import annotations
 
@@ -182,3 +186,35 @@ def computed(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...] | 
     """The names of what a processor computes from these inputs; None if it does not say."""
     outputs = getattr(processor, "outputs", None)
     return tuple(outputs) if outputs else None if outputs is None or inputs is None else tuple(inputs)
+
+
+def stacked(inputs: Mapping[str, Samples]) -> Samples:
+    """All channels of all inputs, in their order: values (n, channels).
+
+    Inputs of one topic have the same stamps. Raises ValueError for inputs that do not.
+    """
+    items = list(inputs.values())
+    if len(items) == 1:
+        return items[0]
+    first = items[0]
+    for name, item in inputs.items():
+        if len(item) != len(first) or not np.array_equal(item.stamps, first.stamps):
+            there = next(iter(inputs))
+            raise ValueError(f"{name} has not the stamps of {there}: resample both, or take them from one topic")
+    names = tuple(name for key, item in inputs.items() for name in (item.names or _made_up(key, item)))
+    return Samples(np.hstack([item.channels() for item in items]), first.stamps, names)
+
+
+def _made_up(key: str, item: Samples) -> tuple[str, ...]:
+    width = item.channels().shape[1] if len(item) else 1
+    return (key,) if width == 1 else tuple(f"{key}.{index}" for index in range(width))
+
+
+def per_channel(values: tuple[float, ...], shape: tuple[int, ...], name: str) -> Floats | float:
+    """One number for all channels of values of a shape (n, channels), or one for each. Raises ValueError."""
+    if len(values) == 1:
+        return values[0]
+    if len(shape) < 2 or len(values) != shape[1]:
+        found = f"{shape[1]} channels" if len(shape) > 1 else "one channel"
+        raise ValueError(f"{name} has {len(values)} numbers, the data {found}")
+    return np.array(values)

@@ -12,11 +12,12 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.pipeline.bag_writer import Bag
+from fame.monitor.bags import Bag
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.influx import Influx
 from fame.monitor.pipeline.rows import CsvFile, Row
-from fame.monitor.pipeline.subscriptions import Intake, Reporter, check_types
+from fame.monitor.pipeline.subscriptions import Intake, check_types
+from fame.monitor.silence import Reporter
 
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
@@ -160,7 +161,7 @@ def record_bag(
     report: Callable[[str], object] = lambda text: None,
 ) -> RecordingNode:
     """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
-    from fame.monitor.anomaly.bags import read_bag
+    from fame.monitor.bags import read_bag
 
     topics = {resolve(port.topic, namespace): port.type for port in configuration.inputs}
     if run_topic:

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 
 from fame.errors import ConfigError
 from fame.monitor.pipeline.configuration import Port
-from fame.monitor.pipeline.subscriptions import Reporter
-from fame.monitor.pipeline.tables import RUN, STAMP
+from fame.monitor.silence import Reporter
+from fame.monitor.tables import RUN, STAMP
 
 PATIENCE = 10.0
 """How long (s) a topic may be silent before the header is written without it."""

@@ -22,6 +22,7 @@ from fame.middleware.interface import Middleware, Node
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.fields import Read, Unusable, has_stamp, reader
 from fame.monitor.pipeline.processor import Samples
+from fame.monitor.silence import Reporter
 
 SILENCE = 2.0
 """A topic without a message for so long (s) is silent."""
@@ -34,25 +35,6 @@ DEVIATION = 0.2
 
 _MOST = 200_000  # samples that wait, at most
 _ENOUGH = 50  # samples from which a rate is told
-
-
-class Reporter:
-    """Says each thing once, and again when it has happened 10, 100, 1000 ... times."""
-
-    def __init__(self, report: Callable[[str], object]) -> None:
-        self._report = report
-        self.counts: dict[str, int] = {}
-
-    def __call__(self, key: str, text: str) -> None:
-        """`key` is what counts as the same thing."""
-        count = self.counts[key] = self.counts.get(key, 0) + 1
-        if count in (1, 10, 100) or count % 1000 == 0:
-            self._report(text if count == 1 else f"{text} ({count} times)")
-
-    def over(self, key: str, text: str) -> None:
-        """It is over: if it was ever said, say so, and begin anew."""
-        if self.counts.pop(key, 0):
-            self._report(text)
 
 
 @dataclass(slots=True)

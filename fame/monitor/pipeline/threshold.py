@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.pipeline.filters import per_channel
-from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples
-from fame.monitor.pipeline.stacking import stacked
+from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, per_channel, stacked
 
 
 class Threshold(Processor):
@@ -41,7 +39,7 @@ class Threshold(Processor):
         super().__init__(**values)
         self._active = False
         if not self.threshold and self.model:
-            from fame.monitor.pipeline.model import TrainedModel
+            from fame.monitor.pipeline.trained_model import TrainedModel
 
             trained = TrainedModel.load(self.model)
             self.threshold, self.names = trained.thresholds, self.names or trained.columns

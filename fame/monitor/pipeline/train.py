@@ -21,11 +21,10 @@ from fame.extras import require
 from fame.monitor.pipeline import offline
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass
-from fame.monitor.pipeline.model import TrainedModel
-from fame.monitor.pipeline.network import ACTIVATIONS, Network
 from fame.monitor.pipeline.processor import Floats, Samples
-from fame.monitor.pipeline.tables import hash_files, rate_of, read_runs
+from fame.monitor.pipeline.trained_model import ACTIVATIONS, Network, TrainedModel
 from fame.monitor.pipeline.windows import Windower
+from fame.monitor.tables import hash_files, rate_of, read_runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +206,7 @@ def _judged(
     """The model with thresholds and metrics."""
     from dataclasses import replace
 
-    from fame.monitor.anomaly.storage import versions
+    from fame.monitor.storage import versions
 
     figures: dict[str, tuple[float, ...]] = {}
     for name, runs in (("training", training), ("validation", held_back)):

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from fame.monitor.anomaly.recording import Whole
+from fame.monitor.arrays import Whole
 from fame.monitor.pipeline.processor import Floats, Parameter, Processor, Result, Samples
 
 TOLERANCE = 0.2

@@ -1,8 +1,12 @@
-"""TrainedModel: autoencoders, one per channel, with their thresholds and where they came from.
+"""Trained autoencoders, one per channel, with thresholds and origin: evaluated, stored and loaded.
 
-Stored with skops as plain arrays and texts, so that a file cannot hold anything that runs on loading, and does not
-depend on the version of scikit-learn. What is refused, each with its reason: a file that is no model, is damaged, or
-was made from other columns or other data than asked for.
+A `Network` evaluates the perceptrons of all channels at once, with one matrix product per layer. scikit-learn evaluates
+one network at a time and checks its input each time, which takes many times as long as the arithmetic for the few
+windows of one call. Results agree to 1e-5.
+
+Models are stored with skops as plain arrays and texts, so that a file cannot hold anything that runs on loading, and
+does not depend on the version of scikit-learn. `TrainedModel.load` refuses a file that is not a model, is damaged, or
+was trained on other columns or other data than asked for.
 """
 
 from __future__ import annotations
@@ -15,9 +19,65 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.storage import read_artefact, versions, write_artefact
-from fame.monitor.pipeline.network import ACTIVATIONS, Network
-from fame.monitor.pipeline.processor import Floats
+from fame.monitor.arrays import Floats
+from fame.monitor.storage import read_artefact, versions, write_artefact
+
+ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """Networks of the same shape, one per channel.
+
+    weights     per layer (channels, in, out)
+    biases      per layer (channels, 1, out)
+    activation  of the hidden layers; the last is linear
+    """
+
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
+    activation: str
+
+    @property
+    def channels(self) -> int:
+        return int(self.weights[0].shape[0])
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Neurons per layer, from input to output."""
+        return (int(self.weights[0].shape[1]), *(int(weight.shape[2]) for weight in self.weights))
+
+    def __call__(self, inputs: Floats) -> Floats:
+        """(channels, n, in) to (channels, n, out)."""
+        last = len(self.weights) - 1
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            inputs = np.matmul(inputs, weight)
+            inputs += bias
+            if number < last:
+                _activate(self.activation, inputs)
+        return inputs
+
+    @classmethod
+    def of(cls, estimators: Sequence[Any]) -> Network:
+        """That of scikit-learn's MLPRegressors, one per channel."""
+        layers = range(len(estimators[0].coefs_))
+        weights = tuple(np.stack([item.coefs_[layer] for item in estimators]) for layer in layers)
+        biases = tuple(np.stack([item.intercepts_[layer] for item in estimators])[:, None] for layer in layers)
+        return cls(weights, biases, str(estimators[0].activation))
+
+
+def _activate(name: str, values: Floats) -> None:
+    """In place."""
+    if name == "relu":
+        np.maximum(values, 0, out=values)
+    elif name == "tanh":
+        np.tanh(values, out=values)
+    elif name == "logistic":
+        np.negative(values, out=values)
+        np.exp(values, out=values)
+        values += 1
+        np.reciprocal(values, out=values)
+
 
 FORMAT = "fame-autoencoder-1"
 
@@ -58,9 +118,9 @@ class TrainedModel:
         errors -= inputs
         return np.asarray(np.einsum("cnw,cnw->nc", errors, errors) / self.window)
 
-    def save(self, path: str | Path) -> None:
-        """Store it."""
-        content = {
+    def to_plain(self) -> dict[str, Any]:
+        """Give all values as plain data and arrays, as they are stored."""
+        return {
             "format": FORMAT,
             "versions": dict(self.versions) or versions(),
             "columns": list(self.columns),
@@ -77,40 +137,51 @@ class TrainedModel:
             "data": self.data,
             "metrics": {name: [float(value) for value in values] for name, values in self.metrics.items()},
         }
-        write_artefact(content, path)
+
+    def save(self, path: str | Path) -> None:
+        """Store the model: with skops, or as ONNX if the name ends in ``.onnx``.
+
+        Raises UnavailableError without the package that writes it.
+        """
+        if str(path).endswith(".onnx"):
+            from fame.monitor.pipeline.onnx import write_onnx
+
+            write_onnx(self.to_plain(), path)
+        else:
+            write_artefact(self.to_plain(), path)
 
     @classmethod
     def load(cls, path: str | Path, *, columns: Sequence[str] = (), data: str = "") -> TrainedModel:
-        """Read one; if given, it must be of these columns and data. Raises ConfigError, for each of the reasons above.
+        """Read a model, from skops or ONNX (``.onnx``). If given, `columns` and `data` must be those of its training.
 
-        A file that ends in ``.onnx`` is imported.
+        Raises ConfigError for each reason named above.
         """
         if str(path).endswith(".onnx"):
-            from fame.monitor.pipeline.onnx import load_onnx
+            from fame.monitor.pipeline.onnx import read_onnx
 
-            model = load_onnx(path)
+            content = read_onnx(path)
         else:
             content = read_artefact(Path(path), "fame train")
             found = content.get("format") if isinstance(content, dict) else None
             if found != FORMAT:
-                text = f"is no model of fame train: found format {found!r}, {FORMAT!r} would be right"
+                text = f"is not a model of fame train: expected format {FORMAT!r}, got {found!r}"
                 raise ConfigError(text, file=str(path))
-            model = from_plain(content, str(path))
+        model = _from_plain(content, str(path))
         model.require(path, columns, data)
         return model
 
     def require(self, path: str | Path, columns: Sequence[str] = (), data: str = "") -> None:
-        """Raises ConfigError unless it is of these columns and data, if they are given."""
+        """Check columns and data, each if given. Raises ConfigError if the model was trained on others."""
         if columns and tuple(columns) != self.columns:
-            text = f"is of the columns {', '.join(self.columns)}; asked for {', '.join(columns)}: train again"
+            text = f"has the columns {', '.join(self.columns)}; expected {', '.join(columns)}: train again"
             raise ConfigError(text, file=str(path))
         if data and data != self.data:
             text = f"is stale: trained on data {self.data[:12]}, the files hold {data[:12]} now: train again"
             raise ConfigError(text, file=str(path))
 
 
-def from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
-    """A model from what is stored. Raises ConfigError if its parts do not fit."""
+def _from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
+    """Give the model that `TrainedModel.to_plain` described. Raises ConfigError if its parts do not fit."""
     try:
         arrays = {
             name: [np.asarray(part, dtype=np.float64) for part in content[name]] for name in ("weights", "biases")

@@ -1,10 +1,38 @@
-"""Watch: says when a topic is silent, and when it goes on."""
+"""What arrives: subscriptions made from a configuration, and the samples that can be used.
+
+Each topic is subscribed once. A message gives one sample to every input of its topic, or to none: if any of them cannot
+be read, is not finite, or the stamp is not later than the last, the whole message is left out, and the reason is
+reported. So the inputs of one topic always have the same stamps. The stamp is that of the header, else the time of
+arrival (s, of the scheduler).
+
+
+Watch: says when a topic is silent, and when it goes on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from fame.clock import SECOND, Entry, Scheduler
+
+
+class Reporter:
+    """Says each thing once, and again when it has happened 10, 100, 1000 ... times."""
+
+    def __init__(self, report: Callable[[str], object]) -> None:
+        self._report = report
+        self.counts: dict[str, int] = {}
+
+    def __call__(self, key: str, text: str) -> None:
+        """`key` is what counts as the same thing."""
+        count = self.counts[key] = self.counts.get(key, 0) + 1
+        if count in (1, 10, 100) or count % 1000 == 0:
+            self._report(text if count == 1 else f"{text} ({count} times)")
+
+    def over(self, key: str, text: str) -> None:
+        """It is over: if it was ever said, say so, and begin anew."""
+        if self.counts.pop(key, 0):
+            self._report(text)
+
 
 SILENCE = 1.0
 """A topic without a message for so long (s) has stopped."""

@@ -1,25 +1,82 @@
-"""Pictures of what was learned: joint space, deviation along the path, confusion matrices.
+"""Plots of monitoring: losses and topics over time, joint space, deviations from a path, confusion matrices.
 
-Joint space is shown as the paper's Fig. 10 and 13 show it: the points of all joints on their first three principal
-components, benign ones alone or with the verdicts of a classifier. Writes PNG. Raises UnavailableError without
-matplotlib, ConfigError for a file that cannot be written.
+Joint space is shown as in Fig. 10 and 13 of the paper: the points of all joints on their first three principal
+components. Every function writes a PNG file. It raises UnavailableError without matplotlib and ConfigError for a file
+that cannot be written.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import compress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from fame.errors import ConfigError, UnavailableError
-from fame.monitor.anomaly.confusion_matrix import Matrix
+from fame.errors import ConfigError
+from fame.extras import require
+from fame.monitor.anomaly.evaluation import Matrix
 from fame.monitor.anomaly.paths import BIN, PathDetector, Reading
-from fame.monitor.anomaly.recording import ANOMALOUS, Floats, Recording
+from fame.monitor.anomaly.recording import ANOMALOUS, Recording
+from fame.monitor.arrays import Floats
+from fame.monitor.pipeline.processor import Samples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+class Line(Protocol):
+    """What is drawn: a label, stamps (s), values, names of the channels."""
+
+    label: str
+    stamps: list[float]
+    values: list[Any]
+    names: tuple[str, ...]
+
+
+def plot_loss(
+    loss: Samples, file: str | Path, *, thresholds: Sequence[float] = (), alarms: Sequence[float] = (), title: str = ""
+) -> None:
+    """Loss over time, a line per channel, each with its threshold in its colour (one for all in black), and alarms (s).
+
+    Writes a PNG. Raises UnavailableError without matplotlib.
+    """
+    figure, axes = _over_time(title)
+    values = loss.channels()
+    names = loss.names or tuple(map(str, range(values.shape[1])))
+    begin = float(loss.stamps[0]) if len(loss) else 0.0
+    for channel, name in enumerate(names):
+        (line,) = axes.plot(loss.stamps - begin, values[:, channel], linewidth=1, label=name.rpartition(".")[2])
+        if len(thresholds) == len(names) > 1:
+            axes.axhline(thresholds[channel], color=line.get_color(), linestyle="--", linewidth=0.8)
+    if len(thresholds) == 1 or (len(names) == 1 and thresholds):
+        axes.axhline(thresholds[0], color="black", linestyle="--", linewidth=0.8, label="threshold")
+    for number, alarm in enumerate(alarms):
+        axes.axvline(alarm - begin, color="red", linewidth=1, label="" if number else "alarm")
+    axes.set(xlabel="time in s", ylabel="loss")
+    _save_with_legend(figure, axes, file)
+
+
+def plot_series(series: Sequence[Line], file: str | Path, *, thresholds: Sequence[float] = ()) -> None:
+    """Numbers of topics over time. Writes a PNG. Raises UnavailableError without matplotlib."""
+    figure, axes = _over_time()
+    begin = min(each.stamps[0] for each in series if each.stamps)
+    for each in series:
+        if not each.stamps:
+            continue
+        alike = [np.shape(value) == np.shape(each.values[-1]) for value in each.values]  # the others had other channels
+        values = np.array(list(compress(each.values, alike)), dtype=float).reshape(sum(alike), -1)
+        stamps = np.array(list(compress(each.stamps, alike))) - begin
+        for channel in range(values.shape[1]):
+            name = each.names[channel] if len(each.names) == values.shape[1] > 1 else str(channel)
+            label = each.label if values.shape[1] == 1 else f"{each.label} {name}"
+            axes.plot(stamps, values[:, channel], linewidth=1, label=label)
+    for threshold in thresholds:
+        axes.axhline(threshold, color="black", linestyle="--", linewidth=0.8)
+    axes.set(xlabel="time in s")
+    _save_with_legend(figure, axes, file)
+
 
 BENIGN_COLOUR, ANOMALOUS_COLOUR, MISSED_COLOUR, QUIET = "#2b6ca3", "#c2371f", "#e0a21b", "#8a8f98"
 _INCHES, _DPI = (7.0, 5.6), 120
@@ -78,6 +135,19 @@ def matrices(path: Path, told: Sequence[tuple[str, Matrix]], *, unit: str = "run
     _save(figure, path)
 
 
+def _over_time(title: str = "") -> tuple[Figure, Any]:
+    figure = _figure((10, 4.5))
+    axes: Any = figure.subplots()
+    axes.set_title(title)
+    axes.grid(alpha=0.3)
+    return figure, axes
+
+
+def _save_with_legend(figure: Figure, axes: Any, file: str | Path) -> None:
+    axes.legend(loc="upper right", fontsize="small", ncols=2)
+    _save(figure, Path(file))
+
+
 def _mark(above: Any, below: Any, readings: Sequence[Reading]) -> None:
     """Dots where a point is anomalous."""
     bad = [reading for reading in readings if reading.anomalous]
@@ -110,14 +180,10 @@ def _components(values: Floats) -> Floats:
 
 
 def _figure(inches: tuple[float, float]) -> Figure:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise UnavailableError("plots need matplotlib: pip install 'fame-robots[sim]'") from None
-    figure = Figure(figsize=inches, dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    require("matplotlib")
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=inches, dpi=_DPI, layout="constrained")
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -3,16 +3,32 @@
 Two rules of motion cover what is recorded of a repetitive task. *Home*: the arm leaves a home posture and comes back;
 the boundary is the point nearest to home between coming near it and leaving. *Dwell*: the arm goes round a loop and
 rests at its corner; the boundary is the middle of the rest. A block of points follows the first if it is ever at home.
+
+
+Runs while they go on: where each begins and ends, and its anomaly score.
+
+Three ways delimit a run. *signal*: somebody says begin and end. *home*: the arm comes near its home posture and leaves
+it; the boundary is the nearest point, known as soon as the arm is on its way again, so the points since then move over
+to the new run, and no alarm is raised on them before. *count*: every so many points. All state of scoring is reset at
+each boundary.
+
+With the rule *home* nothing is judged before the arm has been seen at rest near home, or passing it: of a run that is
+under way already it is not known how far it is.
+
+During a run its score is the anomalous points divided by the points of a nominal run, at its end by its own points.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fame.monitor.anomaly.recording import Floats, Whole
+from fame.monitor.arrays import Floats, Whole
 
 NEAR = 0.5
 """Distance from home (rad, over all joints) that counts as being there."""
@@ -90,3 +106,48 @@ def dwell_boundaries(values: Floats) -> list[int]:
     if rests and rests[-1][-1] >= len(values) - _SHORTEST_LOOP:
         rests.pop()  # the rest that ends the last loop
     return [0, *(int(rest[0] + rest[-1]) // 2 for rest in rests)]
+
+
+Rule = Literal["signal", "home", "count"]
+
+RISE = 5e-4
+"""How much farther from home (rad) than at its nearest the arm is on its way again: ten steps of
+the MH5's coarsest encoder."""
+
+WHOLE = 0.8
+"""A run with less than this part of the nominal points was cut off."""
+
+
+class Cutter:
+    """Says with each point whether a run begins, and how many points ago it did."""
+
+    def __init__(self, rule: Rule, cycle: int = 0) -> None:
+        self.rule, self.cycle = rule, cycle
+        self._count = 0
+        self._left = False
+        self._nearest, self._since = math.inf, 0
+
+    def feed(self, values: Sequence[float]) -> int | None:
+        """None: the run goes on. Else a run begins, and the last so many points, this one among them, are its own."""
+        self._count += 1
+        if self.rule == "count" and self._count > self.cycle > 0:
+            self._count = 1
+            return 1
+        return self._home(math.sqrt(sum(value * value for value in values))) if self.rule == "home" else None
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the last points may turn out to belong to a new run."""
+        return self._left and self._since > 1
+
+    def _home(self, distance: float) -> int | None:
+        if distance >= NEAR:
+            self._left, self._nearest, self._since = True, math.inf, 0
+        elif self._left:
+            self._since += 1
+            if distance < self._nearest:
+                self._nearest, self._since = distance, 1
+            elif distance > self._nearest + RISE:
+                self._left = False
+                return self._since
+        return None

@@ -15,23 +15,22 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.anomaly.files import read_csv, write_csv
-from fame.monitor.anomaly.joint_states import TYPE
-from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.model import Model, load_model, save_model
+from fame.monitor.anomaly.nodes import TYPE
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.storage import load_model, save_model
-from fame.monitor.anomaly.units import OperateUnit
-from fame.robot.services import Around
+from fame.monitor.anomaly.recording import read_csv, write_csv
+from fame.monitor.services import SERVICES
+from fame.robot.services import ServiceContext
 from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
 
 PERIOD = SECOND // 40
 
 
-def calling(unit: str, more: str = "") -> str:
-    """A process that calls a unit, and what is beside it."""
+def calling(service: str, more: str = "") -> str:
+    """A process that calls a service, and what is beside it."""
     return process(
-        f"""<startEvent id="s"/><callActivity id="c" calledElement="{unit}"/><endEvent id="e"/>
+        f"""<startEvent id="s"/><callActivity id="c" calledElement="{service}"/><endEvent id="e"/>
         <sequenceFlow id="f" sourceRef="s" targetRef="c"/><sequenceFlow id="g" sourceRef="c" targetRef="e"/>{more}"""
     )
 
@@ -116,17 +115,21 @@ def test_learn_stores_the_best_classifier(tmp_path: Path) -> None:
 BAD = {
     "no model": ("adm_operate", {}, "needs the variable model"),
     "a model that is not there": ("adm_operate", {"model": "gone.skops"}, "gone.skops"),
-    "a label that is none": ("adm_collect", {"output": "x.csv", "label": 7}, "label = 7"),
-    "a rule that is none": ("adm_collect", {"output": "x.csv", "label": 1, "rule": "often"}, "'often'"),
+    "another label": (
+        "adm_collect",
+        {"output": "x.csv", "label": 7},
+        "expected 1 (benign) or -1 (anomalous), got 7",
+    ),
+    "another rule": ("adm_collect", {"output": "x.csv", "label": 1, "rule": "often"}, "'often'"),
     "a learning file that is not there": ("adm_learn", {"config": "gone.yaml"}, "gone.yaml"),
 }
 
 
-@pytest.mark.parametrize(("unit", "variables", "said"), BAD.values(), ids=BAD)
+@pytest.mark.parametrize(("service", "variables", "said"), BAD.values(), ids=BAD)
 def test_what_is_wrong_fails_the_mission_by_name(
-    unit: str, variables: dict[str, Any], said: str, tmp_path: Path
+    service: str, variables: dict[str, Any], said: str, tmp_path: Path
 ) -> None:
-    watch = Watch(tmp_path, calling(unit), **variables)
+    watch = Watch(tmp_path, calling(service), **variables)
     assert watch.status == "failed"
     assert said in str(watch.sim.instances[0].error)
 
@@ -136,6 +139,6 @@ def test_a_threshold_that_no_score_could_meet_is_refused_before_anything_is_watc
     threshold: float, tmp_path: Path
 ) -> None:
     scheduler = Scheduler()
-    around = Around("ARM", "ARM", LocalMiddleware(scheduler), scheduler, tmp_path, print, print)
-    with pytest.raises(ConfigError, match="a number from 0 to 1 would be right"):
-        OperateUnit(around, {"model": "best.skops", "threshold": threshold})
+    context = ServiceContext("ARM", "ARM", LocalMiddleware(scheduler), scheduler, tmp_path, print, print)
+    with pytest.raises(ConfigError, match="expected a number from 0 to 1"):
+        SERVICES["adm_operate"].start(context, {"model": "best.skops", "threshold": threshold})

@@ -1,4 +1,4 @@
-"""Pipelines in missions: units are call activities that run until their scope ends, an alarm is a signal."""
+"""Pipelines in missions: services are call activities that run until their scope ends, an alarm is a signal."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from fame.bpmn import read_text
 from fame.bpmn.library import BUILT_IN
 from fame.bpmn.model import Definitions
 from fame.middleware import messages
-from fame.monitor.pipeline.model import TrainedModel
-from fame.monitor.pipeline.network import Network
-from fame.monitor.pipeline.tables import read_runs
+from fame.monitor.pipeline.trained_model import Network, TrainedModel
+from fame.monitor.tables import read_runs
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROBOT = "robot"
@@ -36,7 +35,7 @@ def model(path: Path) -> Path:
 
 
 def mission(content: str, signal: str = "anomaly") -> Definitions:
-    """A process that calls units, and ends when the signal is caught."""
+    """A process that calls services, and ends when the signal is caught."""
     return read_text(process(content + handler(signal), f'<signal id="S" name="{signal}"/>'))
 
 
@@ -96,8 +95,8 @@ def test_the_joint_monitor_raises_anomaly_and_the_mission_that_catches_it_ends_t
         f'<startEvent id="s"/>{watched}<endEvent id="e"/>{flow("s", "Monitor", "e")}'
     ))  # fmt: skip
     sim.run(until=0.1)
-    units = {info.name: info for info in sim.middleware.graph()}
-    assert {name.rpartition("/")[2] for name in units} >= {"joint_efforts_filtered", "joint_losses", "anomaly"}
+    topics = {info.name: info for info in sim.middleware.graph()}
+    assert {name.rpartition("/")[2] for name in topics} >= {"joint_efforts_filtered", "joint_losses", "anomaly"}
     arm(sim, 0.6)
     (instance,) = sim.instances
     assert instance.status == "running"

@@ -1,10 +1,12 @@
-"""Whole messages into a bag: rosbag2 with MCAP inside, or a single MCAP file."""
+"""Messages from a bag: rosbag2 in either storage, a single MCAP file, or rosbag1.
+
+Whole messages into a bag: rosbag2 with MCAP inside, or a single MCAP file."""
 
 from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,31 @@ from fame.clock import SECOND
 from fame.errors import ConfigError
 from fame.middleware import codec
 from fame.monitor.pipeline.configuration import Port
+
+
+def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
+    """Every message of some topics (full name -> type), in the order of recording: its time (s), topic, message.
+
+    Raises ConfigError for what is no bag, lacks a topic, or has it with another type.
+    """
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    file = str(path)
+    try:
+        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            connections = [item for item in reader.connections if item.topic in topics]
+            for topic, type in topics.items():
+                found = [item.msgtype for item in connections if item.topic == topic]
+                if not found:
+                    has = ", ".join(sorted({item.topic for item in reader.connections})) or "none"
+                    raise ConfigError(f"has no topic {topic}; it has {has}", file=file)
+                if found[0] != type:
+                    raise ConfigError(f"{topic} carries {found[0]}; {type} would be right", file=file)
+            for connection, time, data in reader.messages(connections=connections):
+                yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
+    except (AnyReaderError, OSError) as error:
+        raise ConfigError(f"is no bag that can be read: {error}", file=file) from None
 
 
 class Bag:

@@ -17,7 +17,7 @@ import numpy as np
 
 from fame.config.loader import read_document
 from fame.errors import ConfigError
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.arrays import Floats
 
 Vector: TypeAlias = tuple[float, float, float]
 

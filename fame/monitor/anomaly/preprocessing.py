@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.config import SCALINGS
-from fame.monitor.anomaly.files import read_csv
-from fame.monitor.anomaly.recording import Floats
+from fame.monitor.anomaly.learning_file import SCALINGS
+from fame.monitor.anomaly.recording import read_csv
+from fame.monitor.arrays import Floats
 
 
 class DataProcess:

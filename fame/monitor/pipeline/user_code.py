@@ -1,0 +1,49 @@
+"""Processors made from a configuration: classes by name, parameters checked, outputs given to who computes them."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+from fame.errors import ConfigError
+
+
+def find_object(name: str, folder: Path) -> Any:
+    """What ``module:name`` or ``file.py:name`` stands for. Raises ConfigError."""
+    module, colon, kind = name.rpartition(":")
+    if not colon:
+        module, _, kind = name.rpartition(".")
+    if not module:
+        raise ConfigError(f"found {name!r}; module:name or file.py:name would be right")
+    try:
+        return getattr(_module(module, folder), kind)
+    except AttributeError:
+        raise ConfigError(f"{module} has no {kind!r}") from None
+
+
+def _module(name: str, folder: Path) -> Any:
+    """A module by name or from a file. Raises ConfigError."""
+    try:
+        if not name.endswith(".py"):
+            return importlib.import_module(name)
+        path = (folder / name).resolve()
+        known = f"fame_user_{path.stem}_{abs(hash(str(path)))}"
+        if known in sys.modules:
+            return sys.modules[known]
+        specification = importlib.util.spec_from_file_location(known, path)
+        if specification is None or specification.loader is None or not path.is_file():
+            raise ConfigError(f"there is no file {path}")
+        module = sys.modules[known] = importlib.util.module_from_spec(specification)
+        try:
+            specification.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[known]
+            raise
+        return module
+    except ConfigError:
+        raise
+    except Exception as error:  # whatever the code of a user's module raises
+        raise ConfigError(f"{name} cannot be imported: {type(error).__name__}: {error}") from error
