@@ -22,7 +22,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from fame.bpmn.pools import bind, pools_of  # noqa: E402
+from fame.bpmn.pools import assign_pools, pools_of  # noqa: E402
 from fame.scenario import Scenario  # noqa: E402
 from sim2d.config import world_config  # noqa: E402
 
@@ -65,7 +65,7 @@ def layout(seed: int, tractors: int | None) -> dict[str, Any]:
 def run(base: Scenario, seed: int, tractors: int | None) -> dict[str, Any]:
     """The mission on one layout."""
     world = world_config(layout(seed, tractors))
-    cast = bind(pools_of(base.definitions), [robot.name for robot in world.robots])
+    cast = assign_pools(pools_of(base.definitions), [robot.name for robot in world.robots])
     result = replace(base, world=world, cast=cast, seed=seed, duration=1800.0).run()
     assert result.world is not None
     touched = [(one["a"], one["b"]) for one in result.world["collisions"]]

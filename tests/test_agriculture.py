@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import fame
-from fame.bpmn.pools import bind, pools_of
+from fame.bpmn.pools import assign_pools, pools_of
 from fame.clock import SECOND
 from fame.robot import Event
 from fame.scenario import Result, Scenario
@@ -61,7 +61,7 @@ def play(robots: dict[str, Any], *, model: Path = MODEL, field: dict[str, str] |
         text = changed
     ground = world_config({"bounds": [-2, -1, 8, 6], **world, "robots": {**BASE, **robots}})
     definitions = fame.bpmn.read_text(text, file=str(model))
-    cast = bind(pools_of(definitions), [robot.name for robot in ground.robots])
+    cast = assign_pools(pools_of(definitions), [robot.name for robot in ground.robots])
     loaded = Scenario.load(EXAMPLE, duration=600)
     return observed(replace(loaded, definitions=definitions, world=ground, cast=cast))
 

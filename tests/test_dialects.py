@@ -22,7 +22,7 @@ from fame.bpmn.model import (
     Task,
     Topic,
 )
-from fame.bpmn.reader.expressions import listed, mapped_entries
+from fame.bpmn.reader.expressions import flow_mapping, flow_sequence
 from fame.scripting import compile_expression
 
 ROOTS = '<signal id="S" name="weed_found"/><message id="M" name="order"/><error id="E" errorCode="lost"/>'
@@ -107,7 +107,7 @@ def test_type_on_what_is_no_topic_is_a_property_like_any_other() -> None:
         ("qos_reliability", "maybe", "qos.reliability='maybe': expected best_effort or reliable"),
         ("qos_depth", "0", "qos.depth='0': expected a whole number, 1 or more"),
         ("qos_deadline", "soon", "qos.deadline='soon': expected a time in seconds"),
-        ("qos_speed", "1", "qos policy 'speed' is not known: history, reliability"),
+        ("qos_speed", "1", "unknown QoS policy 'speed': expected one of history, reliability"),
     ],
 )
 def test_a_bad_value_is_an_error_that_says_what_is_right(name: str, value: str, said: str) -> None:
@@ -164,8 +164,8 @@ def test_each_definition_of_an_event_may_say_its_own_type() -> None:
 def oldest(*values: str) -> str:
     """A list of type and payload under the name of a topic."""
     written = "".join(f"<camunda:value>{value}</camunda:value>" for value in values)
-    listed = f'<camunda:inputParameter name="cmd_vel"><camunda:list>{written}</camunda:list></camunda:inputParameter>'
-    return extensions(f"<camunda:inputOutput>{listed}</camunda:inputOutput>")
+    items = f'<camunda:inputParameter name="cmd_vel"><camunda:list>{written}</camunda:list></camunda:inputParameter>'
+    return extensions(f"<camunda:inputOutput>{items}</camunda:inputOutput>")
 
 
 def test_the_oldest_form_names_the_topic_by_its_parameter() -> None:
@@ -506,5 +506,5 @@ def test_dialects_are_found_by_namespace_whatever_the_prefix() -> None:
 
 
 def test_lists_and_maps_become_flow_style_yaml() -> None:
-    assert listed(["1", "${a}", "{b: 2}", "x, y", ""]) == '[1, ${a}, {b: 2}, "x, y", ""]'
-    assert mapped_entries([("a b", "1"), ("c", "it's")]) == '{"a b": 1, c: "it\'s"}'
+    assert flow_sequence(["1", "${a}", "{b: 2}", "x, y", ""]) == '[1, ${a}, {b: 2}, "x, y", ""]'
+    assert flow_mapping([("a b", "1"), ("c", "it's")]) == '{"a b": 1, c: "it\'s"}'

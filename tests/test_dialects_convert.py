@@ -19,7 +19,7 @@ import fame
 from fame.bpmn import read_bytes, read_text
 from fame.bpmn.conversion import convert
 from fame.bpmn.model import Definitions
-from fame.bpmn.reader.dialects import forms_of
+from fame.bpmn.reader.dialects import dialects_of
 from fame.bpmn.reader.xml import parse
 from fame.bpmn.split import split
 from fame.cli import main
@@ -83,7 +83,7 @@ def test_a_converted_mission_runs_to_the_same_log(tmp_path: Path) -> None:
 def test_converting_twice_is_converting_once_and_nothing_foreign_is_left(path: Path) -> None:
     once = convert(fame.read(path))
     assert convert(read_bytes(once, file=str(path))) == once
-    assert set(forms_of(parse(once, str(path)))) <= {"Camunda 7 (FaMe G1, FAME)"}
+    assert set(dialects_of(parse(once, str(path)))) <= {"Camunda 7 (FaMe G1, FAME)"}
     assert not any(f"<{word.lstrip('<')}".encode() in once for word in FOREIGN)
 
 

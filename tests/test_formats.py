@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import fame
-from fame.bpmn.pools import bind, pools_of
+from fame.bpmn.pools import assign_pools, pools_of
 from fame.bpmn.split import extract_process, split
 from fame.check import check
 from fame.clock import SECOND
@@ -234,11 +234,11 @@ def test_a_called_element_that_is_nowhere_lists_where_it_was_looked_for() -> Non
 
 def test_pools_are_robots_whatever_the_case() -> None:
     definitions = fame.read(FORMATS / "robots.bpmn")
-    assert {robot: pool.name for robot, pool in bind(pools_of(definitions), ["REX"]).items()} == {"REX": "rex"}
+    assert {robot: pool.name for robot, pool in assign_pools(pools_of(definitions), ["REX"]).items()} == {"REX": "rex"}
     result = Scenario.load(FORMATS / "robots.bpmn").run()
     assert result.status == "completed"
     with pytest.raises(ConfigError, match="robots 'REX' and 'Rex' differ in case alone"):
-        bind(pools_of(definitions), ["REX", "Rex"])
+        assign_pools(pools_of(definitions), ["REX", "Rex"])
 
 
 def test_two_pools_that_fall_together_are_named_and_one_without_a_name_goes_by_its_id() -> None:

@@ -4,7 +4,7 @@ import pytest
 
 import fame
 from fame.bpmn.library import Library
-from fame.bpmn.pools import bind, pools_of
+from fame.bpmn.pools import assign_pools, pools_of
 from fame.bpmn.reader import read_bytes, read_text
 from fame.bpmn.split import split
 
@@ -62,7 +62,7 @@ def test_types_said_in_one_pool_are_written_into_the_others(parts):
 
 def test_pools_are_bound_to_robots_without_regard_to_case():
     pools = pools_of(collaboration('name="Drone"'))
-    assert {robot: pool.name for robot, pool in bind(pools, ["drone"]).items()} == {"drone": "Drone"}
+    assert {robot: pool.name for robot, pool in assign_pools(pools, ["drone"]).items()} == {"drone": "Drone"}
 
 
 def test_a_multi_instance_pool_is_every_robot_with_its_name_and_a_number():
@@ -72,27 +72,27 @@ def test_a_multi_instance_pool_is_every_robot_with_its_name_and_a_number():
         '</participant></collaboration><process id="p"><startEvent id="s"/></process></definitions>'
     )
     pools = pools_of(definitions)
-    assert list(bind(pools, ["Tractor_2", "tractor_10"])) == ["Tractor_2", "tractor_10"]
+    assert list(assign_pools(pools, ["Tractor_2", "tractor_10"])) == ["Tractor_2", "tractor_10"]
     with pytest.raises(fame.ConfigError, match="Tractor_<number>"):
-        bind(pools, ["Tractor_x"])
-    assert bind(pools, []) == {}
+        assign_pools(pools, ["Tractor_x"])
+    assert assign_pools(pools, []) == {}
 
 
 def test_a_robot_that_no_pool_knows_is_named_with_the_pools_there_are():
     with pytest.raises(fame.ConfigError, match=r"robot 'Bob'.*A, B"):
-        bind(pools_of(collaboration('name="A"', 'name="B"')), ["A", "B", "Bob"])
+        assign_pools(pools_of(collaboration('name="A"', 'name="B"')), ["A", "B", "Bob"])
 
 
 def test_names_that_fall_together_are_refused():
     with pytest.raises(fame.ModelError, match="two pools have the name 'rex'"):
         pools_of(collaboration('name="REX"', 'name="rex"'))
     with pytest.raises(fame.ConfigError, match="case alone"):
-        bind(pools_of(collaboration('name="REX"')), ["REX", "rex"])
+        assign_pools(pools_of(collaboration('name="REX"')), ["REX", "rex"])
 
 
 def test_a_pool_whose_name_no_robot_can_have_is_named():
     with pytest.raises(fame.ModelError, match=r"no robot can have the name of pool 'Go To'; letters, digits and _"):
-        bind(pools_of(collaboration('name="Go To"')), [])
+        assign_pools(pools_of(collaboration('name="Go To"')), [])
 
 
 def test_a_black_box_alone_leaves_nothing_to_run():

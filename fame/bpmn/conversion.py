@@ -14,14 +14,14 @@ from typing import Literal
 from lxml import etree
 
 from fame.bpmn import extension_elements
-from fame.bpmn.merging import whole_tree
+from fame.bpmn.merging import full_tree
 from fame.bpmn.model import Definitions, Process, SubProcess, Task
 from fame.bpmn.reader.context import Context
-from fame.bpmn.reader.dialects import ELEMENTS, looks_original, original_fame
+from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
 from fame.bpmn.reader.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
-from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local, text_of
-from fame.bpmn.split import keep_types_readable
+from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
+from fame.bpmn.split import update_type_prefixes
 from fame.bpmn.topics import topics_of
 
 Semantics = Literal["standard", "original"]
@@ -39,7 +39,7 @@ _KINDS = {f"{_B}signalEventDefinition": "signal", f"{_B}messageEventDefinition":
 
 def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> bytes:
     """The file in the current form, UTF-8; `semantics` becomes that of its processes, if given."""
-    root = whole_tree(definitions)
+    root = full_tree(definitions)
     before, context = etree.tostring(root), Context(definitions.file)
     _rename_vendors(root)
     for element in list(root.iter(f"{_B}*")):
@@ -69,11 +69,11 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     foreign = [one for one in holder if _is_foreign(one)]
     found = Extensions()
     for one in foreign:
-        ELEMENTS[one.tag[1:].partition("}")[0]](context, _without_comments(one), found)
-    if not found.refused and (not found.own or found.inputs or found.outputs or found.all_in or found.all_out):
+        ELEMENT_ADAPTERS[one.tag[1:].partition("}")[0]](context, _without_comments(one), found)
+    if not found.refused and (not found.own_scope or found.inputs or found.outputs or found.all_in or found.all_out):
         for one in foreign:
             holder.remove(one)
-        extension_elements.write(element, found)
+        extension_elements.write_extensions(element, found)
     if found.key is not None:
         _correlate(root, element, found)
     if any(one.tag in _KINDS for one in element):
@@ -93,7 +93,7 @@ def _is_foreign(element: Node) -> bool:
     if not isinstance(element.tag, str):
         return False
     namespace = element.tag[1:].partition("}")[0]
-    return namespace in original_fame.NAMESPACES or (namespace == ZEEBE and local(element) in _EIGHT)
+    return namespace in original_fame.NAMESPACES or (namespace == ZEEBE and local_name(element) in _EIGHT)
 
 
 def _unlist(event: Node, holder: Node) -> None:
@@ -101,7 +101,7 @@ def _unlist(event: Node, holder: Node) -> None:
     for mapping in holder.findall(f"{_C}inputOutput"):
         for parameter in mapping.findall(f"{_C}inputParameter"):
             first = next(parameter.iterchildren("*"), None)
-            values = list(first.iterchildren("*")) if first is not None and original_fame.is_message(first) else []
+            values = list(first.iterchildren("*")) if first is not None and original_fame.is_message_list(first) else []
             if 0 < len(values) <= 2:
                 for name, value in zip(("type", "payload"), values, strict=False):
                     extension_elements.add_property(event, name, text_of(value).strip())
@@ -127,8 +127,8 @@ def _rename_vendors(root: Node) -> None:
             namespace, _, name = key[1:].partition("}")
             if namespace in (FLOWABLE, ACTIVITI) and name in VENDORS_ATTRIBUTES:
                 element.set(f"{_C}{name}", element.attrib.pop(key))
-        if element.tag[1:].partition("}")[0] in (FLOWABLE, ACTIVITI) and local(element) in VENDORS_ELEMENTS:
-            element.tag = f"{_C}{local(element)}"
+        if element.tag[1:].partition("}")[0] in (FLOWABLE, ACTIVITI) and local_name(element) in VENDORS_ELEMENTS:
+            element.tag = f"{_C}{local_name(element)}"
 
 
 # ---- topics ----------------------------------------------------------------------------------------------------------
@@ -180,7 +180,7 @@ def _say_rules(root: Node, process: Process, element: Node, semantics: Semantics
         _drop_property(element, "semantics")
         extension_elements.add_property(element, "semantics", str(semantics))
     _drop_property(element, "topics")
-    if process.by_prefix and not looks_original(root) and any(True for _ in element.iter(f"{_B}dataObjectReference")):
+    if process.by_prefix and not is_original_fame(root) and any(True for _ in element.iter(f"{_B}dataObjectReference")):
         extension_elements.add_property(element, "fields", "prefix")
 
 
@@ -199,7 +199,7 @@ def _written(root: Node) -> bytes:
     for process in root.findall(f"{_B}process"):
         if any(one.tag == _DIAGRAM for one in process.itersiblings(preceding=True)):  # it was inside a call activity
             _add_to_root(root, process)
-    keep_types_readable(root, root)
+    update_type_prefixes(root, root)
     if root.get(_PLATFORM) == "Camunda Cloud":
         root.set(_PLATFORM, "Camunda Platform")
         root.set(f"{_PLATFORM}Version", "7.23.0")

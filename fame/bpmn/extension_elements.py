@@ -10,13 +10,13 @@ from lxml import etree
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.dialects.extensions import Extensions
-from fame.bpmn.reader.xml import BPMN, CAMUNDA, Node, local
+from fame.bpmn.reader.xml import BPMN, CAMUNDA, Node, local_name
 
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 EXTENSION_ELEMENTS = f"{_B}extensionElements"
 
 
-def write(element: Node, found: Extensions) -> None:
+def write_extensions(element: Node, found: Extensions) -> None:
     """Add to a BPMN element what other dialects said of it."""
     if found.service:
         add_property(element, "service", found.operation)
@@ -74,7 +74,7 @@ def _default(element: Node, name: str, value: str) -> None:
 
 
 def _mappings(element: Node, found: Extensions) -> None:
-    if local(element) == "callActivity":
+    if local_name(element) == "callActivity":
         _copies(element, "in", found.inputs, found.all_in)
         _copies(element, "out", found.outputs, found.all_out)
         return
@@ -101,7 +101,7 @@ def _loop(element: Node, found: Extensions) -> None:
 
 
 def _script(element: Node, found: Extensions) -> None:
-    if found.script is not None and local(element).endswith("Task") and element.find(f"{_B}script") is None:
+    if found.script is not None and local_name(element).endswith("Task") and element.find(f"{_B}script") is None:
         element.set("scriptFormat", found.script.language)
         etree.SubElement(element, f"{_B}script").text = text_of_expression(found.script)
     _default(element, "resultVariable", found.result)

@@ -16,7 +16,7 @@ from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.data import shared_stores
 from fame.bpmn.reader.document import read_tree
 from fame.bpmn.reader.preparation import prepare
-from fame.bpmn.reader.xml import BPMN, BPMNDI, Node, find, is_reference, parse, text_of
+from fame.bpmn.reader.xml import BPMN, BPMNDI, Node, is_reference, parse, resolve, text_of
 from fame.bpmn.topics import topics_of
 
 _B = f"{{{BPMN}}}"
@@ -37,7 +37,7 @@ _ARTIFACTS = {f"{_B}{name}" for name in ("textAnnotation", "group", "association
 
 
 @dataclass(slots=True)
-class Piece:
+class Fragment:
     """What one file gives to the new one: copies, not yet in it. `ids`: of its processes, there -> in the new file."""
 
     definitions: Definitions
@@ -62,12 +62,12 @@ class Piece:
             yield from one.iter("*")
 
 
-def copied(
+def copy_fragment(
     definitions: Definitions, processes: Iterable[Process], pool: Participant | None, types: Mapping[str, str]
-) -> Piece:
+) -> Fragment:
     """Copies of what processes of a file are made of, with the types of their topics written down."""
-    root = whole_tree(definitions)
-    piece = Piece(definitions, root, {process.id: process.id for process in processes})
+    root = full_tree(definitions)
+    piece = Fragment(definitions, root, {process.id: process.id for process in processes})
     by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
     for process in processes:
         piece.processes.append(deepcopy(by_id[process.id]))
@@ -87,7 +87,7 @@ def copied(
     return piece
 
 
-def _bring_stores(copy: Node, piece: Piece, root: Node) -> None:
+def _bring_stores(copy: Node, piece: Fragment, root: Node) -> None:
     """Give a process the data stores that it shares with one that is left behind."""
     context, here = Context(piece.definitions.file), {one.get("id") for one in piece.elements()}
     original = next(one for one in root.iterchildren(_PROCESS) if one.get("id") == copy.get("id"))
@@ -137,7 +137,7 @@ def _holds(frame: Bounds, bounds: Bounds) -> bool:
     return frame.x <= x <= frame.x + frame.width and frame.y <= y <= frame.y + frame.height
 
 
-def _needed(root: Node, piece: Piece) -> list[Node]:
+def _needed(root: Node, piece: Fragment) -> list[Node]:
     """What stands at the root and is referred to, directly or through one another; in document order."""
     roots = [one for one in root.iterchildren("*") if one.tag not in _OF_THE_FILE]
     homes = {id: one for one in roots for inner in one.iter("*") if (id := inner.get("id"))}
@@ -146,12 +146,14 @@ def _needed(root: Node, piece: Piece) -> list[Node]:
     waiting = list(piece.elements())
     for element in waiting:
         for reference in _references(element):
-            home = find(homes, reference)
+            home = resolve(homes, reference)
             if home is not None and home not in found:
                 found[home] = None
                 waiting.extend(home.iter("*"))
     for one in root.iterchildren(f"{_B}correlationProperty"):
-        if any(find({shared.get("id", ""): 1 for shared in found}, inner.get("messageRef")) for inner in one.iter("*")):
+        if any(
+            resolve({shared.get("id", ""): 1 for shared in found}, inner.get("messageRef")) for inner in one.iter("*")
+        ):
             found[one] = None
     return [one for one in root.iterchildren("*") if one in found]
 
@@ -163,7 +165,7 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
     if plane is None:
         return None
     for one in list(plane.iterchildren("*")):
-        if one.get("bpmnElement") is not None and find(dict.fromkeys(kept, True), one.get("bpmnElement")) is None:
+        if one.get("bpmnElement") is not None and resolve(dict.fromkeys(kept, True), one.get("bpmnElement")) is None:
             plane.remove(one)
     shown = plane.get("bpmnElement", "")
     if shown not in kept:
@@ -173,7 +175,7 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
     return copy
 
 
-def whole_tree(definitions: Definitions) -> Node:
+def full_tree(definitions: Definitions) -> Node:
     """The file with all that is in it, and the ids that the reader makes where there is none."""
     root = parse(definitions.source, definitions.file, keep_all=True)
     context = Context(definitions.file)

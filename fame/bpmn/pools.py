@@ -76,7 +76,7 @@ def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Libr
     return topic_table(list(files.values()), processes)
 
 
-def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
+def assign_pools(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
     """Which pool each robot (namespace) plays, in the order of the robots.
 
     A multi-instance pool is as many robots as there are, also none. Raises ConfigError for a robot that no pool knows,
@@ -89,9 +89,9 @@ def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dic
         twin = folded.setdefault(robot.casefold(), robot)
         if twin != robot:
             raise ConfigError(f"robots {twin!r} and {robot!r} differ in case alone", file=file)
-        pool = next((pool for pool in pools if plays(robot, pool)), None)
+        pool = next((pool for pool in pools if matches(robot, pool)), None)
         if pool is None:
-            known = ", ".join(expected(pool) for pool in pools)
+            known = ", ".join(expected_robots(pool) for pool in pools)
             raise ConfigError(f"no pool is named like robot {robot!r}; the pools want {known}", file=file)
         bound[robot] = pool
     for pool in pools:
@@ -100,17 +100,17 @@ def bind(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dic
                 text = f"no robot can have the name of pool {pool.name!r}; {NAMES} would be right"
                 raise ModelError(text, file=file, line=pool.line)
             have = f"the robots are {', '.join(names)}" if names else "there are no robots at all"
-            raise ConfigError(f"pool {pool.name!r} has no robot {expected(pool)}; {have}", file=file)
+            raise ConfigError(f"pool {pool.name!r} has no robot {expected_robots(pool)}; {have}", file=file)
     return bound
 
 
-def plays(robot: str, pool: Pool) -> bool:
+def matches(robot: str, pool: Pool) -> bool:
     """Whether a namespace is meant by a pool."""
     if pool.multi_instance:
         return re.fullmatch(re.escape(pool.name) + r"_\d+", robot, re.IGNORECASE) is not None
     return robot.casefold() == pool.name.casefold()
 
 
-def expected(pool: Pool) -> str:
+def expected_robots(pool: Pool) -> str:
     """The robots that a pool wants, in words."""
     return f"{pool.name}_<number>" if pool.multi_instance else pool.name

@@ -17,12 +17,12 @@ from pathlib import Path
 from lxml import etree
 
 from fame.bpmn.library import Library
-from fame.bpmn.merging import Piece, copied
+from fame.bpmn.merging import Fragment, copy_fragment
 from fame.bpmn.model import CallActivity, Definitions, Participant, Process
 from fame.bpmn.pools import pools_of, shared_topics
 from fame.bpmn.reader import read
 from fame.bpmn.reader.dialects.original_fame import CALL
-from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, find, unique_ids
+from fame.bpmn.reader.xml import BPMN, CAMUNDA, ZEEBE, Node, resolve, unique_ids
 from fame.errors import ModelError
 
 _B = f"{{{BPMN}}}"
@@ -44,7 +44,7 @@ class Part:
         return re.sub(r"[^\w.-]+", "_", self.name).strip("._") + ".bpmn"
 
 
-Called = Mapping[str, tuple[Definitions, str]]
+CalledProcesses = Mapping[str, tuple[Definitions, str]]
 """What call activities name -> the file that has it, and the id of the process in it."""
 
 
@@ -78,7 +78,7 @@ def extract_process(
     process_id: str,
     *,
     name: str = "",
-    called: Called | None = None,
+    called: CalledProcesses | None = None,
     topic_types: Mapping[str, str] | None = None,
 ) -> bytes:
     """One process as an executable file of its own, self-contained, UTF-8.
@@ -92,10 +92,10 @@ def extract_process(
     reached = _reachable(definitions, process, called or {})
     files = _by_file(definitions, process, reached.values())
     pool = _pool(definitions, process_id, name)
-    pieces: list[Piece] = []
+    pieces: list[Fragment] = []
     taken: set[str] = set()
     for file, processes in files:
-        piece = copied(file, processes, pool if file is definitions else None, topic_types or {})
+        piece = copy_fragment(file, processes, pool if file is definitions else None, topic_types or {})
         _make_unique(piece, taken)
         pieces.append(piece)
     homes = {_key(piece.definitions): piece for piece in pieces}
@@ -132,7 +132,9 @@ def _key(definitions: Definitions) -> str | bytes:
     return definitions.file or definitions.source
 
 
-def _reachable(definitions: Definitions, process: Process, called: Called) -> dict[str, tuple[Definitions, str]]:
+def _reachable(
+    definitions: Definitions, process: Process, called: CalledProcesses
+) -> dict[str, tuple[Definitions, str]]:
     """What the process calls, and what that calls, in the order of meeting; all of `called` if a call is computed."""
     found: dict[str, tuple[Definitions, str]] = {}
     waiting = [(definitions, process)]
@@ -156,18 +158,18 @@ def _pool(definitions: Definitions, process_id: str, name: str) -> Participant |
 # ---- ids -------------------------------------------------------------------------------------------------------------
 
 
-def _make_unique(piece: Piece, taken: set[str]) -> None:
+def _make_unique(piece: Fragment, taken: set[str]) -> None:
     """Gives ids that are taken a number, wherever the piece uses them."""
     renamed = unique_ids(piece.everything(), taken)
     piece.ids = {id: renamed.get(id, id) for id in piece.ids}
 
 
-def _point_calls(piece: Piece, ids: Mapping[str, str]) -> None:
+def _point_calls(piece: Fragment, ids: Mapping[str, str]) -> None:
     """Makes every call activity name the process as it is called in the new file."""
     for element in piece.elements():
         for tag, attribute in _CALLS:
             value = element.get(attribute) if element.tag == tag else None
-            called = find(ids, value)
+            called = resolve(ids, value)
             if called is not None:
                 element.set(attribute, called)
 
@@ -203,20 +205,20 @@ def _can_be_new(name: str | bytes) -> bool:
     return True
 
 
-def _assemble(pieces: list[Piece]) -> Node:
+def _assemble(pieces: list[Fragment]) -> Node:
     root = _new_root(pieces[0].root, [piece.root for piece in pieces[1:]])
     parts = [piece.collaboration for piece in pieces if piece.collaboration is not None]
     parts += [one for piece in pieces for one in piece.processes]
     parts += [one for piece in pieces for one in piece.shared]
     parts += [one for piece in pieces for one in piece.diagrams]
     for part in parts:
-        keep_types_readable(part, root)
+        update_type_prefixes(part, root)
         root.append(part)
     etree.indent(root, "  ")
     return root
 
 
-def keep_types_readable(part: Node, root: Node) -> None:
+def update_type_prefixes(part: Node, root: Node) -> None:
     """``xsi:type`` holds a prefix in its value: that of the new file."""
     prefix = next((prefix for prefix, uri in root.nsmap.items() if uri == BPMN), None)
     for element in part.iter("*"):

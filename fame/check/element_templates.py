@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fame.bpmn.reader.dialects.extensions import CHOICES
+from fame.bpmn.reader.dialects.extensions import QOS_CHOICES
 from fame.check.behaviours import Behaviour
 from fame.middleware import messages
 
@@ -99,7 +99,7 @@ def _qos() -> Iterator[Template]:
     """As signals have them, if nobody says otherwise."""
     for policy, value in (("reliability", "reliable"), ("durability", "volatile")):
         entry = _property(f"qos.{policy}", "Dropdown", value, label=policy.capitalize())
-        yield entry | {"choices": _choices(CHOICES[policy]), "group": _QOS}
+        yield entry | {"choices": _choices(QOS_CHOICES[policy]), "group": _QOS}
 
 
 def payload_of(type: str) -> str:

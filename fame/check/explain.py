@@ -20,8 +20,8 @@ from typing import Literal
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNode, Task
-from fame.bpmn.reader.dialects import forms_of
-from fame.bpmn.reader.expressions import is_mixed
+from fame.bpmn.reader.dialects import dialects_of
+from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.reader.xml import children, parse
 from fame.bpmn.topics import EMPTY_TYPE
 from fame.check.guidelines import suspending
@@ -77,7 +77,7 @@ def _at(unit: Unit, kind: Kind, text: str, element: Element, line: int = 0) -> R
 
 
 def _forms(home: Definitions) -> Iterator[Reading]:
-    forms = forms_of(parse(home.source, home.file))
+    forms = dialects_of(parse(home.source, home.file))
     yield Reading("form", f"has {', '.join(forms)}" if forms else "has no extension elements", home.file)
 
 
@@ -173,7 +173,7 @@ def _texts(unit: Unit) -> Iterator[Reading]:
     for body in unit.bodies():
         for text in texts_of(body):
             language = _LANGUAGES.get(text.expression.language)
-            literal = text.expression.language == "template" and not is_mixed(text.expression.text)
+            literal = text.expression.language == "template" and not has_placeholders(text.expression.text)
             if language is not None and text.use != "payload" and not literal:
                 yield _at(unit, "script", f"{text.use} in {language}{_first(text.expression)}", text.element,
                           text.expression.line)  # fmt: skip

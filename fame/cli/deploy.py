@@ -36,7 +36,7 @@ def add(commands: Commands) -> None:
 def run(arguments: Namespace) -> int:
     """Deploy, and print how each robot answered; then stay, if that is wanted."""
     from fame.bpmn.library import Library
-    from fame.bpmn.pools import plays, pools_of
+    from fame.bpmn.pools import matches, pools_of
     from fame.bpmn.reader import read
     from fame.check.gate import refuse_errors
     from fame.deploy.signing import read_private
@@ -45,7 +45,7 @@ def run(arguments: Namespace) -> int:
     definitions, library = read(arguments.model), Library(arguments.library)
     key = read_private(arguments.key) if arguments.key is not None else None
     names, pools = arguments.to, pools_of(definitions)
-    sent = [pool.process for pool in pools if not names or any(plays(robot, pool) for robot in names)]
+    sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
     with connected(arguments) as (scheduler, middleware):
         sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)

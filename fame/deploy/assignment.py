@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.bpmn.pools import Pool, bind, expected, plays, pools_of, shared_topics
+from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
 from fame.errors import DeploymentError
 from fame.robot.addressed import address
 
@@ -18,16 +18,16 @@ def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, onl
     """
     pools = pools_of(definitions)
     if found:
-        robots = [robot for robot in robots if any(plays(robot, pool) for pool in pools)]
+        robots = [robot for robot in robots if any(matches(robot, pool) for pool in pools)]
     unknown = [name for name in only if name not in robots]
-    wanted = ", ".join(expected(pool) for pool in pools)
+    wanted = ", ".join(expected_robots(pool) for pool in pools)
     if unknown:
         there = f"there are {', '.join(robots)}" if robots else "there is none"
         text = f"no engine of a robot named {', '.join(unknown)}; of those that the model wants ({wanted}) {there}"
         raise DeploymentError(text)
     if only:
-        pools = [pool for pool in pools if any(plays(robot, pool) for robot in robots)]
-    cast = bind(pools, robots, file=definitions.file)
+        pools = [pool for pool in pools if any(matches(robot, pool) for robot in robots)]
+    cast = assign_pools(pools, robots, file=definitions.file)
     if not cast:
         raise DeploymentError(f"no engine of a robot that the model wants: {wanted}")
     return cast

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Protocol
 
 from fame.bpmn.model import Definitions
-from fame.bpmn.pools import plays, pools_of
+from fame.bpmn.pools import matches, pools_of
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.envelope import STATUS_QOS, STRING, engines
 from fame.deploy.sender import Deployment
@@ -76,7 +76,7 @@ class Keeper:
     def _look(self) -> None:
         """Listen to those who came, forget those who left, serve those who wait."""
         self._next = self.scheduler.after(round(LOOK * SECOND), self._look, Kind.TIMER)
-        there = {robot for robot in engines(self.middleware) if any(plays(robot, pool) for pool in self._pools)}
+        there = {robot for robot in engines(self.middleware) if any(matches(robot, pool) for pool in self._pools)}
         for robot in self._ends.keys() - there:
             self._ends.pop(robot).close()
             self._states.pop(robot, None)

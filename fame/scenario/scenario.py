@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
-from fame.bpmn.pools import Pool, bind, pools_of
+from fame.bpmn.pools import Pool, assign_pools, pools_of
 from fame.clock import EPOCH
 from fame.errors import ConfigError, expect
 from fame.robot import Event
@@ -96,7 +96,7 @@ class Scenario:
         world = _populated(said.world, counts, chosen) if said.world is not None else None
         bodies = [robot.name for robot in world.robots] if world is not None else []
         names = [*bodies, *said.computers] if world is not None or said.computers else _names(pools, counts)
-        cast = bind([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
+        cast = assign_pools([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
         _check_numbers(pools, cast, str(path))
         _check_faults(faults, cast, str(path))
         tasks = {robot: list(_tasks(found, definitions, pool.process)) for robot, pool in cast.items()}

@@ -12,9 +12,20 @@ from dataclasses import replace
 
 from fame.bpmn.draw.icons import Ink
 from fame.bpmn.draw.labels import Label, place_labels
-from fame.bpmn.draw.shapes import draw_shape, name_beside, stand_in
-from fame.bpmn.draw.style import INK, OUTCOMES, PAPER, SMALL, Picture, Tally, badge, badges, legend, visited
-from fame.bpmn.draw.svg import FONT, arrow, corners, lettering, middle, moved, number, polyline, tag, towards
+from fame.bpmn.draw.shapes import draw_shape, name_beside, placeholder
+from fame.bpmn.draw.style import BACKGROUND, INK, OUTCOMES, SMALL, Picture, Tally, badge, badges, is_visited, legend
+from fame.bpmn.draw.svg import (
+    FONT,
+    arrow,
+    corners,
+    middle,
+    number,
+    point_towards,
+    polyline,
+    tag,
+    text_lines,
+    translated,
+)
 from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, Gateway, SequenceFlow, Shape, SubProcess
 from fame.errors import ModelError
 
@@ -23,10 +34,10 @@ BADGE = 10.0
 """How far badges reach beyond the corner of their shape."""
 
 
-def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
+def draw(definitions: Definitions, is_visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
     """The diagrams of a file as one SVG document.
 
-    `visited` are ids of elements and flows, as often as they were completed; or how often each was; or, by id, how
+    `is_visited` are ids of elements and flows, as often as they were completed; or how often each was; or, by id, how
     often each outcome came about (`fame.log.outcomes`). Each outcome has its colour, its symbol, and its number.
     Raises ModelError if the file has no diagram.
     """
@@ -34,9 +45,9 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
         raise ModelError(
             "the file has no diagram (BPMNDI), so there is nothing to draw: draw it in a modeler", file=definitions.file
         )
-    elements = {shape.element: stand_in(shape) for shape in definitions.shapes}
+    elements = {shape.element: placeholder(shape) for shape in definitions.shapes}
     elements.update((one.id, one) for one in _elements(definitions))
-    picture = Picture(elements, _tallies(visited))
+    picture = Picture(elements, _tallies(is_visited))
     parts: list[str] = []
     width, top = 0.0, MARGIN
     for plane, shown in enumerate(definitions.planes):
@@ -47,10 +58,10 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
         picture.labels = _labels(picture, shapes, edges)
         if parts:
             title = picture.elements[shown].label if shown in picture.elements else ""
-            parts.append(lettering([title], MARGIN, top, size=14, fill=INK, anchor="start"))
+            parts.append(text_lines([title], MARGIN, top, size=14, fill=INK, anchor="start"))
             top += 28
         frame = _frame(picture, shapes, edges)
-        parts.append(moved(MARGIN - frame.x, top - frame.y, *_plane(picture, shapes, edges)))
+        parts.append(translated(MARGIN - frame.x, top - frame.y, *_plane(picture, shapes, edges)))
         width, top = max(width, frame.width), top + frame.height + 2 * MARGIN
     tallies = [picture.visits.get(shape.element, {}) for shape in definitions.shapes]
     present = [outcome for outcome in OUTCOMES if any(tally.get(outcome) for tally in tallies)]
@@ -60,9 +71,9 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
     return _document(width + 2 * MARGIN, top - MARGIN, parts)
 
 
-def _tallies(visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:
+def _tallies(is_visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:
     """Outcomes by id: what is only counted was completed."""
-    counts = visited if isinstance(visited, Mapping) else Counter(visited)
+    counts = is_visited if isinstance(is_visited, Mapping) else Counter(is_visited)
     return {id: {"completed": count} if isinstance(count, int) else count for id, count in counts.items()}
 
 
@@ -76,7 +87,7 @@ def _labels(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) ->
 
 def _document(width: float, height: float, parts: Iterable[str]) -> str:
     size = number(width), number(height)
-    paper = tag("rect", width="100%", height="100%", fill=PAPER)
+    paper = tag("rect", width="100%", height="100%", fill=BACKGROUND)
     namespace = {"xmlns": "http://www.w3.org/2000/svg", "viewBox": f"0 0 {size[0]} {size[1]}", "font_family": FONT}
     return tag("svg", paper, *parts, width=size[0], height=size[1], **namespace) + "\n"
 
@@ -152,7 +163,7 @@ def draw_edge(picture: Picture, edge: Edge) -> str:
     elif edge.kind == "conversationLink":
         content = "".join(
             tag("path", d=polyline(edge.waypoints), **{**style, "stroke": colour}, stroke_width=width)
-            for colour, width in ((ink[0], 5), (PAPER, 2))
+            for colour, width in ((ink[0], 5), (BACKGROUND, 2))
         )
     else:
         line = tag("path", d=polyline(edge.waypoints), stroke_width=2, stroke_dasharray="0 5", **style)
@@ -163,30 +174,30 @@ def draw_edge(picture: Picture, edge: Edge) -> str:
 
 def _sequence_flow(picture: Picture, edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
     points = list(edge.waypoints)
-    width = 2.5 if visited(ink) else 1.5
+    width = 2.5 if is_visited(ink) else 1.5
     head = tag("polygon", points=corners(arrow(points)), fill=ink[0], stroke=ink[0], stroke_linejoin="round")
-    line = polyline([*points[:-1], towards(points[-1], points[-2], 4)])
+    line = polyline([*points[:-1], point_towards(points[-1], points[-2], 4)])
     drawn = tag("path", d=line, stroke_width=width, **style) + head
     flow = picture.elements.get(edge.element)
     source = picture.elements.get(flow.source) if isinstance(flow, SequenceFlow) else None
     if isinstance(flow, SequenceFlow) and isinstance(source, Activity | Gateway) and source.default == flow.id:
-        x, y = towards(points[0], points[1], 10)
+        x, y = point_towards(points[0], points[1], 10)
         side = arrow([points[0], (x, y)], 6, 10)
         drawn += tag(
             "polyline", points=corners([side[0], (2 * x - side[0][0], 2 * y - side[0][1])]), stroke_width=1.5, **style
         )
     elif isinstance(flow, SequenceFlow) and flow.condition is not None and isinstance(source, Activity):
-        half, end = towards(points[0], points[1], 8), towards(points[0], points[1], 16)
+        half, end = point_towards(points[0], points[1], 8), point_towards(points[0], points[1], 16)
         sides = arrow([points[0], half], 0.01, 8)
         diamond = [points[0], sides[0], end, sides[2]]
-        drawn += tag("polygon", points=corners(diamond), **{**style, "fill": PAPER})
+        drawn += tag("polygon", points=corners(diamond), **{**style, "fill": BACKGROUND})
     return drawn
 
 
 def _message_flow(edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
     line = tag("path", d=polyline(edge.waypoints), stroke_width=1.5, stroke_dasharray="10 8", **style)
-    start = tag("circle", cx=edge.waypoints[0][0], cy=edge.waypoints[0][1], r=3.5, fill=PAPER, stroke=ink[0])
-    return line + start + tag("polygon", points=corners(arrow(edge.waypoints)), **{**style, "fill": PAPER})
+    start = tag("circle", cx=edge.waypoints[0][0], cy=edge.waypoints[0][1], r=3.5, fill=BACKGROUND, stroke=ink[0])
+    return line + start + tag("polygon", points=corners(arrow(edge.waypoints)), **{**style, "fill": BACKGROUND})
 
 
 def draw_edge_label(picture: Picture, edge: Edge) -> str:

@@ -19,7 +19,7 @@ _ROOM = 12.0
 _SMALLEST = 9
 
 
-class Setting(NamedTuple):
+class FittedText(NamedTuple):
     """Lines of a size, and where the first one begins."""
 
     lines: list[str]
@@ -27,7 +27,7 @@ class Setting(NamedTuple):
     top: float
 
 
-def set_inside(name: str, box: Bounds, size: float, corner: float = 0) -> Setting:
+def fit_in_box(name: str, box: Bounds, size: float, corner: float = 0) -> FittedText:
     """A name in the middle of a box, of `size` or smaller; a square at the upper left `corner` stays free."""
     width = max(box.width - _ROOM, 10)
     for smaller in range(round(size), _SMALLEST - 1, -1):
@@ -35,16 +35,16 @@ def set_inside(name: str, box: Bounds, size: float, corner: float = 0) -> Settin
         if setting is not None and all(text_width(line, smaller) <= width for line in setting.lines):
             return setting
     lines = wrap(name, width, _SMALLEST, anywhere=True)
-    return _fit(lines, _SMALLEST, box, corner) or Setting(lines, _SMALLEST, box.y)
+    return _fit(lines, _SMALLEST, box, corner) or FittedText(lines, _SMALLEST, box.y)
 
 
-def _fit(lines: list[str], size: float, box: Bounds, corner: float) -> Setting | None:
+def _fit(lines: list[str], size: float, box: Bounds, corner: float) -> FittedText | None:
     """In the middle, or lower to be clear of the corner; None if that is not possible."""
     height = len(lines) * size * LINE_HEIGHT
     top = box.y + (box.height - height) / 2
     if _in_corner(lines, size, top, box, corner):
         top = box.y + corner
-    return Setting(lines, size, top) if box.y <= top and top + height <= box.y + box.height else None
+    return FittedText(lines, size, top) if box.y <= top and top + height <= box.y + box.height else None
 
 
 def _in_corner(lines: list[str], size: float, top: float, box: Bounds, corner: float) -> bool:
@@ -67,7 +67,7 @@ class Label(NamedTuple):
 
 
 @dataclass(slots=True)
-class Taken:
+class Obstacles:
     """What names must not cover: boxes of shapes and of other names, and lines."""
 
     boxes: list[Bounds] = field(default_factory=list)
@@ -84,7 +84,7 @@ def place_labels(
 ) -> dict[str, Label]:
     """The names of those shapes and edges that have `names`, by id; `frames` may be covered."""
     inside = set(frames)
-    taken = Taken(
+    taken = Obstacles(
         [shape.bounds for shape in shapes if shape.element not in inside],
         [line for edge in edges for line in pairwise(edge.waypoints)],
     )

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 
 from fame.bpmn.draw import icons
 from fame.bpmn.draw.icons import Ink
-from fame.bpmn.draw.labels import set_inside
-from fame.bpmn.draw.style import BAND, PAPER, SIZE, SMALL, Picture, letters
-from fame.bpmn.draw.svg import corners, lettering, moved, number, tag, wrap
+from fame.bpmn.draw.labels import fit_in_box
+from fame.bpmn.draw.style import BACKGROUND, BAND_FILL, SIZE, SMALL, Picture, text_colour
+from fame.bpmn.draw.svg import corners, number, tag, text_lines, translated, wrap
 from fame.bpmn.model import (
     GATEWAYS,
     PLACES,
@@ -33,7 +33,7 @@ def draw_shape(picture: Picture, shape: Shape) -> str:
     return tag("g", draws(picture, shape, picture.elements[shape.element]), id=shape.element)
 
 
-def stand_in(shape: Shape) -> Element:
+def placeholder(shape: Shape) -> Element:
     """What is drawn of an element that the model does not tell of: its kind and its name."""
     if shape.kind in PLACES:
         return Event(id=shape.element, name=shape.name, place=PLACES[shape.kind])
@@ -63,14 +63,14 @@ def _shrunk(bounds: Bounds, by: float) -> Bounds:
 
 def _pool(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
-    if shape.kind == "lane" and ink[1] == PAPER:
+    if shape.kind == "lane" and ink[1] == BACKGROUND:
         ink = ink[0], "none"
     marks = ""
     if isinstance(element, Participant) and element.multi_instance:
         x, y = bounds.x + bounds.width / 2 - 7, bounds.y + bounds.height - 18
-        marks = moved(x, y, icons.marker("parallel", ink))
+        marks = translated(x, y, icons.marker("parallel", ink))
     if shape.kind == "participant" and not getattr(element, "process", ""):
-        paper = BAND if shape.band.endswith("non_initiating") else ink[1]
+        paper = BAND_FILL if shape.band.endswith("non_initiating") else ink[1]
         return _box(bounds, (ink[0], paper), 1.5) + _centred(element.name, bounds, ink) + marks
     band = 30.0
     if shape.horizontal:
@@ -93,8 +93,8 @@ def _banner(name: str, shape: Shape, band: float, ink: Ink) -> str:
 
 def _centred(name: str, bounds: Bounds, ink: Ink, corner: float = 0) -> str:
     """A name in the middle of a box, clear of a pictogram in its upper left corner that is so large."""
-    setting = set_inside(name, bounds, SIZE, corner)
-    return lettering(setting.lines, bounds.x + bounds.width / 2, setting.top, size=setting.size, fill=letters(ink))
+    setting = fit_in_box(name, bounds, SIZE, corner)
+    return text_lines(setting.lines, bounds.x + bounds.width / 2, setting.top, size=setting.size, fill=text_colour(ink))
 
 
 def _activity(picture: Picture, shape: Shape, element: Element) -> str:
@@ -108,11 +108,11 @@ def _activity(picture: Picture, shape: Shape, element: Element) -> str:
     icon = icons.task(element.kind, ink) if isinstance(element, Task) else ""
     if open_body:
         lines = wrap(element.name, bounds.width - 20, SIZE)
-        name = lettering(lines, bounds.x + bounds.width / 2, bounds.y + 6, size=SIZE, fill=letters(ink))
+        name = text_lines(lines, bounds.x + bounds.width / 2, bounds.y + 6, size=SIZE, fill=text_colour(ink))
     else:
         room = Bounds(bounds.x, bounds.y, bounds.width, bounds.height - (16 if markers else 0))
         name = _centred(element.name, room, ink, 25 if icon else 0)
-    return box + (moved(bounds.x + 6, bounds.y + 6, icon) if icon else "") + name + markers
+    return box + (translated(bounds.x + 6, bounds.y + 6, icon) if icon else "") + name + markers
 
 
 def _markers(shape: Shape, element: Element, ink: Ink) -> str:
@@ -131,7 +131,7 @@ def _markers(shape: Shape, element: Element, ink: Ink) -> str:
     bounds = shape.bounds
     left = bounds.x + bounds.width / 2 - 9 * len(kinds) + 2
     y = bounds.y + bounds.height - 19
-    return "".join(moved(left + 18 * place, y, icons.marker(kind, ink)) for place, kind in enumerate(kinds))
+    return "".join(translated(left + 18 * place, y, icons.marker(kind, ink)) for place, kind in enumerate(kinds))
 
 
 def _event(picture: Picture, shape: Shape, element: Element) -> str:
@@ -149,8 +149,8 @@ def _event(picture: Picture, shape: Shape, element: Element) -> str:
     ]
     icon = icons.trigger(_trigger(element), ink, throws)
     scale = bounds.width / 36
-    inside = moved(x - 18 * scale, y - 18 * scale, icon, scale=scale) if icon else ""
-    return "".join(circles) + inside + picture.label(shape.element, letters(ink))
+    inside = translated(x - 18 * scale, y - 18 * scale, icon, scale=scale) if icon else ""
+    return "".join(circles) + inside + picture.label(shape.element, text_colour(ink))
 
 
 def _trigger(event: Event) -> str:
@@ -167,15 +167,15 @@ def _gateway(picture: Picture, shape: Shape, element: Element) -> str:
     points = corners([(x, y - h), (x + w, y), (x, y + h), (x - w, y)])
     diamond = tag("polygon", points=points, fill=ink[1], stroke=ink[0], stroke_width=2, stroke_linejoin="round")
     sign = icons.gateway(element.kind, ink, shape.marker_visible)
-    inside = moved(x, y, sign, scale=bounds.width / 50) if sign else ""
-    return diamond + inside + picture.label(shape.element, letters(ink))
+    inside = translated(x, y, sign, scale=bounds.width / 50) if sign else ""
+    return diamond + inside + picture.label(shape.element, text_colour(ink))
 
 
 def _data(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
     x, y, w, h = bounds.x, bounds.y, bounds.width, bounds.height
     if shape.kind in ("dataStoreReference", "dataStore"):
-        return _store(bounds, ink) + picture.label(shape.element, letters(ink))
+        return _store(bounds, ink) + picture.label(shape.element, text_colour(ink))
     fold = min(10, w / 3)
     page = [(x, y), (x + w - fold, y), (x + w, y + fold), (x + w, y + h), (x, y + h)]
     corner = [(x + w - fold, y), (x + w - fold, y + fold), (x + w, y + fold)]
@@ -183,11 +183,11 @@ def _data(picture: Picture, shape: Shape, element: Element) -> str:
     drawn = tag("polygon", points=corners(page), fill=ink[1], **style)
     drawn += tag("polyline", points=corners(corner), fill="none", **style)
     if isinstance(element, DataObject) and element.collection:
-        drawn += moved(x + w / 2 - 7, y + h - 18, icons.marker("parallel", ink))
+        drawn += translated(x + w / 2 - 7, y + h - 18, icons.marker("parallel", ink))
     if shape.kind in ("dataInput", "dataOutput"):
         filled = shape.kind == "dataOutput"
-        drawn += moved(x + 1, y + 1, icons.trigger("link", ink, filled), scale=0.5)
-    return drawn + picture.label(shape.element, letters(ink))
+        drawn += translated(x + 1, y + 1, icons.trigger("link", ink, filled), scale=0.5)
+    return drawn + picture.label(shape.element, text_colour(ink))
 
 
 def _with_state(element: Element) -> str:
@@ -216,22 +216,24 @@ def _conversation(picture: Picture, shape: Shape, element: Element) -> str:
                       (x + w / 4, y + h)])  # fmt: skip
     width = 5 if shape.kind == "callConversation" else 2
     hexagon = tag("polygon", points=points, fill=ink[1], stroke=ink[0], stroke_width=width, stroke_linejoin="round")
-    plus = moved(x + w / 2 - 7, y + h - 19, icons.marker("collapsed", ink)) if shape.kind == "subConversation" else ""
-    return hexagon + plus + picture.label(shape.element, letters(ink))
+    plus = (
+        translated(x + w / 2 - 7, y + h - 19, icons.marker("collapsed", ink)) if shape.kind == "subConversation" else ""
+    )
+    return hexagon + plus + picture.label(shape.element, text_colour(ink))
 
 
 def _message(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
     x, y, w, h = bounds.x, bounds.y, bounds.width, bounds.height
     flap = tag("polyline", points=corners([(x, y), (x + w / 2, y + h / 2), (x + w, y)]), fill="none", stroke=ink[0])
-    return _box(bounds, ink, 1.5) + flap + picture.label(shape.element, letters(ink))
+    return _box(bounds, ink, 1.5) + flap + picture.label(shape.element, text_colour(ink))
 
 
 def _annotation(picture: Picture, shape: Shape, element: Element) -> str:
     bounds, ink = shape.bounds, picture.ink(shape)
     bracket = f"M{number(bounds.x + 10)} {number(bounds.y)}h-10v{number(bounds.height)}h10"
     lines = wrap(element.name, max(bounds.width - 10, 30), SIZE)
-    content = lettering(lines, bounds.x + 6, bounds.y + 4, size=SIZE, fill=letters(ink), anchor="start")
+    content = text_lines(lines, bounds.x + 6, bounds.y + 4, size=SIZE, fill=text_colour(ink), anchor="start")
     return tag("path", d=bracket, fill="none", stroke=ink[0], stroke_width=2) + content
 
 
@@ -241,7 +243,7 @@ def _group(picture: Picture, shape: Shape, element: Element) -> str:
     if shape.label is None:
         bounds = shape.bounds
         lines = wrap(element.name, bounds.width, SMALL)
-        return box + lettering(lines, bounds.x + bounds.width / 2, bounds.y + 4, size=SMALL, fill=stroke)
+        return box + text_lines(lines, bounds.x + bounds.width / 2, bounds.y + 4, size=SMALL, fill=stroke)
     return box + picture.label(shape.element, stroke)
 
 

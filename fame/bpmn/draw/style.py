@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 
 from fame.bpmn.draw.icons import Ink
 from fame.bpmn.draw.labels import Label
-from fame.bpmn.draw.svg import lettering, moved, tag, text_width
+from fame.bpmn.draw.svg import tag, text_lines, text_width, translated
 from fame.bpmn.model import Edge, Element, Shape
 
 Outcome = Literal["failed", "waiting", "completed", "cancelled"]
@@ -49,8 +49,8 @@ def badge(content: str, x: float, y: float, outcome: Outcome = "completed", *, s
     pill = tag(
         "rect", x=x - width / 2, y=y - 8, width=width, height=_PILL, rx=8, fill=STYLES[outcome].stroke, stroke=_LIGHT
     )
-    sign = moved(x - width / 2 + 4 + left / 2, y, _sign(outcome, _LIGHT)) if symbol else ""
-    return pill + sign + lettering([content], x + left / 2, y - 6, size=10, fill=_LIGHT)
+    sign = translated(x - width / 2 + 4 + left / 2, y, _sign(outcome, _LIGHT)) if symbol else ""
+    return pill + sign + text_lines([content], x + left / 2, y - 6, size=10, fill=_LIGHT)
 
 
 def badges(tally: Tally, right: float, y: float) -> str:
@@ -68,8 +68,8 @@ def legend(present: Iterable[Outcome], x: float, y: float) -> str:
     """The symbols that are on the drawing, each with the name of its outcome; (x, y) is the left end."""
     drawn = ""
     for outcome in present:
-        drawn += moved(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
-        drawn += lettering([outcome], x + 20, y - 7, size=11, fill=STYLES[outcome].stroke, anchor="start")
+        drawn += translated(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
+        drawn += text_lines([outcome], x + 20, y - 7, size=11, fill=STYLES[outcome].stroke, anchor="start")
         x += 40 + text_width(outcome, 11)
     return drawn
 
@@ -82,8 +82,8 @@ def _sign(outcome: Outcome, ink: str) -> str:
     return tag("path", d=STYLES[outcome].symbol, fill="none", stroke=ink, stroke_width=1.5, stroke_linecap="round")
 
 
-INK, PAPER = "#22242a", "#ffffff"
-BAND = "#d9d9dd"
+INK, BACKGROUND = "#22242a", "#ffffff"
+BAND_FILL = "#d9d9dd"
 """Of the participant in a choreography task that did not begin it."""
 SIZE, SMALL = 12.0, 11.0
 """Of lettering, in pixels: in boxes, beside things."""
@@ -103,7 +103,7 @@ class Picture:
         style = style_of(self.visits.get(shape.element, {}))
         if style is not None:
             return style.stroke, style.paper
-        return shape.stroke or INK, (shape.fill if isinstance(shape, Shape) else "") or PAPER
+        return shape.stroke or INK, (shape.fill if isinstance(shape, Shape) else "") or BACKGROUND
 
     def label(self, id: str, colour: str = INK) -> str:
         """The name that stands beside a shape or flow, if there is one."""
@@ -111,14 +111,14 @@ class Picture:
         if label is None:
             return ""
         middle = label.box.x + label.box.width / 2
-        return lettering(label.lines, middle, label.box.y, size=SMALL, fill=colour, halo=True)
+        return text_lines(label.lines, middle, label.box.y, size=SMALL, fill=colour, halo=True)
 
 
-def visited(ink: Ink) -> bool:
+def is_visited(ink: Ink) -> bool:
     """Whether these are the colours of something that was visited."""
     return ink[0] in _VISITED
 
 
-def letters(ink: Ink) -> str:
+def text_colour(ink: Ink) -> str:
     """The colour of lettering on these colours."""
-    return INK if visited(ink) else ink[0]
+    return INK if is_visited(ink) else ink[0]

@@ -45,7 +45,7 @@ def text(content: str) -> str:
     return escape(_NOT_XML.sub("", content))
 
 
-def moved(x: float, y: float, *content: str, scale: float = 1.0) -> str:
+def translated(x: float, y: float, *content: str, scale: float = 1.0) -> str:
     """Some drawing, elsewhere and perhaps at another scale."""
     scaled = f" scale({number(scale)})" if scale != 1 else ""
     return tag("g", *content, transform=f"translate({number(x)} {number(y)}){scaled}")
@@ -58,15 +58,15 @@ def polyline(points: Sequence[Point], radius: float = 5) -> str:
     """Path data of a line through `points` with round corners."""
     data = [f"M{number(points[0][0])} {number(points[0][1])}"]
     for before, corner, after in zip(points, points[1:], points[2:], strict=False):
-        near = towards(corner, before, min(radius, math.dist(corner, before) / 2))
-        far = towards(corner, after, min(radius, math.dist(corner, after) / 2))
+        near = point_towards(corner, before, min(radius, math.dist(corner, before) / 2))
+        far = point_towards(corner, after, min(radius, math.dist(corner, after) / 2))
         data.append(f"L{number(near[0])} {number(near[1])}")
         data.append(f"Q{number(corner[0])} {number(corner[1])} {number(far[0])} {number(far[1])}")
     data.append(f"L{number(points[-1][0])} {number(points[-1][1])}")
     return "".join(data)
 
 
-def towards(start: Point, end: Point, distance: float) -> Point:
+def point_towards(start: Point, end: Point, distance: float) -> Point:
     """The point at some distance from `start` on the way to `end`."""
     length = math.dist(start, end) or 1
     return start[0] + (end[0] - start[0]) * distance / length, start[1] + (end[1] - start[1]) * distance / length
@@ -76,7 +76,7 @@ def arrow(points: Sequence[Point], length: float = 10, width: float = 8) -> list
     """The corners of an arrow head at the end of a line: side, tip, side."""
     tip = points[-1]
     tail = next((point for point in reversed(points[:-1]) if math.dist(point, tip) > 0.1), points[0])
-    base = towards(tip, tail, length)
+    base = point_towards(tip, tail, length)
     x, y = (base[0] - tip[0]) / length * width / 2, (base[1] - tip[1]) / length * width / 2
     return [(base[0] - y, base[1] + x), tip, (base[0] + y, base[1] - x)]
 
@@ -92,7 +92,7 @@ def middle(points: Sequence[Point]) -> Point:
     for start, end in pairwise(points):
         length = math.dist(start, end)
         if length >= left:
-            return towards(start, end, left)
+            return point_towards(start, end, left)
         left -= length
     return points[-1]
 
@@ -149,7 +149,7 @@ def fitted(content: str, bounds: Bounds, size: float) -> list[str]:
     return lines
 
 
-def lettering(
+def text_lines(
     lines: Sequence[str], x: float, top: float, *, size: float, fill: str, anchor: str = "middle", halo: bool = False
 ) -> str:
     """Lines of text; `x` is their middle (or start), `top` the top of the first. `halo`: white around the letters."""

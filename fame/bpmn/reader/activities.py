@@ -16,13 +16,13 @@ from fame.bpmn.model import (
     TaskKind,
     Topic,
 )
-from fame.bpmn.reader.context import Context, boolean, whole
-from fame.bpmn.reader.dialects import extensions_of
-from fame.bpmn.reader.dialects.extensions import topic_properties
+from fame.bpmn.reader.context import Context, boolean_attribute, whole_number
+from fame.bpmn.reader.dialects import read_extensions
+from fame.bpmn.reader.dialects.extensions import take_topic_properties
 from fame.bpmn.reader.events import TopicSource, message_keys, read_topic
-from fame.bpmn.reader.expressions import body, condition, mapped, variable, variable_named
-from fame.bpmn.reader.flow_nodes import HalfRead
-from fame.bpmn.reader.xml import Node, child, children, find, id_in, line_of, local, text_of
+from fame.bpmn.reader.expressions import code_of, condition_of, mapping_source, variable_name, variable_or_expression
+from fame.bpmn.reader.flow_nodes import NodeReader
+from fame.bpmn.reader.xml import Node, child, children, line_of, local_id, local_name, resolve, text_of
 
 TASKS: Mapping[str, TaskKind] = {
     "task": "plain",
@@ -37,13 +37,13 @@ TASKS: Mapping[str, TaskKind] = {
 _NO_RULES = "business rules are not executed: decide with a gateway or a script task"
 
 
-def read_activity(node: HalfRead) -> dict[str, Any]:
+def read_activity(node: NodeReader) -> dict[str, Any]:
     """What all activities have in common, as arguments of their dataclasses."""
     for name in ("startQuantity", "completionQuantity"):
         if node.get(name).strip() not in ("", "1"):
             text = f"{name}={node.get(name)!r} has no effect: every token starts it, and one leaves it"
             node.context.note(node.element, text, "warning")
-    io, moves = node.extensions.mapping(), node.moves
+    io, moves = node.extensions.mapping(), node.associations
     if moves.assigned_in or moves.assigned_out:
         io = io or IoMapping()
         io = IoMapping(io.inputs + moves.assigned_in, io.outputs + moves.assigned_out, io.all_in, io.all_out)
@@ -54,11 +54,11 @@ def read_activity(node: HalfRead) -> dict[str, Any]:
         "loop": _loop(node),
         "for_compensation": node.flag("isForCompensation"),
         "refused": node.extensions.refused,
-        "properties": node.extensions.rest(),
+        "properties": node.extensions.remaining(),
     }
 
 
-def read_task(node: HalfRead, kind: TaskKind) -> Task:
+def read_task(node: NodeReader, kind: TaskKind) -> Task:
     """A task of any kind."""
     found = node.extensions
     if kind == "business_rule" and not found.operation and not found.script:
@@ -82,14 +82,14 @@ def read_task(node: HalfRead, kind: TaskKind) -> Task:
     )
 
 
-def _script(node: HalfRead) -> Expression | None:
+def _script(node: NodeReader) -> Expression | None:
     holders = node.parts.get("script")
-    return body(node.context, holders[0], node.get("scriptFormat")) if holders else None
+    return code_of(node.context, holders[0], node.get("scriptFormat")) if holders else None
 
 
-def _message(node: HalfRead, kind: Literal["send", "receive"]) -> Topic | None:
+def _message(node: NodeReader, kind: Literal["send", "receive"]) -> Topic | None:
     """Of a send or receive task that says anything of a message."""
-    say = topic_properties(node.context, node.element, node.extensions)
+    say = take_topic_properties(node.context, node.element, node.extensions)
     if not node.get("messageRef") and not (say.type or say.payload):
         return None
     if kind == "send":
@@ -101,7 +101,7 @@ def _message(node: HalfRead, kind: Literal["send", "receive"]) -> Topic | None:
     return read_topic(TopicSource(node, "catch", takes), node.element, "message", say)
 
 
-def _service(node: HalfRead) -> Topic | None:
+def _service(node: NodeReader) -> Topic | None:
     """The ROS service or action of a service task: by the web modeler's elements, or by a property of that name."""
     service, action = node.extensions.take("service"), node.extensions.take("action")
     if service is not None and action is not None:
@@ -109,29 +109,29 @@ def _service(node: HalfRead) -> Topic | None:
     named = service or action
     if named is None and not node.extensions.service:
         return None
-    say = topic_properties(node.context, node.element, node.extensions, "srv" if action is None else "action")
+    say = take_topic_properties(node.context, node.element, node.extensions, "srv" if action is None else "action")
     name = named.value.strip() if named is not None else node.extensions.operation
     return Topic(name=name, type=say.type, payload=say.payload, private=say.private, qos=say.qos)
 
 
-def _operation(node: HalfRead) -> str:
+def _operation(node: NodeReader) -> str:
     """By the standard: the name of the operation referred to, or what `implementation` names."""
     for interface in node.context.roots.values() if node.get("operationRef") else ():
         operations = {one.get("id", ""): one for one in children(interface, "operation")}
-        operation = find(operations, node.get("operationRef"))
+        operation = resolve(operations, node.get("operationRef"))
         if operation is not None:
             return operation.get("name", "").strip() or operation.get("id", "")
     implementation = node.get("implementation").strip()
     return "" if implementation.startswith("##") else implementation
 
 
-def read_call(node: HalfRead) -> CallActivity:
+def read_call(node: NodeReader) -> CallActivity:
     """A call activity: what it calls stays a name, or an expression that gives one."""
-    called = node.extensions.called or id_in(node.element, "calledElement")
+    called = node.extensions.called or local_id(node.element, "calledElement")
     root = node.context.root(called)
-    if root is not None and local(root).startswith("global"):
-        node.extensions.refused = f"it calls the <{local(root)}> {called}: make it a process with that task in it"
-    seen = mapped(called, line_of(node.element)) if called else None
+    if root is not None and local_name(root).startswith("global"):
+        node.extensions.refused = f"it calls the <{local_name(root)}> {called}: make it a process with that task in it"
+    seen = mapping_source(called, line_of(node.element)) if called else None
     computed = seen is not None and seen.language in ("juel", "feel", "template")
     return CallActivity(
         called="" if computed else called,
@@ -143,7 +143,7 @@ def read_call(node: HalfRead) -> CallActivity:
 # ---- loops -----------------------------------------------------------------------------------------------------------
 
 
-def _loop(node: HalfRead) -> MultiInstance | StandardLoop | None:
+def _loop(node: NodeReader) -> MultiInstance | StandardLoop | None:
     if "multiInstanceLoopCharacteristics" in node.parts:
         return _multi_instance(node, node.parts["multiInstanceLoopCharacteristics"][0])
     if "standardLoopCharacteristics" not in node.parts:
@@ -152,21 +152,21 @@ def _loop(node: HalfRead) -> MultiInstance | StandardLoop | None:
     maximum = loop.get("loopMaximum")
     return StandardLoop(
         condition=_inner(node.context, loop, "loopCondition"),
-        test_before=boolean(node.context, loop, "testBefore"),
-        maximum=whole(node.context, loop, "loopMaximum", maximum, 1) if maximum else 0,
+        test_before=boolean_attribute(node.context, loop, "testBefore"),
+        maximum=whole_number(node.context, loop, "loopMaximum", maximum, 1) if maximum else 0,
         line=line_of(loop),
     )
 
 
-def _multi_instance(node: HalfRead, loop: Node) -> MultiInstance:
+def _multi_instance(node: NodeReader, loop: Node) -> MultiInstance:
     """What it says of its results may stand at the activity: Camunda Modeler has properties there alone."""
-    context, said = node.context, extensions_of(node.context, loop)
+    context, said = node.context, read_extensions(node.context, loop)
     named, each = (said.take(name) or node.extensions.take(name) for name in ("outputCollection", "outputElement"))
-    collection = variable(context, loop, said.collection) if said.collection.strip() else None
+    collection = variable_or_expression(context, loop, said.collection) if said.collection.strip() else None
     if collection is None:
         reference = child(loop, "loopDataInputRef")
         name = _variable_of(context, loop, text_of(reference)) if reference is not None else ""
-        collection = variable(context, loop, name) if name else None
+        collection = variable_or_expression(context, loop, name) if name else None
     output = child(loop, "loopDataOutputRef")
     output_collection = (named.value if named is not None else said.output_collection).strip()
     if output is not None and not output_collection:
@@ -176,25 +176,25 @@ def _multi_instance(node: HalfRead, loop: Node) -> MultiInstance:
         text = f"behavior={loop.get('behavior')!r} has no effect: no event is thrown per instance"
         context.note(loop, text, "warning")
     return MultiInstance(
-        sequential=boolean(context, loop, "isSequential"),
+        sequential=boolean_attribute(context, loop, "isSequential"),
         cardinality=_inner(context, loop, "loopCardinality"),
         collection=collection,
         element_variable=said.element_variable.strip() or _item_name(loop, "inputDataItem"),
         completion=_inner(context, loop, "completionCondition"),
         output_collection=output_collection,
-        output_element=variable(context, loop, element) if element else None,
+        output_element=variable_or_expression(context, loop, element) if element else None,
         line=line_of(loop),
     )
 
 
 def _item_name(loop: Node, name: str) -> str:
     item = child(loop, name)
-    return variable_named(item) if item is not None else ""
+    return variable_name(item) if item is not None else ""
 
 
 def _inner(context: Context, element: Node, name: str) -> Expression | None:
     holder = child(element, name)
-    read = body if name == "loopCardinality" else condition
+    read = code_of if name == "loopCardinality" else condition_of
     return read(context, holder) if holder is not None else None
 
 
@@ -206,12 +206,12 @@ def _variable_of(context: Context, loop: Node, reference: str) -> str:
     reference = reference.strip()
     activity = loop.getparent()
     for association in activity if activity is not None else ():
-        ends = [text_of(one).strip() for one in association if local(one) in ("sourceRef", "targetRef")]
+        ends = [text_of(one).strip() for one in association if local_name(one) in ("sourceRef", "targetRef")]
         if reference in ends and len(ends) == 2:
             reference = ends[1 - ends.index(reference)]
             break
-    one = context.anywhere(loop, reference)
+    one = context.find_in_file(loop, reference)
     if one is None:
         return reference
     names = [inner.get("name", "") for inner in one.iter() if inner.tag.endswith(("}property", "}parameter"))]
-    return names[0] if len(names) == 1 else variable_named(one)
+    return names[0] if len(names) == 1 else variable_name(one)

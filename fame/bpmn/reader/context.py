@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
 from fame.bpmn.model import Fault, Note
-from fame.bpmn.reader.xml import Node, find, line_of, local
+from fame.bpmn.reader.xml import Node, line_of, local_name, resolve
 from fame.errors import ModelError
 
 T = TypeVar("T")
@@ -39,12 +39,12 @@ class Context:
 
     def error(self, element: Node, text: str) -> ModelError:
         """The error to raise at an element."""
-        id, name = named(element)
+        id, name = id_and_name(element)
         return ModelError(text, file=self.file, line=line_of(element), element=id, name=name)
 
     def fault(self, element: Node, text: str) -> None:
         """Something that is wrong with an element: its process can be read, drawn and written, but not executed."""
-        id, name = named(element)
+        id, name = id_and_name(element)
         self.faults.append(Fault(text, id, line_of(element), name))
 
     def take_faults(self) -> tuple[Fault, ...]:
@@ -56,14 +56,14 @@ class Context:
         self, element: Node, text: str, level: Literal["warning", "note", "reading"] = "note", quirk: bool = False
     ) -> None:
         """Something to tell that stops nothing."""
-        id, name = named(element)
+        id, name = id_and_name(element)
         self.notes.append(Note(level, text, id, line_of(element), quirk, name))
 
     def quirk(self, element: Node, text: str) -> None:
         """A habit of the tool that wrote the file, and what it is read as: told to those who ask for it."""
         self.note(element, text, "reading", quirk=True)
 
-    def claim(self, element: Node) -> str:
+    def register(self, element: Node) -> str:
         """Its id, now taken; made from tag and line where the standard lets it have none."""
         id = element.get("id") or self._made_up(element)
         other = self.elements.setdefault(id, element)
@@ -73,7 +73,7 @@ class Context:
         return id
 
     def _made_up(self, element: Node) -> str:
-        stem, number = f"{local(element)}_{line_of(element)}", 1
+        stem, number = f"{local_name(element)}_{line_of(element)}", 1
         id = stem
         while id in self.elements:
             number += 1
@@ -81,36 +81,36 @@ class Context:
         element.set("id", id)
         return id
 
-    def associate(self, association: Node) -> None:
+    def add_association(self, association: Node) -> None:
         """Find it by the element that it begins at from now on."""
         source = association.get("sourceRef", "").strip()
         for id in {source, source.rpartition(":")[2]}:
             self.associations.setdefault(id, []).append(association)
 
-    def anywhere(self, element: Node, reference: str | None) -> Node | None:
+    def find_in_file(self, element: Node, reference: str | None) -> Node | None:
         """What a reference names in the whole file of an element, read or not."""
         if self._ids is None:
             found = list(element.getroottree().getroot().iter("*"))
             self._ids = {id: one for one in reversed(found) if (id := one.get("id"))}
-        return find(self._ids, reference)
+        return resolve(self._ids, reference)
 
     def root(self, reference: str | None) -> Node | None:
         """The root element that a reference names, if there is one."""
-        return find(self.roots, reference)
+        return resolve(self.roots, reference)
 
 
-def named(element: Node) -> tuple[str, str]:
+def id_and_name(element: Node) -> tuple[str, str]:
     """Id and name of the nearest element that modelers show, else of any around it that has an id, else its tag."""
     shown, root = None, element.getroottree().getroot()
     for one in (element, *element.iterancestors()):
         if one.get("id") and one is not root:
             shown = one
-            if not local(one).endswith(_PARTS):
+            if not local_name(one).endswith(_PARTS):
                 break
-    return (shown.get("id", ""), shown.get("name", "")) if shown is not None else (f"<{local(element)}>", "")
+    return (shown.get("id", ""), shown.get("name", "")) if shown is not None else (f"<{local_name(element)}>", "")
 
 
-def boolean(context: Context, element: Node, name: str, default: bool = False) -> bool:
+def boolean_attribute(context: Context, element: Node, name: str, default: bool = False) -> bool:
     """An attribute of type xsd:boolean."""
     text = element.get(name)
     if text is None:
@@ -120,14 +120,14 @@ def boolean(context: Context, element: Node, name: str, default: bool = False) -
     return _BOOLEANS.get(text.strip(), default)
 
 
-def truth(context: Context, element: Node, name: str, text: str) -> bool:
+def boolean_property(context: Context, element: Node, name: str, text: str) -> bool:
     """A property that is true or false."""
     if text.strip().lower() not in _BOOLEANS:
         context.fault(element, f"property {name}={text!r}: expected true or false")
     return _BOOLEANS.get(text.strip().lower(), False)
 
 
-def whole(context: Context, element: Node, name: str, text: str, least: int) -> int:
+def whole_number(context: Context, element: Node, name: str, text: str, least: int) -> int:
     """A property or attribute that is a whole number of at least `least`."""
     try:
         number = int(text)
@@ -138,7 +138,7 @@ def whole(context: Context, element: Node, name: str, text: str, least: int) -> 
     return max(number, least)
 
 
-def type_name(context: Context, element: Node, text: str, kind: str = "msg") -> str | None:
+def message_type(context: Context, element: Node, text: str, kind: str = "msg") -> str | None:
     """A message or service type as ``pkg/msg/Type``; ``pkg/Type`` is taken as that."""
     match = _TYPE.fullmatch(text.strip())
     if match is None:
@@ -147,7 +147,7 @@ def type_name(context: Context, element: Node, text: str, kind: str = "msg") -> 
     return f"{match[1]}/{match[2] or kind}/{match[3]}"
 
 
-def is_type(text: str) -> bool:
+def is_message_type(text: str) -> bool:
     """Whether a text looks like a full message type, ``pkg/msg/Type``."""
     match = _TYPE.fullmatch(text.strip())
     return match is not None and match[2] is not None

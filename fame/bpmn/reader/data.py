@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fame.bpmn.model import Assignment, DataObject, Expression
-from fame.bpmn.reader.context import Context, boolean
-from fame.bpmn.reader.dialects import extensions_of
-from fame.bpmn.reader.dialects.extensions import data_values
-from fame.bpmn.reader.expressions import body, is_name, mapped, variable_named
-from fame.bpmn.reader.xml import BPMN, Node, Parts, child, children, find, line_of, local, text_of
+from fame.bpmn.reader.context import Context, boolean_attribute
+from fame.bpmn.reader.dialects import read_extensions
+from fame.bpmn.reader.dialects.extensions import take_data_values
+from fame.bpmn.reader.expressions import code_of, is_name, mapping_source, variable_name
+from fame.bpmn.reader.xml import BPMN, Node, Parts, child, children, line_of, local_name, resolve, text_of
 
 _PLACEHOLDER = "__targetRef_placeholder"
 """A property that modelers write because an association must have a target."""
@@ -37,16 +37,16 @@ def shared_stores(context: Context, process: Node) -> Iterator[Node]:
     """
     found: set[Node] = set()
     for association in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _ENDS)):
-        for reference in children(association, _ENDS[local(association)]):
-            store = context.anywhere(process, text_of(reference))
-            if store is None or store in found or local(store) not in ("dataStoreReference", "dataStore"):
+        for reference in children(association, _ENDS[local_name(association)]):
+            store = context.find_in_file(process, text_of(reference))
+            if store is None or store in found or local_name(store) not in ("dataStoreReference", "dataStore"):
                 continue
             if process not in store.iterancestors():
                 found.add(store)
                 yield store
 
 
-def data_of(process: Node, stores: Sequence[Node]) -> list[Node]:
+def data_elements(process: Node, stores: Sequence[Node]) -> list[Node]:
     """Everything in a process that an association may name, and the stores outside of it that it shares."""
     return [*process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)), *stores]
 
@@ -61,7 +61,7 @@ def data_ids(data: Iterable[Node]) -> dict[str, str]:
     for one in data:
         id = one.get("id", "")
         found[id] = id if _has_variables(one) else ""
-        if local(one) == "dataObjectReference":
+        if local_name(one) == "dataObjectReference":
             behind.setdefault(one.get("dataObjectRef", ""), id)
     return {id: behind.get(id, means) for id, means in found.items()}
 
@@ -83,15 +83,15 @@ def data_variables(data: Iterable[Node]) -> dict[str, str]:
 
 def _own_variable(one: Node) -> str:
     """The variable that a data item without properties is; a data object or store without any holds none."""
-    kind = _KINDS[local(one)]
-    return one.get("name", "") if kind in ("object", "store") else variable_named(one) if one.get("name") else ""
+    kind = _KINDS[local_name(one)]
+    return one.get("name", "") if kind in ("object", "store") else variable_name(one) if one.get("name") else ""
 
 
 def _has_variables(one: Node) -> bool:
     holder = one.getparent()
-    if holder is not None and local(holder) == "ioSpecification":
+    if holder is not None and local_name(holder) == "ioSpecification":
         holder = holder.getparent()
-    return one.get("name") != _PLACEHOLDER and holder is not None and local(holder) in _SCOPES
+    return one.get("name") != _PLACEHOLDER and holder is not None and local_name(holder) in _SCOPES
 
 
 def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
@@ -102,7 +102,7 @@ def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
     found += [_data_object(context, one, {}) for id, one in objects.items() if id not in referred]
     for one in objects.values():
         if one.get("id") in referred:
-            context.claim(one)
+            context.register(one)
     found += [_data_object(context, one, {}) for one in parts.get("dataStoreReference", ())]
     rest = list(parts.get("property", ()))
     for specification in parts.get("ioSpecification", ()):
@@ -113,14 +113,14 @@ def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
 
 def _data_object(context: Context, element: Node, objects: Mapping[str | None, Node]) -> DataObject:
     behind = objects.get(element.get("dataObjectRef"))
-    extensions = extensions_of(context, element)
+    extensions = read_extensions(context, element)
     if behind is not None and not extensions.properties and not extensions.values:
-        extensions = extensions_of(context, behind)
-    kind = _KINDS[local(element)]
+        extensions = read_extensions(context, behind)
+    kind = _KINDS[local_name(element)]
     name = element.get("name", "")
-    values = data_values(extensions)
+    values = take_data_values(extensions)
     if kind in ("property", "input", "output") and not values and name:
-        variable = variable_named(element)
+        variable = variable_name(element)
         values = ((variable, Expression(f"${{{variable}}}", "value", line_of(element))),)
     state = child(element, "dataState")
     documentation = child(element, "documentation")
@@ -128,8 +128,8 @@ def _data_object(context: Context, element: Node, objects: Mapping[str | None, N
         kind=kind,
         values=values,
         state=state.get("name", "") if state is not None else "",
-        collection=any(boolean(context, one, "isCollection") for one in (element, behind) if one is not None),
-        id=context.claim(element),
+        collection=any(boolean_attribute(context, one, "isCollection") for one in (element, behind) if one is not None),
+        id=context.register(element),
         name=name,
         line=line_of(element),
         documentation=text_of(documentation).strip() if documentation is not None else "",
@@ -137,7 +137,7 @@ def _data_object(context: Context, element: Node, objects: Mapping[str | None, N
 
 
 @dataclass(slots=True)
-class Moves:
+class DataAssociations:
     """What the data associations of a flow node say: ids of data objects, assignments of their own, copies."""
 
     inputs: tuple[str, ...] = ()
@@ -148,15 +148,17 @@ class Moves:
     copied_out: tuple[Assignment, ...] = ()
 
 
-_NONE = Moves()
+_NONE = DataAssociations()
 
 
-def read_moves(context: Context, data: Mapping[str, str], variables: Mapping[str, str], parts: Parts) -> Moves:
+def read_data_associations(
+    context: Context, data: Mapping[str, str], variables: Mapping[str, str], parts: Parts
+) -> DataAssociations:
     """What they say; one to nothing is a fault."""
     into, out = parts.get("dataInputAssociation", ()), parts.get("dataOutputAssociation", ())
     if not into and not out:
         return _NONE
-    return Moves(
+    return DataAssociations(
         tuple(_ends(context, data, into, "sourceRef")),
         tuple(_ends(context, data, out, "targetRef")),
         tuple(_assignments(context, variables, into)),
@@ -186,12 +188,12 @@ def _copies(context: Context, variables: Mapping[str, str], associations: Iterab
     """From one variable to another, perhaps through a transformation; what has assignments says all by itself."""
     for association in associations:
         target, source = child(association, "targetRef"), child(association, "sourceRef")
-        into = find(variables, text_of(target)) if target is not None else None
+        into = resolve(variables, text_of(target)) if target is not None else None
         if into is None or child(association, "assignment") is not None:
             continue
         transformation = child(association, "transformation")
-        expression = body(context, transformation) if transformation is not None else None
-        out_of = find(variables, text_of(source)) if source is not None else None
+        expression = code_of(context, transformation) if transformation is not None else None
+        out_of = resolve(variables, text_of(source)) if source is not None else None
         if expression is None and out_of is not None and out_of != into:
             expression = Expression(f"${{{out_of}}}", "value", line_of(association))
         if expression is not None:
@@ -200,10 +202,10 @@ def _copies(context: Context, variables: Mapping[str, str], associations: Iterab
 
 def _ends(context: Context, data: Mapping[str, str], associations: Iterable[Node], end: str) -> Iterable[str]:
     for association in associations:
-        context.claim(association)
+        context.register(association)
         for reference in children(association, end):
             text = text_of(reference).strip()
-            means = find(data, text)
+            means = resolve(data, text)
             if means is None:
                 context.fault(association, f"a data association with {text!r}: the process has no such data object")
             if means:
@@ -222,8 +224,8 @@ def _assignments(context: Context, variables: Mapping[str, str], associations: I
                 continue
             if own is not None and name == text_of(own).strip():
                 name = variables.get(name, name)
-                expression = mapped(text_of(source), line_of(source)) if constant else body(context, source)
+                expression = mapping_source(text_of(source), line_of(source)) if constant else code_of(context, source)
             else:
-                expression = body(context, source)
+                expression = code_of(context, source)
             if expression is not None:
                 yield Assignment(name[2:-1].strip() if name[:2] in ("${", "#{") else name, expression)

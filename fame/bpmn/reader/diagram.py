@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 from fame.bpmn.model import Bounds, Edge, Note, Shape
-from fame.bpmn.reader.context import Context, boolean
-from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, attributes, find, line_of, local
+from fame.bpmn.reader.context import Context, boolean_attribute
+from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, attributes, line_of, local_name, resolve
 
 _SHAPE, _EDGE, _LABEL = f"{{{BPMNDI}}}BPMNShape", f"{{{BPMNDI}}}BPMNEdge", f"{{{BPMNDI}}}BPMNLabel"
 _BOUNDS, _WAYPOINT = f"{{{DC}}}Bounds", f"{{{DI}}}waypoint"
@@ -38,7 +38,7 @@ def read_diagrams(context: Context, root: Node) -> Diagrams:
     for plane in root.iterchildren(f"{{{BPMNDI}}}BPMNDiagram"):
         for surface in plane.iterchildren(f"{{{BPMNDI}}}BPMNPlane"):
             number = len(found.planes)
-            shown = find(context.elements, surface.get("bpmnElement"))
+            shown = resolve(context.elements, surface.get("bpmnElement"))
             found.planes.append(shown.get("id", "") if shown is not None else "")
             for one in surface:
                 if one.tag == _SHAPE or one.tag == _EDGE:
@@ -48,8 +48,8 @@ def read_diagrams(context: Context, root: Node) -> Diagrams:
 
 def _read(context: Context, one: Node, plane: int, found: Diagrams) -> None:
     reference = one.get("bpmnElement")
-    shown = find(context.elements, reference)
-    shown = context.anywhere(one, reference) if shown is None else shown
+    shown = resolve(context.elements, reference)
+    shown = context.find_in_file(one, reference) if shown is None else shown
     if shown is None:
         what = f"{reference!r}, which the file does not have" if reference else "something that is no element"
         context.note(one, f"the diagram shows {what}", "warning")
@@ -76,10 +76,10 @@ def _shape(context: Context, one: Node, plane: int, shown: Node) -> Shape | None
         element=shown.get("id", ""),
         bounds=bounds,
         label=label,
-        horizontal=boolean(context, one, "isHorizontal", True),
-        expanded=boolean(context, one, "isExpanded"),
-        marker_visible=boolean(context, one, "isMarkerVisible"),
-        kind=local(shown),
+        horizontal=boolean_attribute(context, one, "isHorizontal", True),
+        expanded=boolean_attribute(context, one, "isExpanded"),
+        marker_visible=boolean_attribute(context, one, "isMarkerVisible"),
+        kind=local_name(shown),
         plane=plane,
         stroke=_colour(one, _STROKES) if colours else "",
         fill=_colour(one, _FILLS) if colours else "",
@@ -99,7 +99,7 @@ def _edge(context: Context, one: Node, plane: int, shown: Node) -> Edge | None:
     if len(points) < 2:
         _note(context, one, "the edge has fewer than two way points, so it is not drawn")
         return None
-    kind = local(shown)
+    kind = local_name(shown)
     return Edge(
         element=shown.get("id", ""),
         waypoints=tuple(points),

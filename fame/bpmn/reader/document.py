@@ -26,14 +26,25 @@ from pathlib import Path
 from typing import Literal
 
 from fame.bpmn.model import Artifact, Definitions, Element, MessageFlow, Note, Participant, Process
-from fame.bpmn.reader.context import Context, boolean, truth, whole
-from fame.bpmn.reader.data import data_ids, data_of, data_variables, shared_stores
+from fame.bpmn.reader.context import Context, boolean_attribute, boolean_property, whole_number
+from fame.bpmn.reader.data import data_elements, data_ids, data_variables, shared_stores
 from fame.bpmn.reader.diagram import read_diagrams
-from fame.bpmn.reader.dialects import extensions_of, looks_original, note_misspelt
-from fame.bpmn.reader.flow_nodes import Surroundings, documentation
+from fame.bpmn.reader.dialects import is_original_fame, note_misspelt_namespaces, read_extensions
+from fame.bpmn.reader.flow_nodes import ProcessContext, documentation
 from fame.bpmn.reader.preparation import prepare
 from fame.bpmn.reader.scope import read_body
-from fame.bpmn.reader.xml import BPMN, Node, check_size, children, find, line_of, local, parse, parts_of, text_of
+from fame.bpmn.reader.xml import (
+    BPMN,
+    Node,
+    check_size,
+    children,
+    line_of,
+    local_name,
+    parse,
+    parts_of,
+    resolve,
+    text_of,
+)
 from fame.errors import ModelError, expect
 
 _IGNORED_ROOTS = ("choreography", "globalChoreographyTask", "conversation")
@@ -80,30 +91,30 @@ def read_tree(root: Node, source: bytes, file: str) -> Definitions:
     context = Context(file)
     prepare(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
-    note_misspelt(context, root, source)
+    note_misspelt_namespaces(context, root, source)
     context.language = root.get("expressionLanguage", "")
-    context.original = looks_original(root)
+    context.original = is_original_fame(root)
     for one in context.roots.values():
-        context.claim(one)
+        context.register(one)
     for one in root.iter(f"{{{BPMN}}}association"):
-        context.associate(one)
+        context.add_association(one)
     processes = tuple(_process(context, one) for one in children(root, "process"))
     return _definitions(context, source, root, processes)
 
 
 def _is_shared(element: Node) -> bool:
-    return local(element) not in ("process", "collaboration")
+    return local_name(element) not in ("process", "collaboration")
 
 
 def _definitions(context: Context, source: bytes, root: Node, processes: tuple[Process, ...]) -> Definitions:
     participants, flows, artifacts, ids = [], [], list(_artifacts(context, root)), []
     for collaboration in children(root, "collaboration"):
-        ids.append(context.claim(collaboration))
+        ids.append(context.register(collaboration))
         participants += [_participant(context, one, processes) for one in children(collaboration, "participant")]
         read = (_message_flow(context, one) for one in children(collaboration, "messageFlow"))
         flows += [flow for flow in read if flow is not None]
     for one in root.iter(f"{{{BPMN}}}association"):
-        context.claim(one)
+        context.register(one)
     for name in _IGNORED_ROOTS:
         for one in children(root, name):
             context.note(one, f"<{name}> is kept and has no effect", "warning")
@@ -126,12 +137,12 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
 
 
 def _process(context: Context, element: Node) -> Process:
-    found, parts, stores = extensions_of(context, element), parts_of(element), list(shared_stores(context, element))
+    found, parts, stores = read_extensions(context, element), parts_of(element), list(shared_stores(context, element))
     for store in stores:
         name = " ".join(store.get("name", "").split()) or store.get("id")
         context.note(element, f"it shares the data store {name!r} with another pool: each robot has one of its own")
     parts["dataStoreReference"] = [*parts.get("dataStoreReference", ()), *stores]
-    data = data_of(element, stores)
+    data = data_elements(element, stores)
     topics, instances, semantics, fields = map(found.take, ("topics", "instances", "semantics", "fields"))
     optional = found.take("optional")
     for name, given, choices in (
@@ -144,15 +155,15 @@ def _process(context: Context, element: Node) -> Process:
     meaning: Literal["standard", "original"] = "standard"
     if semantics is not None and semantics.value.strip() == "original":
         meaning = "original"
-    around = Surroundings(
+    process = ProcessContext(
         context, data_ids(data), data_variables(data), topics is not None and topics.value.strip() == "labels"
     )
-    body = read_body(around, element, parts)
-    executable = boolean(context, element, "isExecutable", True)
-    bound = whole(context, element, "instances", instances.value, 1) if instances is not None else None
-    may_stay = truth(context, element, "optional", optional.value) if optional is not None else False
+    body = read_body(process, element, parts)
+    executable = boolean_attribute(context, element, "isExecutable", True)
+    bound = whole_number(context, element, "instances", instances.value, 1) if instances is not None else None
+    may_stay = boolean_property(context, element, "optional", optional.value) if optional is not None else False
     return Process(
-        id=context.claim(element),
+        id=context.register(element),
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element),
@@ -164,25 +175,25 @@ def _process(context: Context, element: Node) -> Process:
         semantics=meaning,
         by_prefix=fields.value.strip() == "prefix" if fields is not None else context.original,
         lanes=tuple(_lanes(context, element)),
-        properties=found.rest(),
+        properties=found.remaining(),
     )
 
 
 def _lanes(context: Context, process: Node) -> Iterator[Element]:
     for lane in process.iter(f"{{{BPMN}}}lane"):
         yield Element(
-            id=context.claim(lane), name=lane.get("name", ""), line=line_of(lane), documentation=documentation(lane)
+            id=context.register(lane), name=lane.get("name", ""), line=line_of(lane), documentation=documentation(lane)
         )
 
 
 def _participant(context: Context, element: Node, processes: tuple[Process, ...]) -> Participant:
     reference = element.get("processRef", "").strip()
-    process = find({one.id: one for one in processes}, reference)
-    found = extensions_of(context, element)
+    process = resolve({one.id: one for one in processes}, reference)
+    found = read_extensions(context, element)
     marks = [one for one in element.iterdescendants() if _is_many(one)]
     marked = bool(marks) or any(_MARKER.search(name) for name in found.properties)
     return Participant(
-        id=context.claim(element),
+        id=context.register(element),
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element),
@@ -190,13 +201,13 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
         multi_instance=marked,
         minimum=max([1, *_numbers(marks, "minimum")]),
         maximum=min(_numbers(marks, "maximum"), default=None),
-        properties=found.rest(),
+        properties=found.remaining(),
     )
 
 
 def _is_many(element: Node) -> bool:
     """Whether it marks a pool as many robots; a multiplicity that says one does not."""
-    return _MARKER.search(local(element)) is not None and element.get("maximum", "").strip() not in ("0", "1")
+    return _MARKER.search(local_name(element)) is not None and element.get("maximum", "").strip() not in ("0", "1")
 
 
 def _numbers(marks: Sequence[Node], attribute: str) -> list[int]:
@@ -206,10 +217,10 @@ def _numbers(marks: Sequence[Node], attribute: str) -> list[int]:
 
 
 def _message_flow(context: Context, element: Node) -> MessageFlow | None:
-    id, ends = context.claim(element), []
+    id, ends = context.register(element), []
     for name, preposition in (("sourceRef", "from"), ("targetRef", "to")):
         reference = element.get(name, "")
-        end = find(context.elements, reference)
+        end = resolve(context.elements, reference)
         if end is None:
             context.fault(element, f"the message flow goes {preposition} {reference!r}: there is no such element")
             return None
@@ -227,12 +238,12 @@ def _message_flow(context: Context, element: Node) -> MessageFlow | None:
 def _artifacts(context: Context, root: Node) -> Iterator[Artifact]:
     for one in root.iter(f"{{{BPMN}}}textAnnotation"):
         text = "\n".join(text_of(inner) for inner in children(one, "text"))
-        yield Artifact(id=context.claim(one), name=text, line=line_of(one), kind="annotation")
+        yield Artifact(id=context.register(one), name=text, line=line_of(one), kind="annotation")
     values = {one.get("id", ""): one for one in root.iter(f"{{{BPMN}}}categoryValue")}
     for one in root.iter(f"{{{BPMN}}}group"):
-        value = find(values, one.get("categoryValueRef"))
+        value = resolve(values, one.get("categoryValueRef"))
         name = value.get("value", "") if value is not None else one.get("name", "")
-        yield Artifact(id=context.claim(one), name=name, line=line_of(one), kind="group")
+        yield Artifact(id=context.register(one), name=name, line=line_of(one), kind="group")
 
 
 def write(definitions: Definitions, path: str | Path | None = None) -> bytes:

@@ -24,12 +24,12 @@ from fame.bpmn.model import (
     TimerDefinition,
     Topic,
 )
-from fame.bpmn.reader.context import Context, boolean, is_type
-from fame.bpmn.reader.dialects import extensions_of, original_fame
-from fame.bpmn.reader.dialects.extensions import Extensions, TopicProperties, topic_properties
-from fame.bpmn.reader.expressions import body, by_look, condition, is_mixed, template
-from fame.bpmn.reader.flow_nodes import HalfRead
-from fame.bpmn.reader.xml import Node, attributes, child, children, find, id_in, line_of, local, text_of
+from fame.bpmn.reader.context import Context, boolean_attribute, is_message_type
+from fame.bpmn.reader.dialects import original_fame, read_extensions
+from fame.bpmn.reader.dialects.extensions import Extensions, TopicProperties, take_topic_properties
+from fame.bpmn.reader.expressions import by_form, code_of, condition_of, has_placeholders, timer_text
+from fame.bpmn.reader.flow_nodes import NodeReader
+from fame.bpmn.reader.xml import Node, attributes, child, children, line_of, local_id, local_name, resolve, text_of
 
 THROWS = ("throw", "end")
 
@@ -51,15 +51,15 @@ _SUFFIX = "EventDefinition"
 
 @dataclass(slots=True)
 class TopicSource:
-    """Where a topic is read from: an event, or a send or receive task. `say` is what is said for all of its topics."""
+    """Where a topic is read from: an event, or a send or receive task. `properties` hold for all of its topics."""
 
-    node: HalfRead
+    node: NodeReader
     place: Place
     takes: tuple[Assignment, ...] = ()
-    say: TopicProperties | None = None
+    properties: TopicProperties | None = None
 
 
-def read_definitions(node: HalfRead, place: Place) -> tuple[EventDefinition, ...]:
+def read_definitions(node: NodeReader, place: Place) -> tuple[EventDefinition, ...]:
     """Its event definitions, in document order; a fault is one that may not stand there, or says something wrong."""
     found: list[tuple[Node, str]] = []
     for tag, elements in node.parts.items():
@@ -70,11 +70,11 @@ def read_definitions(node: HalfRead, place: Place) -> tuple[EventDefinition, ...
     found = [pair for pair in found if _is_known(node, pair[1], place)]
     order = {element: number for number, element in enumerate(node.element)} if len(found) > 1 else {}
     found.sort(key=lambda pair: order.get(pair[0], 0))
-    source = TopicSource(node, place, node.moves.assigned_out)
+    source = TopicSource(node, place, node.associations.assigned_out)
     return tuple(_READERS[kind](source, element) for element, kind in found)
 
 
-def _is_known(node: HalfRead, kind: str, place: Place) -> bool:
+def _is_known(node: NodeReader, kind: str, place: Place) -> bool:
     """Whether an event can have a definition of that kind; one that it cannot have there is a fault."""
     if kind not in _ALLOWED:
         node.fault(f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are")
@@ -84,9 +84,9 @@ def _is_known(node: HalfRead, kind: str, place: Place) -> bool:
     return kind in _ALLOWED
 
 
-def read_mapping(node: HalfRead, place: Place, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
+def read_mapping(node: NodeReader, place: Place, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
     """What the event maps besides what a caught message brings."""
-    found, moves = node.extensions, node.moves
+    found, moves = node.extensions, node.associations
     catches = place not in THROWS and any(isinstance(one, SignalDefinition | MessageDefinition) for one in definitions)
     inputs = (*found.inputs, *moves.assigned_in) if place in THROWS else ()
     outputs = () if catches else (*found.outputs, *moves.assigned_out)
@@ -98,17 +98,17 @@ def _referred(context: Context, reference: Node) -> tuple[Node, str] | None:
     if element is None:
         context.fault(reference, f"eventDefinitionRef {text_of(reference)!r}: the file has no such event definition")
         return None
-    return element, local(element).removesuffix(_SUFFIX)
+    return element, local_name(element).removesuffix(_SUFFIX)
 
 
 def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "message"], say: TopicProperties) -> Topic:
     """The topic of a signal or message: named by what is referred to, else by the label (FORMATS, rules of reading)."""
     node, reference = source.node, element.get(f"{kind}Ref")
     referred = node.context.root(reference)
-    if referred is not None and local(referred) != kind:
-        node.fault(f"{kind}Ref {reference!r} is a {local(referred)}: expected a {kind}")
+    if referred is not None and local_name(referred) != kind:
+        node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected a {kind}")
     name = _topic_name(node, referred, say)
-    if is_mixed(name) or name.startswith("="):
+    if has_placeholders(name) or name.startswith("="):
         text = f"the name {name!r} is computed: name the topic, since its endpoints are made before anything runs"
         node.fault(text)
     if not name or (reference and name == node.label and not (referred is not None and _name(referred))):
@@ -134,7 +134,7 @@ def _addressee(source: TopicSource, element: Node, kind: str, say: TopicProperti
     return say.to
 
 
-def _stand_in(node: HalfRead, kind: str, reference: str | None, referred: Node | None) -> str:
+def _stand_in(node: NodeReader, kind: str, reference: str | None, referred: Node | None) -> str:
     """The topic of an event whose signal or message has no name: its label, else the id of what has none."""
     name = node.label or (referred.get("id", "") if referred is not None else node.id)
     meant = f"the label {name!r}" if node.label else f"its id {name!r}"
@@ -153,11 +153,11 @@ def _name(element: Node) -> str:
     return element.get("name", "").strip()
 
 
-def _topic_name(node: HalfRead, referred: Node | None, say: TopicProperties) -> str:
+def _topic_name(node: NodeReader, referred: Node | None, say: TopicProperties) -> str:
     name, label = _name(referred) if referred is not None else "", node.label
     if node.extensions.topic:
         return node.extensions.topic
-    if node.around.labels and label:
+    if node.process.labels and label:
         if name and name != label:
             text = f"the topic is the label {label!r}, not the name of the signal {name!r} (topics=labels)"
             node.context.quirk(node.element, text)
@@ -175,27 +175,27 @@ def _item_type(context: Context, referred: Node | None) -> str | None:
         return None
     item = context.root(referred.get("structureRef") or referred.get("itemRef"))
     text = item.get("structureRef", "") if item is not None else ""
-    return text.strip() if is_type(text) else None
+    return text.strip() if is_message_type(text) else None
 
 
 def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"]) -> Topic:
     node = source.node
-    if source.say is None:
-        original_fame.apply(node.context, node.element, node.extensions)
-        source.say = topic_properties(node.context, node.element, node.extensions)
+    if source.properties is None:
+        original_fame.apply_message_list(node.context, node.element, node.extensions)
+        source.properties = take_topic_properties(node.context, node.element, node.extensions)
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)
     has_own = len(element) or any(key[0] == "{" for key in attributes(element))
-    return read_topic(source, element, kind, _own(node, element, source.say) if has_own else source.say)
+    return read_topic(source, element, kind, _own(node, element, source.properties) if has_own else source.properties)
 
 
-def _own(node: HalfRead, element: Node, common: TopicProperties) -> TopicProperties:
+def _own(node: NodeReader, element: Node, common: TopicProperties) -> TopicProperties:
     """What the definition itself says, before what the event says."""
-    extensions = extensions_of(node.context, element)
+    extensions = read_extensions(node.context, element)
     if extensions.refused:
         text = f"{extensions.refused.split(';')[0]}: that is passed over, the message is published"
         node.context.note(element, text, "warning")
-    own = topic_properties(node.context, element, extensions)
+    own = take_topic_properties(node.context, element, extensions)
     return TopicProperties(
         type=own.type or common.type,
         payload=own.payload or common.payload or _copied(extensions),
@@ -235,16 +235,19 @@ def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Ex
     if message is None:
         return ()
     found: list[tuple[str, Expression]] = []
-    key = extensions_of(context, message).key
+    key = read_extensions(context, message).key
     if key is not None:
         field = key.text.rpartition(".")[2].strip("${} ")
         found.append((key.text.strip("${} "), Expression(f"${{msg.{field}}}", "juel", key.line)))
     for one in context.roots.values():
-        if local(one) == "correlationProperty":
+        if local_name(one) == "correlationProperty":
             for retrieval in children(one, "correlationPropertyRetrievalExpression"):
                 path = child(retrieval, "messagePath")
-                if find({message.get("id", ""): message}, retrieval.get("messageRef")) is not None and path is not None:
-                    expression = body(context, path)
+                if (
+                    resolve({message.get("id", ""): message}, retrieval.get("messageRef")) is not None
+                    and path is not None
+                ):
+                    expression = code_of(context, path)
                     if expression is not None:
                         found.append((one.get("name", "") or one.get("id", ""), expression))
     return tuple(found)
@@ -259,15 +262,15 @@ def _timer(source: TopicSource, element: Node) -> TimerDefinition:
     said = [holder for tag in kinds if (holder := child(element, tag)) is not None]
     holder = next((one for one in said if text_of(one).strip()), next(iter(said), None))
     return TimerDefinition(
-        kind=kinds[local(holder)] if holder is not None else "duration",
-        expression=template(source.node.context, holder) if holder is not None else None,
+        kind=kinds[local_name(holder)] if holder is not None else "duration",
+        expression=timer_text(source.node.context, holder) if holder is not None else None,
         line=line_of(element),
     )
 
 
 def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
     holder = child(element, "condition")
-    said = condition(source.node.context, holder) if holder is not None else None
+    said = condition_of(source.node.context, holder) if holder is not None else None
     return ConditionalDefinition(condition=said, line=line_of(element))
 
 
@@ -277,8 +280,8 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     referred = source.node.context.root(reference)
     if reference and referred is None:
         source.node.fault(f"{kind}Ref {reference!r}: the file has no such {kind}")
-    if referred is not None and local(referred) != kind:
-        source.node.fault(f"{kind}Ref {reference!r} is a {local(referred)}: expected an {kind}")
+    if referred is not None and local_name(referred) != kind:
+        source.node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected an {kind}")
     code = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
     if code or source.place not in THROWS:
         return code or None
@@ -291,16 +294,16 @@ def _computed(source: TopicSource, element: Node, kind: str) -> Expression | Non
     """The expression that gives the code of a throw; one at a catch is a fault: its code is fixed."""
     referred = source.node.context.root(element.get(f"{kind}Ref"))
     text = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
-    if by_look(text, 0) is None:
+    if by_form(text, 0) is None:
         return None
     if source.place not in THROWS:
         source.node.fault(f"the {kind} code {text!r} is computed: what catches has a fixed code, or none for all")
         return None
-    return by_look(text, line_of(element))
+    return by_form(text, line_of(element))
 
 
 def _error(source: TopicSource, element: Node) -> ErrorDefinition:
-    extensions = extensions_of(source.node.context, element)
+    extensions = read_extensions(source.node.context, element)
     return ErrorDefinition(
         code=_code(source, element, "error"),
         computed=_computed(source, element, "error"),
@@ -314,7 +317,7 @@ def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
     return EscalationDefinition(
         code=_code(source, element, "escalation"),
         computed=_computed(source, element, "escalation"),
-        code_variable=extensions_of(source.node.context, element).code_variable,
+        code_variable=read_extensions(source.node.context, element).code_variable,
         line=line_of(element),
     )
 
@@ -331,8 +334,8 @@ def _terminate(source: TopicSource, element: Node) -> TerminateDefinition:
 
 
 def _compensate(source: TopicSource, element: Node) -> CompensateDefinition:
-    wait = boolean(source.node.context, element, "waitForCompletion", True)
-    return CompensateDefinition(activity=id_in(element, "activityRef") or None, wait=wait, line=line_of(element))
+    wait = boolean_attribute(source.node.context, element, "waitForCompletion", True)
+    return CompensateDefinition(activity=local_id(element, "activityRef") or None, wait=wait, line=line_of(element))
 
 
 def _cancel(source: TopicSource, element: Node) -> CancelDefinition:

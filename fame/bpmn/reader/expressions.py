@@ -15,7 +15,7 @@ from typing import Literal
 
 from fame.bpmn.model import Expression, Language
 from fame.bpmn.reader.context import Context
-from fame.bpmn.reader.xml import Node, line_of, local, text_of
+from fame.bpmn.reader.xml import Node, line_of, local_name, text_of
 
 _LANGUAGES: dict[str, Language | None] = {
     **dict.fromkeys(("", "http://www.w3.org/1999/xpath", "http://www.w3.org/tr/xpath"), None),
@@ -34,7 +34,7 @@ _ACCEPTED = "accepted are python (meant if nothing is said), javascript, ${...} 
 _NAME = re.compile(r"[^\W\d]\w*")
 
 
-def named(context: Context, element: Node, language: str) -> Language | Literal["unknown"] | None:
+def language_of(context: Context, element: Node, language: str) -> Language | Literal["unknown"] | None:
     """The language of that name, None if it says nothing. One that is not known is a fault."""
     name = language.strip().lower()
     if _FEEL.fullmatch(name):
@@ -45,7 +45,7 @@ def named(context: Context, element: Node, language: str) -> Language | Literal[
     return _LANGUAGES[name]
 
 
-def is_whole(text: str) -> bool:
+def is_single_expression(text: str) -> bool:
     """Whether all of it is one ``${...}`` or ``#{...}``.
 
     >>> is_whole("${a + 1}"), is_whole("${a}-${b}"), is_whole("${ {'}': 1} }")
@@ -75,37 +75,37 @@ def is_name(text: str) -> bool:
     return _NAME.fullmatch(text) is not None
 
 
-def variable_named(element: Node) -> str:
+def variable_name(element: Node) -> str:
     """The variable that an element of data is: it has its name or, where that can be none, its id."""
     name = element.get("name", "").strip()
     return name if is_name(name) else re.sub(r"\W|^(?=\d)", "_", element.get("id", ""))
 
 
-def is_mixed(text: str) -> bool:
+def has_placeholders(text: str) -> bool:
     """Whether ``${...}`` stands inside it."""
     return "${" in text or "#{" in text
 
 
-def by_look(text: str, line: int) -> Expression | None:
+def by_form(text: str, line: int) -> Expression | None:
     """The expression, if its look tells the language."""
     if text.startswith("="):
         return Expression(text[1:].strip(), "feel", line)
-    if is_whole(text):
+    if is_single_expression(text):
         return Expression(text, "juel", line)
     return None
 
 
-def code(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression | None:
+def code_expression(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression | None:
     """A condition, a script or the like: something that is computed. None if nobody could compute it, a fault."""
-    said = named(context, element, language or context.language)
+    said = language_of(context, element, language or context.language)
     if said == "unknown":
         return None
     if said == "javascript":
         return Expression(text, said, line)
-    seen = by_look(text, line)
+    seen = by_form(text, line)
     if seen is not None:
         return seen
-    if said is None and is_mixed(text) and local(element) != "script":
+    if said is None and has_placeholders(text) and local_name(element) != "script":
         context.fault(element, f"{text!r} mixes text and ${{...}}: put the whole of it into one ${{...}}")
         return None
     if said == "juel":
@@ -113,39 +113,39 @@ def code(context: Context, element: Node, text: str, language: str | None, line:
     return Expression(text, said or "python", line)
 
 
-def body(context: Context, element: Node, language: str | None = None) -> Expression | None:
+def code_of(context: Context, element: Node, language: str | None = None) -> Expression | None:
     """The text of an element as code, with the line where its first line stands; None if there is none, or a fault."""
     text, line = _block(element)
-    return code(context, element, text, language or element.get("language"), line) if text else None
+    return code_expression(context, element, text, language or element.get("language"), line) if text else None
 
 
-def condition(context: Context, element: Node) -> Expression | None:
+def condition_of(context: Context, element: Node) -> Expression | None:
     """The same as a condition."""
-    said = body(context, element)
+    said = code_of(context, element)
     return None if said is None else replace(said, condition=True)
 
 
-def template(context: Context, element: Node) -> Expression | None:
+def timer_text(context: Context, element: Node) -> Expression | None:
     """The text of an element where a literal is usual (a timer): code if it looks so, else a text to fill in."""
     text, line = _block(element)
     if not text:
         return None
     said = element.get("language")
-    if said and named(context, element, said) is not None:
-        return code(context, element, text, said, line)
-    return by_look(text, line) or Expression(text, "template", line)
+    if said and language_of(context, element, said) is not None:
+        return code_expression(context, element, text, said, line)
+    return by_form(text, line) or Expression(text, "template", line)
 
 
-def mapped(text: str, line: int) -> Expression:
+def mapping_source(text: str, line: int) -> Expression:
     """The source of a mapping: code if it looks so, text to fill in if it has ``${...}`` inside, else a YAML scalar."""
     text = text.strip()
-    return by_look(text, line) or Expression(text, "template" if is_mixed(text) else "value", line)
+    return by_form(text, line) or Expression(text, "template" if has_placeholders(text) else "value", line)
 
 
-def variable(context: Context, element: Node, text: str) -> Expression | None:
+def variable_or_expression(context: Context, element: Node, text: str) -> Expression | None:
     """An attribute that names a variable or is an expression; None if it does neither, a fault."""
     text, line = text.strip(), line_of(element)
-    seen = by_look(text, line)
+    seen = by_form(text, line)
     if seen is not None:
         return seen
     if not _NAME.fullmatch(text):
@@ -178,14 +178,14 @@ def scalar(text: str) -> str:
         return text
     if text[:1] + text[-1:] in ("{}", "[]", '""', "''") and len(text) > 1:
         return text
-    return text if is_whole(text) else json.dumps(text, ensure_ascii=False)
+    return text if is_single_expression(text) else json.dumps(text, ensure_ascii=False)
 
 
-def listed(items: Iterable[str]) -> str:
+def flow_sequence(items: Iterable[str]) -> str:
     """``[a, b]``"""
     return f"[{', '.join(map(scalar, items))}]"
 
 
-def mapped_entries(entries: Iterable[tuple[str, str]]) -> str:
+def flow_mapping(entries: Iterable[tuple[str, str]]) -> str:
     """``{a: 1, b: 2}``"""
     return f"{{{', '.join(f'{scalar(name)}: {scalar(text)}' for name, text in entries)}}}"

@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fame.bpmn.reader.context import Context, boolean
-from fame.bpmn.reader.data import Moves, read_moves, required_outputs
-from fame.bpmn.reader.dialects import extensions_of
+from fame.bpmn.reader.context import Context, boolean_attribute
+from fame.bpmn.reader.data import DataAssociations, read_data_associations, required_outputs
+from fame.bpmn.reader.dialects import read_extensions
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import Node, Parts, children, line_of, parts_of, text_of
 
-Wiring = Mapping[str, tuple[list[str], list[str]]]
+Connections = Mapping[str, tuple[list[str], list[str]]]
 """Flow node -> ids of its incoming and outgoing sequence flows, in document order."""
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class ProcessContext:
     """What flow nodes share.
 
     `data`, `variables`: see `data_ids` and `data_variables`; `labels`: they name the topics of this process.
@@ -30,15 +30,15 @@ class Surroundings:
 
 
 @dataclass(slots=True)
-class HalfRead:
+class NodeReader:
     """A flow node as far as it has been read."""
 
     context: Context
-    around: Surroundings
+    process: ProcessContext
     element: Node
     parts: Parts
     extensions: Extensions
-    moves: Moves
+    associations: DataAssociations
     common: dict[str, Any]
     """Arguments that the dataclasses of all flow nodes take, but for the properties."""
 
@@ -58,18 +58,18 @@ class HalfRead:
 
     def flag(self, name: str, default: bool = False) -> bool:
         """An attribute that is true or false."""
-        return boolean(self.context, self.element, name, default)
+        return boolean_attribute(self.context, self.element, name, default)
 
     def fault(self, text: str) -> None:
         """What is wrong with it."""
         self.context.fault(self.element, text)
 
 
-def half_read(around: Surroundings, element: Node, wiring: Wiring) -> HalfRead:
+def read_node(process: ProcessContext, element: Node, wiring: Connections) -> NodeReader:
     """Reads what all flow nodes have. Raises ModelError for an id that is taken."""
-    context, parts = around.context, parts_of(element)
-    moves = read_moves(context, around.data, around.variables, parts)
-    id = context.claim(element)
+    context, parts = process.context, parts_of(element)
+    moves = read_data_associations(context, process.data, process.variables, parts)
+    id = context.register(element)
     incoming, outgoing = wiring.get(id, ((), ()))
     common = {
         "id": id,
@@ -84,7 +84,7 @@ def half_read(around: Surroundings, element: Node, wiring: Wiring) -> HalfRead:
         "copies_out": moves.copied_out,
         "required": required_outputs(parts),
     }
-    return HalfRead(context, around, element, parts, extensions_of(context, element), moves, common)
+    return NodeReader(context, process, element, parts, read_extensions(context, element), moves, common)
 
 
 def documentation(element: Node) -> str:

@@ -25,10 +25,10 @@ from fame.bpmn.reader.xml import (
     Node,
     child,
     children,
-    find,
     line_of,
-    local,
+    local_name,
     parse_any,
+    resolve,
     unique_ids,
 )
 
@@ -44,14 +44,14 @@ _PREFIXES = {
 
 def prepare(context: Context, root: Node) -> None:
     """Rewrite the tree in place. Raises ModelError for an embedded process that cannot be read."""
-    unfold(context, root)
-    connect(context, root)
+    extract_embedded_processes(context, root)
+    connect_message_flows(context, root)
 
 
 # ---- embedded processes ----------------------------------------------------------------------------------------------
 
 
-def unfold(context: Context, root: Node) -> None:
+def extract_embedded_processes(context: Context, root: Node) -> None:
     """Makes processes that stand as escaped text in a call activity processes of the file, called by their id.
 
     The extension element then holds the id. Ids in it that are taken get a number: it was drawn in a file of its own,
@@ -99,7 +99,7 @@ def _embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Nod
 # ---- message flows ---------------------------------------------------------------------------------------------------
 
 
-def connect(context: Context, root: Node) -> None:
+def connect_message_flows(context: Context, root: Node) -> None:
     """Let the ends of each message flow refer to the same message."""
     flows = [
         flow for collaboration in children(root, "collaboration") for flow in children(collaboration, "messageFlow")
@@ -111,17 +111,17 @@ def connect(context: Context, root: Node) -> None:
         id: one for process in children(root, "process") for one in process.iter(*tags) if (id := one.get("id"))
     }
     for flow in flows:
-        sender = _holder(find(elements, flow.get("sourceRef")), _SENDS)
-        receiver = _holder(find(elements, flow.get("targetRef")), _RECEIVES)
+        sender = _holder(resolve(elements, flow.get("sourceRef")), _SENDS)
+        receiver = _holder(resolve(elements, flow.get("targetRef")), _RECEIVES)
         if sender is not None and receiver is not None:
             _agree(context, root, flow, sender, receiver)
 
 
 def _holder(element: Node | None, tags: tuple[str, ...]) -> Node | None:
     """What says which message an element sends or receives; None if it has to do with none."""
-    if element is None or local(element) not in tags:
+    if element is None or local_name(element) not in tags:
         return None
-    return element if local(element).endswith("Task") else child(element, "messageEventDefinition")
+    return element if local_name(element).endswith("Task") else child(element, "messageEventDefinition")
 
 
 def _agree(context: Context, root: Node, flow: Node, sender: Node, receiver: Node) -> None:
@@ -141,4 +141,4 @@ def _agree(context: Context, root: Node, flow: Node, sender: Node, receiver: Nod
 def _element(holder: Node) -> Node:
     """The event or task that a holder is of."""
     around = holder.getparent()
-    return holder if local(holder).endswith("Task") or around is None else around
+    return holder if local_name(holder).endswith("Task") or around is None else around

@@ -22,13 +22,13 @@ from fame.bpmn.model import (
     SubProcess,
 )
 from fame.bpmn.reader.activities import TASKS, read_activity, read_call, read_task
-from fame.bpmn.reader.context import Context, truth
+from fame.bpmn.reader.context import Context, boolean_property
 from fame.bpmn.reader.data import read_data_objects
-from fame.bpmn.reader.dialects import extensions_of
+from fame.bpmn.reader.dialects import read_extensions
 from fame.bpmn.reader.events import read_definitions, read_mapping
-from fame.bpmn.reader.expressions import condition, variable
-from fame.bpmn.reader.flow_nodes import Surroundings, Wiring, documentation, half_read
-from fame.bpmn.reader.xml import BPMN, Node, Parts, attributes, child, find, id_in, line_of, local
+from fame.bpmn.reader.expressions import condition_of, variable_or_expression
+from fame.bpmn.reader.flow_nodes import Connections, ProcessContext, documentation, read_node
+from fame.bpmn.reader.xml import BPMN, Node, Parts, attributes, child, line_of, local_id, local_name, resolve
 
 _SUB_PROCESSES: Mapping[str, Literal["embedded", "transaction", "adhoc"]] = {
     "subProcess": "embedded",
@@ -46,13 +46,13 @@ _OTHER = {
 _B = f"{{{BPMN}}}"
 
 
-def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
+def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
     """The content of a process or sub-process.
 
     Faults are a flow node that BPMN 2.0 does not have, a sequence flow or boundary event that hangs in the air or
     crosses the border of the scope, a default flow that does not leave its node.
     """
-    context = around.context
+    context = process.context
     wiring, flows = _wiring(context, element, parts)
     nodes: dict[str, FlowNode] = {}
     for one in element:
@@ -60,7 +60,7 @@ def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
         if read is None:
             _pass_over(context, one)
         else:
-            node = read(around, one, wiring)
+            node = read(process, one, wiring)
             nodes[node.id] = node
     return Body(
         nodes=tuple(_checked(context, node, nodes) for node in nodes.values()),
@@ -70,11 +70,11 @@ def read_body(around: Surroundings, element: Node, parts: Parts) -> Body:
     )
 
 
-def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Wiring, list[Node]]:
+def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Connections, list[Node]]:
     """The sequence flows that lead from one node of the scope to another."""
     wiring: dict[str, tuple[list[str], list[str]]] = {}
     nodes = {one.get("id", "") for one in element if one.tag in _READERS} - {""}
-    ids = {context.claim(flow): flow for flow in parts.get("sequenceFlow", ())}
+    ids = {context.register(flow): flow for flow in parts.get("sequenceFlow", ())}
     flows = {id: flow for id, flow in ids.items() if _leads(context, flow, nodes)}
     for id, flow in flows.items():
         wiring.setdefault(flow.get("sourceRef", "").strip(), ([], []))[1].append(id)
@@ -85,8 +85,8 @@ def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Wiring, list
 def _pass_over(context: Context, element: Node) -> None:
     if not element.tag.startswith(_B):
         context.note(element, f"<{element.tag}> is not of BPMN: it stays in the file and has no effect")
-    elif local(element) not in _OTHER:
-        context.fault(element, f"<{local(element)}> is not a flow element that FAME knows")
+    elif local_name(element) not in _OTHER:
+        context.fault(element, f"<{local_name(element)}> is not a flow element that FAME knows")
 
 
 # ---- checks ----------------------------------------------------------------------------------------------------------
@@ -108,7 +108,7 @@ def _leads(context: Context, flow: Node, nodes: set[str]) -> bool:
 
 def _why_not(context: Context, flow: Node, reference: str) -> str:
     """Why what is referred to is no flow node of the same scope."""
-    found = context.anywhere(flow, reference)
+    found = context.find_in_file(flow, reference)
     if found is None:
         return "there is no such flow node"
     if found.tag in _READERS:
@@ -149,13 +149,13 @@ def _no_host(id: str, host: FlowNode | None) -> str:
 
 
 def _flow(context: Context, element: Node) -> SequenceFlow:
-    extensions = extensions_of(context, element) if len(element) else None
+    extensions = read_extensions(context, element) if len(element) else None
     return SequenceFlow(
         id=element.get("id", ""),
         name=element.get("name", ""),
         line=line_of(element),
         documentation=documentation(element) if len(element) else "",
-        properties=extensions.rest() if extensions is not None else EMPTY,
+        properties=extensions.remaining() if extensions is not None else EMPTY,
         source=element.get("sourceRef", "").strip(),
         target=element.get("targetRef", "").strip(),
         condition=_condition(context, element) if len(element) else None,
@@ -171,13 +171,13 @@ def _condition(context: Context, flow: Node) -> Expression | None:
             text = f"its condition is the resource {holder.get(name)}; put its text into the condition"
             context.fault(flow, text)
             return None
-    return condition(context, holder)
+    return condition_of(context, holder)
 
 
 def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
     """Those between flow nodes of a scope, wherever they stand; from compensation event to handler, however drawn."""
     for one in dict.fromkeys(one for id in nodes for one in context.associations.get(id, ())):
-        source, target = find(nodes, one.get("sourceRef")), find(nodes, one.get("targetRef"))
+        source, target = resolve(nodes, one.get("sourceRef")), resolve(nodes, one.get("targetRef"))
         if source is None or target is None:
             continue
         if _compensates(target) and not _compensates(source):
@@ -196,63 +196,63 @@ def _compensates(node: FlowNode) -> bool:
 # ---- flow nodes ------------------------------------------------------------------------------------------------------
 
 
-def _event(around: Surroundings, element: Node, wiring: Wiring) -> Event:
-    node = half_read(around, element, wiring)
-    place = PLACES[local(element)]
+def _event(process: ProcessContext, element: Node, wiring: Connections) -> Event:
+    node = read_node(process, element, wiring)
+    place = PLACES[local_name(element)]
     definitions = read_definitions(node, place)
     return Event(
         place=place,
         definitions=definitions,
         io=read_mapping(node, place, definitions),
-        attached_to=id_in(element, "attachedToRef"),
+        attached_to=local_id(element, "attachedToRef"),
         interrupting=node.flag("cancelActivity" if place == "boundary" else "isInterrupting", True),
         parallel=node.flag("parallelMultiple"),
-        properties=node.extensions.rest(),
+        properties=node.extensions.remaining(),
         **node.common,
     )
 
 
-def _gateway(around: Surroundings, element: Node, wiring: Wiring) -> Gateway:
-    node = half_read(around, element, wiring)
+def _gateway(process: ProcessContext, element: Node, wiring: Connections) -> Gateway:
+    node = read_node(process, element, wiring)
     activation = node.parts.get("activationCondition")
     return Gateway(
-        kind=GATEWAYS[local(element)],
+        kind=GATEWAYS[local_name(element)],
         default=node.get("default"),
-        activation=condition(node.context, activation[0]) if activation else None,
+        activation=condition_of(node.context, activation[0]) if activation else None,
         instantiate=node.flag("instantiate"),
         all_events=node.get("eventGatewayType") == "Parallel",
-        properties=node.extensions.rest(),
+        properties=node.extensions.remaining(),
         **node.common,
     )
 
 
-def _task(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
-    return read_task(half_read(around, element, wiring), TASKS[local(element)])
+def _task(process: ProcessContext, element: Node, wiring: Connections) -> FlowNode:
+    return read_task(read_node(process, element, wiring), TASKS[local_name(element)])
 
 
-def _call(around: Surroundings, element: Node, wiring: Wiring) -> FlowNode:
-    return read_call(half_read(around, element, wiring))
+def _call(process: ProcessContext, element: Node, wiring: Connections) -> FlowNode:
+    return read_call(read_node(process, element, wiring))
 
 
-def _sub_process(around: Surroundings, element: Node, wiring: Wiring) -> SubProcess:
-    node = half_read(around, element, wiring)
+def _sub_process(process: ProcessContext, element: Node, wiring: Connections) -> SubProcess:
+    node = read_node(process, element, wiring)
     resume = node.extensions.take("resume")
     completion, active = node.parts.get("completionCondition"), node.extensions.active.strip()
-    listed = node.extensions.take("activities") if local(element) == "adHocSubProcess" else None
+    listed = node.extensions.take("activities") if local_name(element) == "adHocSubProcess" else None
     active = listed.value if listed is not None else active
     return SubProcess(
-        kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local(element)],
-        body=read_body(around, element, node.parts),
-        resume=truth(node.context, element, "resume", resume.value) if resume is not None else False,
-        completion=condition(node.context, completion[0]) if completion else None,
-        active=variable(node.context, element, active) if active else None,
+        kind="event" if node.flag("triggeredByEvent") else _SUB_PROCESSES[local_name(element)],
+        body=read_body(process, element, node.parts),
+        resume=boolean_property(node.context, element, "resume", resume.value) if resume is not None else False,
+        completion=condition_of(node.context, completion[0]) if completion else None,
+        active=variable_or_expression(node.context, element, active) if active else None,
         sequential=node.get("ordering") == "Sequential",
         cancel_remaining=node.flag("cancelRemainingInstances", True),
         **read_activity(node),
     )
 
 
-_READERS: Mapping[str, Callable[[Surroundings, Node, Wiring], FlowNode]] = {
+_READERS: Mapping[str, Callable[[ProcessContext, Node, Connections], FlowNode]] = {
     **{f"{_B}{tag}": _event for tag in PLACES},
     **{f"{_B}{tag}": _gateway for tag in GATEWAYS},
     **{f"{_B}{tag}": _task for tag in TASKS},

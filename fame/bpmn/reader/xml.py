@@ -106,7 +106,7 @@ def line_of(element: Node) -> int:
     return line or 0
 
 
-def local(element: Node) -> str:
+def local_name(element: Node) -> str:
     """The name of its tag without namespace."""
     return element.tag.rpartition("}")[2]
 
@@ -150,7 +150,7 @@ def child(element: Node, name: str) -> Node | None:
 # ---- ids and references ----------------------------------------------------------------------------------------------
 
 
-def find(table: Mapping[str, T], reference: str | None) -> T | None:
+def resolve(table: Mapping[str, T], reference: str | None) -> T | None:
     """What a reference names; references are qualified names, so a prefix may stand before the id."""
     if not reference:
         return None
@@ -159,7 +159,7 @@ def find(table: Mapping[str, T], reference: str | None) -> T | None:
     return found if found is not None else table.get(reference.rpartition(":")[2])
 
 
-def id_in(element: Node, name: str) -> str:
+def local_id(element: Node, name: str) -> str:
     """The id in an attribute that is a qualified name: without the prefix, if that is one of the file."""
     prefix, colon, id = element.get(name, "").strip().partition(":")
     return id if colon and prefix in element.nsmap else prefix + colon + id
@@ -191,8 +191,8 @@ def is_reference(name: str) -> bool:
 
 def _rename(element: Node, renamed: Mapping[str, str]) -> None:
     for name, value in element.items():
-        new = find(renamed, str(value)) if name == "id" or is_reference(str(name)) else None
+        new = resolve(renamed, str(value)) if name == "id" or is_reference(str(name)) else None
         if new is not None:
             element.set(name, new)
     if element.tag.endswith(("Ref", "Refs")) or element.tag in (f"{_B}incoming", f"{_B}outgoing"):
-        element.text = find(renamed, text_of(element)) or element.text
+        element.text = resolve(renamed, text_of(element)) or element.text

@@ -23,12 +23,12 @@ from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, DC, DI, FLOWAB
 ElementAdapter = Callable[[Context, Node, Extensions], None]
 AttributeAdapter = Callable[[Context, Node, str, str, Extensions], None]
 
-ELEMENTS: Mapping[str, ElementAdapter] = {
+ELEMENT_ADAPTERS: Mapping[str, ElementAdapter] = {
     **dict.fromkeys((CAMUNDA, FLOWABLE, ACTIVITI), camunda7.element),
     ZEEBE: camunda8.element,
     **dict.fromkeys(original_fame.NAMESPACES, original_fame.element),
 }
-ATTRIBUTES: Mapping[str, AttributeAdapter] = {
+ATTRIBUTE_ADAPTERS: Mapping[str, AttributeAdapter] = {
     **dict.fromkeys((CAMUNDA, FLOWABLE, ACTIVITI), camunda7.attribute),
     ZEEBE: camunda8.attribute,
 }
@@ -38,29 +38,31 @@ _LANGUAGES = XPath("//@scriptFormat | //*[not(@scriptFormat)]/@language", smart_
 _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 
 
-def extensions_of(context: Context, element: Node) -> Extensions:
+def read_extensions(context: Context, element: Node) -> Extensions:
     """All that the extension elements and attributes of a BPMN element say."""
     found = Extensions()
     for key in attributes(element):
         if key[0] == "{":
             namespace, _, name = key[1:].partition("}")
-            read_attribute = ATTRIBUTES.get(namespace)
+            read_attribute = ATTRIBUTE_ADAPTERS.get(namespace)
             if read_attribute is not None:
                 read_attribute(context, element, name, element.get(key, ""), found)
     for holder in element.iterchildren(_EXTENSION_ELEMENTS):
         for extension in holder:
-            read_element = ELEMENTS.get(extension.tag[1:].partition("}")[0])
+            read_element = ELEMENT_ADAPTERS.get(extension.tag[1:].partition("}")[0])
             if read_element is not None:
                 read_element(context, extension, found)
     return found
 
 
-def looks_original(root: Node) -> bool:
+def is_original_fame(root: Node) -> bool:
     """Whether a file looks like one of the original FaMe's: by elements of its web modeler, lists, or JavaScript."""
     if next(root.iter(*(f"{{{namespace}}}*" for namespace in original_fame.NAMESPACES)), None) is not None:
         return True
     languages = {said.lower().strip(" ()") for said in cast("list[str]", _LANGUAGES(root))}
-    return not languages.isdisjoint(_JAVASCRIPT) or any(map(original_fame.is_message, root.iter(original_fame.LIST)))
+    return not languages.isdisjoint(_JAVASCRIPT) or any(
+        map(original_fame.is_message_list, root.iter(original_fame.LIST))
+    )
 
 
 _FORMS: Mapping[str, str] = {
@@ -73,13 +75,13 @@ _FORMS: Mapping[str, str] = {
 }
 
 
-def forms_of(root: Node) -> tuple[str, ...]:
+def dialects_of(root: Node) -> tuple[str, ...]:
     """Whose extension elements and attributes a file has, in words; in the order of generations."""
     seen = set[str]()
     for one in root.iter("*"):
         seen.add(one.tag[1:].partition("}")[0])
         seen.update(key[1:].partition("}")[0] for key in attributes(one) if key[0] == "{")
-        if original_fame.is_message(one):
+        if original_fame.is_message_list(one):
             seen.add(original_fame.LIST)
     return tuple(dict.fromkeys(text for form, text in _FORMS.items() if form in seen))
 
@@ -94,9 +96,9 @@ _NEAR = 0.9
 """Part of the letters that two names share; fewer are another name."""
 
 
-def note_misspelt(context: Context, root: Node, source: bytes) -> None:
+def note_misspelt_namespaces(context: Context, root: Node, source: bytes) -> None:
     """One warning for each namespace that something in the file is of, and that looks like one that is read."""
-    names = {_bare(uri): uri for uri in (*ELEMENTS, BPMN)}
+    names = {_bare(uri): uri for uri in (*ELEMENT_ADAPTERS, BPMN)}
     declared = {found.decode(errors="replace") for found in _DECLARED.findall(source.replace(b"\0", b""))}
     for uri in sorted(declared - _OTHERS - set(names.values())):
         near = get_close_matches(_bare(uri), names, n=1, cutoff=_NEAR)

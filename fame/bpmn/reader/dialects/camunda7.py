@@ -10,8 +10,14 @@ from collections.abc import Callable, Mapping
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects.extensions import Extensions, Property
-from fame.bpmn.reader.expressions import code, listed, mapped, mapped_entries, variable
-from fame.bpmn.reader.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local, text_of
+from fame.bpmn.reader.expressions import (
+    code_expression,
+    flow_mapping,
+    flow_sequence,
+    mapping_source,
+    variable_or_expression,
+)
+from fame.bpmn.reader.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local_name, text_of
 
 IGNORED = {
     "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",
@@ -40,7 +46,7 @@ REFUSED: Mapping[str, str] = {
 
 def element(context: Context, node: Node, found: Extensions) -> None:
     """One extension element."""
-    name = local(node)
+    name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
         read(context, node, found)
@@ -67,7 +73,7 @@ def attribute(context: Context, node: Node, name: str, value: str, found: Extens
     elif name in _ATTRIBUTES:
         setattr(found, _ATTRIBUTES[name], value.strip())
     elif name == "expression":
-        found.script = code(context, node, value.strip(), None, line_of(node))
+        found.script = code_expression(context, node, value.strip(), None, line_of(node))
     elif name in IGNORED:
         context.note(node, f"{_called(node, name)} has no effect")
 
@@ -92,33 +98,33 @@ def _properties(context: Context, node: Node, found: Extensions) -> None:
 
 def _input_output(context: Context, node: Node, found: Extensions) -> None:
     for one in node:
-        if local(one) == "connector":
+        if local_name(one) == "connector":
             found.refused = REFUSED["connector"]
             continue
         name = one.get("name", "").strip()
         if not name:
-            context.fault(one, f"a {_called(one, local(one))} has no name: say which variable it sets")
+            context.fault(one, f"a {_called(one, local_name(one))} has no name: say which variable it sets")
             continue
         source = _parameter(context, one)
-        outwards = local(one) == "outputParameter"
+        outwards = local_name(one) == "outputParameter"
         if source is not None:
             (found.outputs if outwards else found.inputs).append(Assignment(name, source))
-        if not outwards and len(one) and local(one[0]) == "list":
+        if not outwards and len(one) and local_name(one[0]) == "list":
             found.lists[name] = [Property(text_of(value), line_of(value)) for value in one[0]]
 
 
 def _parameter(context: Context, node: Node) -> Expression | None:
     """Text, script, list or map. The last two are flow-style YAML with ``${...}`` inside. Others are a fault."""
     if not len(node):
-        return mapped(text_of(node), line_of(node))
+        return mapping_source(text_of(node), line_of(node))
     content = node[0]
-    kind, line = local(content), line_of(content)
+    kind, line = local_name(content), line_of(content)
     if kind == "script":
-        return code(context, content, text_of(content).strip(), content.get("scriptFormat"), line)
+        return code_expression(context, content, text_of(content).strip(), content.get("scriptFormat"), line)
     if kind == "list":
-        return Expression(listed(text_of(value) for value in content), "payload", line)
+        return Expression(flow_sequence(text_of(value) for value in content), "payload", line)
     if kind == "map":
-        return Expression(mapped_entries((value.get("key", ""), text_of(value)) for value in content), "payload", line)
+        return Expression(flow_mapping((value.get("key", ""), text_of(value)) for value in content), "payload", line)
     context.fault(content, f"<{kind}> in a parameter: expected text, script, list or map")
     return None
 
@@ -127,7 +133,7 @@ def _in(context: Context, node: Node, found: Extensions) -> None:
     if node.get("businessKey") is not None:
         context.note(node, "a business key has no effect")
         return
-    found.own = True
+    found.own_scope = True
     if node.get("variables") == "all":
         found.all_in = True
     else:
@@ -135,7 +141,7 @@ def _in(context: Context, node: Node, found: Extensions) -> None:
 
 
 def _out(context: Context, node: Node, found: Extensions) -> None:
-    found.own = True
+    found.own_scope = True
     if node.get("variables") == "all":
         found.all_out = True
     else:
@@ -145,10 +151,12 @@ def _out(context: Context, node: Node, found: Extensions) -> None:
 def _copy(context: Context, node: Node, into: list[Assignment]) -> None:
     source, expression, target = node.get("source"), node.get("sourceExpression"), node.get("target", "").strip()
     if not target or not (source or expression):
-        text = f"{_called(node, local(node))} needs target and source (or sourceExpression), or variables='all'"
+        text = f"{_called(node, local_name(node))} needs target and source (or sourceExpression), or variables='all'"
         context.fault(node, text)
         return
-    seen = mapped(expression, line_of(node)) if expression else variable(context, node, source or "")
+    seen = (
+        mapping_source(expression, line_of(node)) if expression else variable_or_expression(context, node, source or "")
+    )
     if seen is not None:
         into.append(Assignment(target, seen))
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects.extensions import Extensions, Property
-from fame.bpmn.reader.expressions import mapped
-from fame.bpmn.reader.xml import Node, line_of, local
+from fame.bpmn.reader.expressions import mapping_source
+from fame.bpmn.reader.xml import Node, line_of, local_name
 
 IGNORED = {
     "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",
@@ -20,7 +20,7 @@ IGNORED = {
 
 def element(context: Context, node: Node, found: Extensions) -> None:
     """One extension element."""
-    name = local(node)
+    name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
         read(context, node, found)
@@ -48,9 +48,9 @@ def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
     for one in node:
         source, target = one.get("source", ""), one.get("target", "").strip()
         if not target:
-            context.fault(one, f"a zeebe:{local(one)} has no target: say which variable it sets")
+            context.fault(one, f"a zeebe:{local_name(one)} has no target: say which variable it sets")
             continue
-        inwards, expression = local(one) == "input", mapped(source, line_of(one))
+        inwards, expression = local_name(one) == "input", mapping_source(source, line_of(one))
         _assign(found.inputs if inwards else found.outputs, target, expression, inwards)
 
 
@@ -80,7 +80,7 @@ def _task(context: Context, node: Node, found: Extensions) -> None:
 
 
 def _called(context: Context, node: Node, found: Extensions) -> None:
-    found.called, found.own = node.get("processId", "").strip(), True
+    found.called, found.own_scope = node.get("processId", "").strip(), True
     found.all_in = node.get("propagateAllParentVariables", "true") != "false"
     found.all_out = node.get("propagateAllChildVariables", "true") != "false"
 
@@ -108,7 +108,7 @@ def _script(context: Context, node: Node, found: Extensions) -> None:
 
 def _subscription(context: Context, node: Node, found: Extensions) -> None:
     key = node.get("correlationKey", "").strip()
-    found.key = mapped(key, line_of(node)) if key else None
+    found.key = mapping_source(key, line_of(node)) if key else None
 
 
 _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {

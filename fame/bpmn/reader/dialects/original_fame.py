@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from fame.bpmn.reader.context import Context, is_type
-from fame.bpmn.reader.dialects.extensions import CHOICES, DURATIONS, Extensions, Property, policy
-from fame.bpmn.reader.expressions import mapped_entries
-from fame.bpmn.reader.xml import CAMUNDA, Node, line_of, local, text_of
+from fame.bpmn.reader.context import Context, is_message_type
+from fame.bpmn.reader.dialects.extensions import QOS_CHOICES, QOS_DURATIONS, Extensions, Property, qos_policy
+from fame.bpmn.reader.expressions import flow_mapping
+from fame.bpmn.reader.xml import CAMUNDA, Node, line_of, local_name, text_of
 
 LIST, _VALUE = f"{{{CAMUNDA}}}list", f"{{{CAMUNDA}}}value"
 
 
-def is_message(node: Node) -> bool:
+def is_message_list(node: Node) -> bool:
     """Whether it is the list of such a parameter."""
     first = node.find(_VALUE) if node.tag == LIST else None
-    return first is not None and is_type(text_of(first))
+    return first is not None and is_message_type(text_of(first))
 
 
-def apply(context: Context, node: Node, found: Extensions) -> None:
+def apply_message_list(context: Context, node: Node, found: Extensions) -> None:
     """Turns such a parameter, on a signal event, into topic, type and payload. Others stay what they are."""
     for name, items in found.lists.items():
-        if items and len(items) <= 2 and is_type(items[0].value):
+        if items and len(items) <= 2 and is_message_type(items[0].value):
             found.topic, found.type = name, items[0].value
             if len(items) == 2:
                 found.payload = items[1]
@@ -31,12 +31,12 @@ def apply(context: Context, node: Node, found: Extensions) -> None:
 ROS, DATA, QOS, CALL = "http://ros", "http://data", "http://qos", "http://callActivity"
 NAMESPACES = (ROS, DATA, QOS, CALL)
 
-_POLICIES = {name.replace("_", "") for name in (*CHOICES, "depth", *DURATIONS)}
+_POLICIES = {name.replace("_", "") for name in (*QOS_CHOICES, "depth", *QOS_DURATIONS)}
 
 
 def element(context: Context, node: Node, found: Extensions) -> None:
     """One extension element. Attributes that mean nothing (``selection``, ``is_output``) are passed over."""
-    name = local(node)
+    name = local_name(node)
     if name == "message":
         found.type = node.get("type", "")
     elif name == "payload":
@@ -47,7 +47,7 @@ def element(context: Context, node: Node, found: Extensions) -> None:
         for key, value in node.attrib.items():
             if str(key).replace("_", "").lower() not in _POLICIES or not str(value).strip():
                 continue
-            meant = policy(context, node, str(key), str(value))
+            meant = qos_policy(context, node, str(key), str(value))
             found.qos.update([meant] if meant is not None else ())
             if meant is not None and meant[1] != str(value):
                 context.quirk(node, f"quality of service {key!s}={value!s} is {' '.join(meant)}")
@@ -70,4 +70,4 @@ def _payload(context: Context, node: Node) -> Property | None:
     if node.get("data") is not None:
         return Property(node.get("data", ""), line_of(node))
     given = [(_name(context, one), one.get("value", "")) for one in node if one.get("value", "").strip()]
-    return Property(mapped_entries(given), line_of(node)) if given else None
+    return Property(flow_mapping(given), line_of(node)) if given else None
