@@ -40,9 +40,8 @@ def qos_policy(context: Context, element: Node, name: str, text: str) -> tuple[s
     elif name in QOS_DURATIONS:
         fits, right = re.fullmatch(r"\d+(\.\d*)?|\.\d+", value) is not None, "a time in seconds"
     else:
-        context.fault(
-            element, f"qos policy {name!r} is not known: {', '.join((*QOS_CHOICES, 'depth', *QOS_DURATIONS))} are"
-        )
+        policies = ", ".join((*QOS_CHOICES, "depth", *QOS_DURATIONS))
+        context.fault(element, f"unknown QoS policy {name!r}: expected one of {policies}")
         return None
     if not fits:
         context.fault(element, f"qos.{name}={text!r}: expected {right}")
