@@ -27,7 +27,7 @@ class EngineState:
 
     listeners       who waits for each topic, in the order of arming
     conditions      armed conditional events, in the order of arming
-    posted          whether the script of the token at work has published
+    unsettled       whether a script's step has consequences: it has published, or a condition is armed
     waits           those that the host names by key: timers, scripts
     inclusive       scopes in which an inclusive join has an arrival
     cancelling      what goes on when a cancelled script has ended, by its key
@@ -45,7 +45,7 @@ class EngineState:
         self.ready: deque[tuple[Node | None, Any]] = deque()
         self.listeners: dict[str, dict[Listener, None]] = {}
         self.conditions: dict[Wait, None] = {}
-        self.posted = False
+        self.unsettled = False
         self.waits: dict[int, Wait] = {}
         self.inclusive: dict[Scope, None] = {}
         self.cancelling: dict[int, Continuation] = {}

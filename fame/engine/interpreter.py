@@ -78,7 +78,7 @@ class Engine(EngineState):
     def post(self, topic: str, message: Any) -> None:
         """A script published: own catchers get it in its turn, behind which the script's token goes on."""
         self.ready.append((None, (topic, message)))
-        self.posted = True
+        self.unsettled = True
 
     def stepped(self) -> None:
         """A suspended script went on and waits again: its variables may have changed, and it may have published."""
@@ -180,7 +180,7 @@ class Engine(EngineState):
         ready, pop = self.ready, self.ready.popleft
         left, portion = self.limit, self.portion
         moves = repeat(None, portion)
-        self.posted = False
+        self.unsettled = bool(self.conditions)
         while True:
             while ready:
                 node, scope = pop()

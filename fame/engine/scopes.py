@@ -194,9 +194,8 @@ def cancel_wait(engine: EngineState, wait: Wait) -> Cancelling:
 
 def cancel_script(engine: EngineState, wait: Wait) -> Cancelling:
     """Cancel the script of a wait. What it publishes while it ends is not from the token at work."""
-    posted = engine.posted
     ended = engine.host.cancel(wait.key)
-    engine.posted = posted
+    engine.unsettled = bool(engine.conditions)
     return () if ended else (wait.key,)
 
 

@@ -64,7 +64,7 @@ def observed_end(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 def fail_step(engine: EngineState, scope: Scope, node: Node, error: BaseException) -> Node | None:
     """A step that counts as it is entered has not completed after all."""
-    engine.posted = False
+    engine.unsettled = bool(engine.conditions)
     scope.counts[node.index] -= 1
     faults.fail(engine, scope, node, error)
     return None
@@ -78,11 +78,11 @@ def settle(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     """
     if node.plain_step is not None:
         engine.notify(scope, node.left)
-    if engine.posted:
-        engine.posted = False
-        engine.ready.append((node.next, scope))
+    ready, engine.unsettled = engine.ready, bool(engine.conditions)
+    if ready and ready[-1][0] is None:
+        ready.append((node.next, scope))
     else:
-        engine.ready.appendleft((node.next, scope))
+        ready.appendleft((node.next, scope))
     if engine.conditions:
         waiting.check_conditions(engine)
     return None
@@ -118,7 +118,7 @@ def assign(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     except BaseException as error:
         faults.fail(engine, scope, node, error)
         return None
-    return settle(engine, scope, node) if engine.posted or engine.conditions else node.next
+    return settle(engine, scope, node) if engine.unsettled else node.next
 
 
 # ---- opening and ending --------------------------------------------------------------------------

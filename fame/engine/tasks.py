@@ -38,7 +38,7 @@ def script(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     except BaseException as error:
         return steps.fail_step(engine, scope, node, error)
     if suspended is None:
-        return steps.settle(engine, scope, node) if engine.posted or engine.conditions else node.next
+        return steps.settle(engine, scope, node) if engine.unsettled else node.next
     return _suspend(engine, scope, node, suspended)
 
 
@@ -54,13 +54,13 @@ def evaluate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
         return _suspend(engine, scope, node, value)
     if spec.variable:
         scope.variables[spec.variable] = value
-    return steps.settle(engine, scope, node) if engine.posted or engine.conditions else node.next
+    return steps.settle(engine, scope, node) if engine.unsettled else node.next
 
 
 def _suspend(engine: EngineState, scope: Scope, node: Node, suspended: Any) -> Node | None:
     """A script waits: so does its token, and the host drives it on."""
     scope.counts[node.index] -= 1
-    engine.posted = False
+    engine.unsettled = bool(engine.conditions)
     _drive(engine, waiting.wait_at(engine, node, scope), suspended)
     if engine.conditions:
         waiting.check_conditions(engine)
@@ -75,7 +75,7 @@ def _drive(engine: EngineState, wait: Wait, suspended: Any) -> None:
     engine.waits[wait.key] = wait
     wait.started = True
     engine.host.run(wait.key, suspended)
-    engine.posted = False
+    engine.unsettled = bool(engine.conditions)
 
 
 def script_ended(engine: EngineState, wait: Wait, error: BaseException | None) -> None:

@@ -182,6 +182,7 @@ def watch_condition(engine: EngineState, wait: Wait) -> None:
     """Evaluate its condition now, and whenever variables may have changed; what it was before counts as false."""
     wait.true = False
     engine.conditions[wait] = None
+    engine.unsettled = True
     check_condition(engine, wait)
 
 
