@@ -73,10 +73,12 @@ class Direct:
 def interpreted(scheduler: Scheduler, middleware: Middleware, speed: float) -> Callable[[], object]:
     """The same as a model, on an engine. Returns what starts it."""
     import fame
-    from fame.robot import RobotNode, mission
+    from fame.robot import RobotNode, make_mission
 
     definitions = fame.read(ROOT / "stop_before_obstacle.bpmn")
-    node = RobotNode("car", mission(definitions, definitions.processes[0]), scheduler=scheduler, middleware=middleware)
+    node = RobotNode(
+        "car", make_mission(definitions, definitions.processes[0]), scheduler=scheduler, middleware=middleware
+    )
     node.load()
     return partial(node.start, {"speed": speed})
 
@@ -169,7 +171,7 @@ def interpreted_cars(scheduler: Scheduler, middleware: Middleware) -> tuple[Call
     import fame
     from fame.bpmn.library import Library
     from fame.bpmn.pools import pools_of, shared_topics
-    from fame.robot import RobotNode, mission
+    from fame.robot import RobotNode, make_mission
 
     definitions, library = fame.read(ROOT.parent / "models" / "ground_vehicles.bpmn"), Library()
     pools = pools_of(definitions)
@@ -177,7 +179,7 @@ def interpreted_cars(scheduler: Scheduler, middleware: Middleware) -> tuple[Call
     nodes = [
         RobotNode(
             pool.name,
-            mission(definitions, pool.process, library=library, shared=shared),
+            make_mission(definitions, pool.process, library=library, shared=shared),
             scheduler=scheduler,
             middleware=middleware,
         )

@@ -18,7 +18,7 @@ from fame.engine import Instance
 from fame.errors import ModelError, expect
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
-from fame.robot import Event, RobotNode, Service, mission
+from fame.robot import Event, RobotNode, Service, make_mission
 
 
 class Simulation:
@@ -69,7 +69,9 @@ class Simulation:
         chosen = choose_process(definitions, process, "; fame.Scenario.load(path).run() runs all of them")
         self.node = RobotNode(
             robot,
-            mission(definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)),
+            make_mission(
+                definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)
+            ),
             built_in_services=SERVICES,
             scheduler=self.scheduler,
             middleware=self.middleware,

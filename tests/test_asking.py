@@ -113,7 +113,7 @@ def test_a_service_that_nobody_offers_is_an_error_that_events_catch() -> None:
 @pytest.mark.parametrize(
     ("said", "complaint"),
     [
-        ({"type": ""}, "asks the service 'tello_action' of no type: give it property type, pkg/srv/Name"),
+        ({"type": ""}, "calls the service 'tello_action' without a type: expected the property type, pkg/srv/Name"),
         ({"type": "tello_msgs/srv/TeloAction"}, "no such service type; did you mean tello_msgs/srv/TelloAction?"),
     ],
 )  # fmt: skip

@@ -267,7 +267,10 @@ def test_who_waits_for_what_came_too_early_is_told_so(tmp_path: Path, capsys) ->
     mission = tmp_path / "early.bpmn"
     mission.write_text(document(f'<collaboration id="C">{pools}</collaboration>{drawn}<signal id="S" name="go"/>'))
     assert main(["run", str(mission)]) == 1
-    assert "LATE waits at c for topic /go (its last message came 1 s ago, when nobody waited" in capsys.readouterr().err
+    assert (
+        "LATE waits at c for topic /go (its last message came 1 s ago, before anything waited"
+        in capsys.readouterr().err
+    )
 
 
 def test_who_waits_for_somebody_is_told_how_to_reach_it(tmp_path: Path, capsys) -> None:
@@ -291,7 +294,11 @@ def test_of_what_came_too_early_nothing_is_told_once_it_came_in_time() -> None:
     told = []
     for second in (0.5, 2, 3):
         simulation.run(until=second)
-        told.append([wait.text for wait in simulation.node.waits()])
+        told.append([wait.text for wait in simulation.node.waiting_tokens()])
         simulation.signal("go")
     topic = "topic /go, which nobody else publishes"
-    assert told == [["sleep(1)"], [f"{topic} (its last message came 1.5 s ago, when nobody waited for it)"], [topic]]
+    assert told == [
+        ["sleep(1)"],
+        [f"{topic} (its last message came 1.5 s ago, before anything waited for it)"],
+        [topic],
+    ]

@@ -17,7 +17,7 @@ from fame.middleware import messages
 from fame.middleware.interface import QoS
 from fame.middleware.local import LocalMiddleware
 from fame.robot.events import Event
-from fame.robot.gaps import Gap, Gaps
+from fame.robot.waiting_tokens import PublisherGap, PublisherGaps
 from fame.scenario.deployment import Sending
 
 
@@ -361,18 +361,18 @@ def test_a_report_tells_that_a_publisher_was_gone_and_came_back_while_a_token_wa
     publisher = field.person.publisher("/stop", "std_msgs/msg/Empty")
     field.pass_time(3.5)
     (wait,) = field.said[-1].waits
-    assert wait["for"] == "topic /stop (/person was gone for 20 s until 2 s ago: what it said then may be lost)"
+    assert wait["for"] == "topic /stop (/person was gone for 20 s until 2 s ago: its messages of that time may be lost)"
 
 
 def test_what_was_gone_before_a_token_waited_is_nothing_to_tell():
-    gaps = Gaps()
-    gaps.look(0, {"/stop": ["/a", "/b"]})
-    gaps.look(5, {"/stop": ["/b"]})
-    gaps.look(9, {"/stop": ["/a", "/b"]})
+    gaps = PublisherGaps()
+    gaps.update(0, {"/stop": ["/a", "/b"]})
+    gaps.update(5, {"/stop": ["/b"]})
+    gaps.update(9, {"/stop": ["/a", "/b"]})
     assert gaps.since(9, ["/stop"]) is None
-    assert gaps.since(8, ["/stop"]) == Gap("/a", 5, 9)
-    gaps.look(10, {"/other": []})
-    gaps.look(11, {"/stop": ["/a"]})
+    assert gaps.since(8, ["/stop"]) == PublisherGap("/a", 5, 9)
+    gaps.update(10, {"/other": []})
+    gaps.update(11, {"/stop": ["/a"]})
     assert gaps.since(8, ["/stop", "/other"]) is None
 
 

@@ -228,7 +228,7 @@ def test_a_polling_loop_waits_without_blocking_until_a_variable_is_set() -> None
 def test_a_script_that_waits_says_for_what() -> None:
     simulation = simulate("this.environment.variables.node.createSubscription('std_msgs/msg/Bool', 'go', () => next())")
     assert simulation.run().instances[0].waiting == ["t1"]
-    assert [wait.text for wait in simulation.node.waits()] == ["a callback to call next()"]
+    assert [wait.text for wait in simulation.node.waiting_tokens()] == ["a callback to call next()"]
 
 
 def test_a_conditional_event_sees_what_a_callback_sets() -> None:
@@ -323,7 +323,7 @@ def test_callbacks_and_timers_end_with_their_process() -> None:
     Peer(simulation).say("odom", ODOMETRY, *odometry(*range(8)))
     (instance,) = simulation.run().instances
     assert instance.variables == {"count": 2}
-    assert simulation.node.scripts.javascript.realms == []
+    assert simulation.node.host.scripts.javascript.realms == []
     assert simulation.now == 8.0
 
 

@@ -158,7 +158,7 @@ def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_need
 
 @pytest.mark.parametrize(
     ("engines", "steps", "number"),
-    [(20, 9, 0), (2, 9, 5), (2, 2, 3)],
+    [(20, 9, 0), (2, 9, 5), (2, 2, 2)],
     ids=["not while many start", "all", "until a process comes"],
 )
 def test_an_engine_that_waits_loads_what_its_first_process_will_need(engines: int, steps: int, number: int) -> None:

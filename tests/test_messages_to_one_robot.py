@@ -13,7 +13,7 @@ from fame.check import check
 from fame.clock import SECOND, Scheduler
 from fame.middleware.interface import SIGNAL
 from fame.middleware.local import LocalMiddleware
-from fame.robot.addressed import Addressed, address
+from fame.robot.endpoints import DirectMessages, direct_topic
 from fame.scenario import Result, Scenario
 
 ORDER = '<messageEventDefinition messageRef="Order"/>'
@@ -126,15 +126,17 @@ def test_what_is_sent_before_it_is_connected_waits_in_order() -> None:
     middleware = Slow(scheduler)
     came: list[int] = []
     worker, boss = middleware.node("engine", "Worker_1"), middleware.node("engine", "Boss")
-    worker.subscription(address("/order", "Worker_1"), "std_msgs/msg/Int64", lambda message: came.append(message.data))
+    worker.subscription(
+        direct_topic("/order", "Worker_1"), "std_msgs/msg/Int64", lambda message: came.append(message.data)
+    )
     ends: dict[str, object] = {}
 
     def advertise(topic, type, qos):  # type: ignore[no-untyped-def]
         return ends.setdefault(topic, boss.publisher(topic, type, qos) if topic not in ends else None)
 
-    sender = Addressed(boss, middleware, scheduler, advertise)
-    sender.open("/order", "std_msgs/msg/Int64", SIGNAL)
-    sender.meet()
+    sender = DirectMessages(boss, middleware, scheduler, advertise)
+    sender.add("/order", "std_msgs/msg/Int64", SIGNAL)
+    sender.connect()
     assert list(ends) == ["/Worker_1/bpmn_message/order"]
     middleware.busy = tuple(ends)
     for number in (1, 2):

@@ -495,8 +495,8 @@ def test_what_a_robot_refuses_is_said_once_with_the_place_in_the_file_that_was_g
     process = field.start("run", str(path), "--middleware", "dds", "--duration", "20")
     _, err = process.communicate(timeout=LIMIT)
     assert process.returncode == 1
-    (line,) = [line for line in err.splitlines() if "calls the service" in line]
-    assert line.startswith(f"fame: A: refused: {path}:2: t: calls the service 'grip'; known are: ")
+    (line,) = [line for line in err.splitlines() if "unknown service" in line]
+    assert line.startswith(f"fame: A: refused: {path}:2: t: unknown service 'grip'; known are: ")
 
 
 def test_a_mission_in_many_processes_ends_when_its_simulated_seconds_are_over(tmp_path, field):

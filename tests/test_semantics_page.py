@@ -254,7 +254,7 @@ REFUSED = {
     "a send task needs a message": START + "<sendTask id='x'/>" + flow("s", "x"),
     "a receive task needs a message": START + "<receiveTask id='x'/>" + flow("s", "x"),
     "a service task needs the name of what it calls": START + "<serviceTask id='x'/>" + flow("s", "x"),
-    "calls the service 'grip'; known are: wave": START + "<serviceTask id='x' implementation='grip'/>"
+    "unknown service 'grip'; known are: wave": START + "<serviceTask id='x' implementation='grip'/>"
         + flow("s", "x"),
     "it runs the Java class org.example.Grip; FAME has no Java: make it a script task, or name an operation that is "
     "registered": START + "<serviceTask id='x' camunda:class='org.example.Grip'/>" + flow("s", "x"),
@@ -298,7 +298,7 @@ def test_it_tells_every_refusal() -> None:
 
 @pytest.mark.parametrize(("message", "content"), REFUSED.items(), ids=REFUSED.keys())
 def test_fame_check_knows_it(message: str, content: str) -> None:
-    if message.startswith("calls the service"):  # known where it runs
+    if message.startswith("unknown service"):  # known where it runs
         assert "needs the service 'grip' where it runs: Simulation(services=...)" in findings(content, "note")
     else:
         assert message in findings(content, "error")

@@ -13,7 +13,7 @@ from middleware_contract import BACKENDS, World, middlewares, world
 import fame
 from fame.bpmn.reader import read_text
 from fame.errors import ModelError
-from fame.robot import RobotNode, mission
+from fame.robot import RobotNode, make_mission
 
 SET_BOOL = "std_srvs/srv/SetBool"
 
@@ -55,7 +55,7 @@ class Place:
         definitions = read_text(text, file="mission.bpmn")
         robot = RobotNode(
             "REX",
-            mission(definitions, definitions.processes[0]),
+            make_mission(definitions, definitions.processes[0]),
             scheduler=self.here.scheduler,
             middleware=next(iter(middlewares(self.here))),
         )

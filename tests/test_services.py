@@ -15,7 +15,7 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, FameError
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
-from fame.robot import RobotNode, mission
+from fame.robot import RobotNode, make_mission
 from fame.robot.services import BuiltInService, ServiceContext, variable
 
 TASK = '<serviceTask id="u" camunda:type="external" camunda:topic="counter"/>'
@@ -58,7 +58,7 @@ class Robot:
         self.scheduler = Scheduler()
         definitions = read_text(process(content), file="there/m.bpmn")
         self.node = RobotNode(
-            "REX", mission(definitions, definitions.processes[0]),
+            "REX", make_mission(definitions, definitions.processes[0]),
             scheduler=self.scheduler, middleware=LocalMiddleware(self.scheduler),
             built_in_services={"counter": BuiltInService(Counter)},
         )  # fmt: skip

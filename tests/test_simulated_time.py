@@ -22,7 +22,7 @@ from fame.middleware.interface import Node
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, SharedTime, clock_message, nanoseconds
-from fame.robot import RobotNode, mission
+from fame.robot import RobotNode, make_mission
 from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldPart
 from sim2d.config import world_config
 
@@ -243,7 +243,7 @@ def test_an_engine_on_the_clock_of_a_fast_world_waits_in_its_time(place: Callabl
     ended: list[int] = []
     robot = RobotNode(
         "REX",
-        mission(definitions, definitions.processes[0]),
+        make_mission(definitions, definitions.processes[0]),
         scheduler=time,
         middleware=here.middleware,
         on_end=lambda instance: ended.append(time.now),

@@ -150,7 +150,7 @@ def test_a_service_task_calls_the_function_it_names():
     seen = []
     fame.Simulation(definitions, variables={"x": 5}, services={"weigh": lambda v: seen.append(v["x"])}).run()
     assert seen == [5]
-    with pytest.raises(fame.ModelError, match=r"calls the service 'weigh'; known are: "):
+    with pytest.raises(fame.ModelError, match=r"unknown service 'weigh'; known are: "):
         fame.Simulation(definitions)
 
 
@@ -213,5 +213,5 @@ def test_what_waits_for_a_condition_names_it_and_its_values():
     text = "<conditionalEventDefinition><condition>full and level &gt; 3</condition></conditionalEventDefinition>"
     catch = f'<startEvent id="s"/><intermediateCatchEvent id="Ca_Full">{text}</intermediateCatchEvent>'
     simulation = fame.Simulation(model(catch, ("s", "Ca_Full")), variables={"level": 2}).run()
-    (wait,) = simulation.node.waits()
+    (wait,) = simulation.node.waiting_tokens()
     assert (wait.element, wait.text) == ("Ca_Full", "condition full and level > 3 (full is not set, level = 2)")

@@ -119,7 +119,7 @@ def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
 
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
-    from fame.robot.events import together
+    from fame.robot.events import combine_observers
     from fame.scenario import Completion, Fault, Scenario
 
     scenario = Scenario.load(
@@ -146,7 +146,7 @@ def run(arguments: Namespace) -> int:
     with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as line:
         result = scenario.run(
             real_time=arguments.real_time,
-            observer=together(writes),
+            observer=combine_observers(writes),
             progress=line.show if line is not None else None,
             record=arguments.picture is not None or arguments.animate is not None,
             strict=arguments.strict,

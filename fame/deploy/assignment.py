@@ -8,7 +8,7 @@ from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
 from fame.errors import DeploymentError
-from fame.robot.addressed import address
+from fame.robot.endpoints import direct_topic
 
 
 def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]) -> dict[str, Pool]:
@@ -54,7 +54,7 @@ def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Librar
     for name, senders in addressing.items():
         for robot in senders:
             others = taking.get(name, set()) - {robot}
-            found[robot].update((address(name, other), "subscriber") for other in sorted(others))
+            found[robot].update((direct_topic(name, other), "subscriber") for other in sorted(others))
     for name, (throws, catches) in ends.items():
         for robot in throws:
             if catches - {robot}:

@@ -42,7 +42,7 @@ class Candidate:
         self._match(done, self._scheduler.now + round(MATCHING * SECOND))
 
     def _match(self, done: Callable[[Sequence[str]], object], until: int) -> None:
-        self.process.meet()
+        self.process.connect()
         absent = missing(self.envelope.promises, self.process.namespace, self._middleware)
         if (absent or self._middleware.connecting(self.process.node)) and self._scheduler.now < until:
             self._after(_POLL, partial(self._match, done, until))

@@ -187,7 +187,7 @@ class EngineNode:
         """Tell whoever watches this engine, or the observers of its mission."""
         from fame.robot import Event
 
-        tell = self._on_report if self.running is None else self.running.tell
+        tell = self._on_report if self.running is None else self.running.host.emit
         tell(Event(self._time.now, self.robot, 0, 0, "", "report", text))
 
     # ---- what it receives ------------------------------------------------------------------------------------------
@@ -295,7 +295,7 @@ class EngineNode:
     def _close_running(self) -> None:
         """The safe state comes last: scripts that leave may have commanded something else."""
         if self.running is not None:
-            self.running.make_safe("terminated")
+            self.running.host.make_safe("terminated")
             self.running.close()
 
     # ---- the end ---------------------------------------------------------------------------------------------------

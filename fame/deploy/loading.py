@@ -61,7 +61,7 @@ def _read(model: str, robot: str, library: Library | None, services: Mapping[str
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read_text
     from fame.check.gate import refuse_literals
-    from fame.robot import mission
+    from fame.robot import make_mission
     from fame.simulation import choose_process
 
     library = library or Library()
@@ -69,7 +69,7 @@ def _read(model: str, robot: str, library: Library | None, services: Mapping[str
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
     refuse_literals(definitions, [process], library)
-    return mission(definitions, process, library=library, services=services)
+    return make_mission(definitions, process, library=library, services=services)
 
 
 def missing(promises: Mapping[str, str], robot: str, middleware: Middleware) -> Sequence[str]:

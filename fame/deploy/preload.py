@@ -53,7 +53,7 @@ def _steps() -> Iterator[str]:
 
     yield "check"
     import fame.monitor.services
-    import fame.robot
+    import fame.robot.node
     import fame.simulation  # noqa: F401
 
     yield "interpreter"

@@ -162,10 +162,10 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
         "completed": process.completed,
         "failed": process.failed,
         "elements": process.elements,
-        "ahead": process.ahead,
+        "ahead": process.pending_starts,
         "waits": [
             {"element": wait.element, "for": wait.text, "since": wait.since / SECOND, "topics": dict(wait.topics)}
-            for wait in process.waits()
+            for wait in process.waiting_tokens()
         ],
         "offers": process.offers(),
         "error": str(last) if last is not None else "",

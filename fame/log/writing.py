@@ -17,7 +17,7 @@ from fame.errors import ConfigError
 from fame.log.lines import jsonl, table
 from fame.log.naming import Named, names
 from fame.log.xes import xes
-from fame.robot.events import Event, Observer, by_trails
+from fame.robot.events import Event, Observer, trail_handler
 
 _BUFFER = 1 << 16
 """Bytes that are written at a time."""
@@ -73,7 +73,7 @@ class _Log:
         """The observer, made if it was not yet."""
         if self._write is None:
             self._write = self._make()
-            self._trail = by_trails(self._write)
+            self._trail = trail_handler(self._write)
         return self._write
 
     def __call__(self, event: Event) -> None:

@@ -1,23 +1,35 @@
-"""One robot's engine node: the world of an engine, made of a middleware node, a scheduler and scripts.
+"""The node of one robot: its engine, connected to middleware, scheduler and scripts.
 
-robot_node  the node: host of one engine
-mission     what it is to do
-addressed   messages for one robot
-ends        its ends of topics: of events, and of what scripts name
-scripts     the runner of its scripts, and what they have around them
-asking      service tasks that ask ROS services and actions
-timers      timers of ISO 8601 on the scheduler
-waits       what its tokens wait for
-gaps        publishers that left and came back meanwhile
+node            from loading a process to its end: what others call
+host            what the engine asks of the world
+mission         the process that a robot runs, with everything that it refers to
+endpoints       publishers and subscriptions of its events and scripts; messages to one robot
+scripts         the runner of its scripts, and the interface that they find
+service_tasks   service tasks that call ROS services and actions
+services        services that a task runs for as long as its scope lasts
+timers          ISO 8601 timers on the scheduler
+waiting_tokens  what its tokens wait for
+events          events of a run, and observers of them
 """
 
 from __future__ import annotations
 
-from fame.clock import EPOCH
-from fame.robot.events import Event
-from fame.robot.mission import Mission, Service, mission
-from fame.robot.node import Ahead, RobotNode
-from fame.robot.waiting_tokens import Wait
-from fame.scripting import Log, error_text
+from typing import TYPE_CHECKING
 
-__all__ = ["EPOCH", "Ahead", "Event", "Log", "Mission", "RobotNode", "Service", "Wait", "error_text", "mission"]
+from fame.lazy import attach
+
+if TYPE_CHECKING:
+    from fame.robot.events import Event as Event
+    from fame.robot.mission import Mission as Mission, Service as Service, make_mission as make_mission
+    from fame.robot.node import PendingStarts as PendingStarts, RobotNode as RobotNode
+    from fame.robot.waiting_tokens import WaitingToken as WaitingToken
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "events": ["Event"],
+            "mission": ["Mission", "Service", "make_mission"],
+            "node": ["PendingStarts", "RobotNode"],
+            "waiting_tokens": ["WaitingToken"],
+        },
+    )

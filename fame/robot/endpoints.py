@@ -1,11 +1,17 @@
-"""The robot's ends of topics: what its events throw and catch, and what its scripts name.
+"""The topic endpoints of one robot: those that its events and scripts name, and those for messages to one robot.
 
-Ends are made when a process is loaded, before the first token moves, so that discovery is over when they are needed. A
-topic whose type only shows while the mission runs gets its end when it is used first.
+Endpoints are made when a process is loaded, before the first token moves, so that discovery is over when they are
+needed. A topic whose type is known only while the mission runs gets its endpoint on first use.
+
+Messages for one robot: ``order`` for Worker_2 is sent on ``/Worker_2/bpmn_message/order``. Each robot subscribes to
+such a topic for every message that its events catch, besides the topic that reaches all. The publisher towards a robot
+is made when that robot is discovered (`DirectMessages.connect`), and a message waits until it is connected: no message
+for a robot that is there is lost to discovery.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import partial
@@ -13,87 +19,101 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.bpmn.topics import TopicUse
-from fame.clock import Scheduler
+from fame.clock import SECOND, Entry, Scheduler
+from fame.engine.host import BpmnError
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages, qos
-from fame.middleware.interface import SIGNAL, Middleware, Node, Publisher, QoS, resolve
-from fame.robot.addressed import Addressed, address
+from fame.middleware.interface import SIGNAL, Message, Middleware, Node, Publisher, QoS, resolve
 from fame.scripting import Inbox, script_topics
 
+_PATIENCE, _POLL = 5 * SECOND, SECOND // 100
+"""How long a direct message waits for its publisher to be connected, and how often that is checked (ns)."""
+_SHOWN = 5
+"""Robots that an error message names."""
 
-class Ends:
-    """Those of one robot. `types`: qualified name of a topic -> how the model uses it.
+MakePublisher = Callable[[str, str, QoS], Publisher]
+"""Gives the publisher on a topic (full name, type, quality of service)."""
+OnMessage = Callable[[str, Any], object]
+"""Takes the qualified name of a topic, and a message on it."""
 
-    `caught` has the topics that own events catch: full name -> qualified name.
+
+class Endpoints:
+    """The endpoints of one robot.
+
+    uses    qualified name of a topic -> how the model uses it
+    caught  the topics that its own events catch: full name -> qualified name
+    direct  its messages to single robots
     """
 
-    def __init__(self, node: Node, types: Mapping[str, TopicUse], middleware: Middleware, scheduler: Scheduler) -> None:
-        self._node, self._types, self._middleware = node, types, middleware
-        self.addressed = Addressed(node, middleware, scheduler, self.publisher)
+    def __init__(self, node: Node, uses: Mapping[str, TopicUse], middleware: Middleware, scheduler: Scheduler) -> None:
+        self._node, self._uses, self._middleware = node, uses, middleware
+        self.direct: DirectMessages = DirectMessages(node, middleware, scheduler, self.publisher)
         self._publishers: dict[str, Publisher] = {}  # by full name
-        self._throws: dict[str, Publisher] = {}  # of events, by qualified name
+        self._thrown: dict[str, Publisher] = {}  # those of throwing events, by qualified name
         self.caught: dict[str, str] = {}
-        self._names = {resolve(name, node.namespace): name for name in types}
+        self._names = {resolve(name, node.namespace): name for name in uses}
 
-    def open(self, heard: Callable[[str, Any], object]) -> None:
-        """Make those that events name; `heard` gets the qualified name and the message. Raises ModelError."""
-        for name, use in self._types.items():
+    def open(self, on_message: OnMessage) -> None:
+        """Make the endpoints of all events. Raises ModelError."""
+        for name, use in self._uses.items():
             try:
-                self._open(name, use, partial(heard, name))
+                self._open(name, use, partial(on_message, name))
             except MessageError as error:
-                end = (*use.throws, *use.catches)[0]
+                event = (*use.throws, *use.catches)[0]
+                node = event.node
                 raise ModelError(
-                    str(error), file=end.file, line=end.node.line, element=end.node.id, name=end.node.name
+                    str(error), file=event.file, line=node.line, element=node.id, name=node.name
                 ) from error
 
-    def open_named(self, scripts: Iterable[Expression], inbox: Inbox) -> None:
-        """Make those that scripts name, as far as their types are known by now."""
+    def open_for_scripts(self, scripts: Iterable[Expression], inbox: Inbox) -> None:
+        """Make the endpoints that scripts name, as far as their types are known by now."""
         for script in scripts:
             for topic in script_topics(script):
-                with suppress(*([MessageError] if script.language == "javascript" else [])):  # it will say so itself
-                    self._open_named(topic.name, topic.direction, topic.type, inbox)
+                # A script in JavaScript reports the error itself when it runs.
+                with suppress(*([MessageError] if script.language == "javascript" else [])):
+                    self._open_for_script(topic.name, topic.direction, topic.type, inbox)
 
     def throw(self, name: str, value: Any) -> tuple[str, Any]:
-        """Publish what an event throws; returns the topic's full name and the message. Raises MessageError."""
-        publisher = self._throws[name]
+        """Publish the payload of an event. Returns the full name of the topic, and the message. Raises MessageError."""
+        publisher = self._thrown[name]
         message = messages.create(publisher.type, value)
         publisher.publish(message)
         return publisher.topic, message
 
     def qualified(self, full: str) -> str | None:
-        """The qualified name of a topic that events throw or catch, None if they do neither."""
+        """The qualified name of a topic that events throw or catch; None for any other topic."""
         return self._names.get(full)
 
     def publisher(self, full: str, type: str, profile: QoS = SIGNAL) -> Publisher:
-        """The publisher on a topic: the one that is there, or a new one. Raises MessageError."""
+        """The publisher on a topic, made on first use. Raises MessageError."""
         if full not in self._publishers:
             self._publishers[full] = self._node.publisher(full, type, profile)
         return self._publishers[full]
 
     def type(self, full: str) -> str | None:
-        """The type of a topic, from the model, else from whoever is at its other end."""
-        for name, use in self._types.items():
+        """The type of a topic: from the model, else from the middleware's graph; None if unknown."""
+        for name, use in self._uses.items():
             if use.declared and resolve(name, self._node.namespace) == full:
                 return use.declared
         info = next((item for item in self._middleware.graph() if item.name == full), None)
         return info.types[0] if info is not None and info.types else None
 
-    def _open(self, name: str, use: TopicUse, heard: Callable[[Any], object]) -> None:
+    def _open(self, name: str, use: TopicUse, on_message: Callable[[Any], object]) -> None:
         full = resolve(name, self._node.namespace)
         profile = qos.parse(use.qos) if use.qos else SIGNAL
         if use.throws:
-            self._throws[name] = self.publisher(full, use.type, profile)
+            self._thrown[name] = self.publisher(full, use.type, profile)
         if use.addresses:
-            self.addressed.open(name, use.type, profile)
+            self.direct.add(name, use.type, profile)
         if use.catches:
             self.caught[full] = name
-            self._node.subscription(full, use.type, heard, profile)
+            self._node.subscription(full, use.type, on_message, profile)
         if use.takes_messages:
-            self._node.subscription(address(name, self._node.namespace), use.type, heard, profile)
+            self._node.subscription(direct_topic(name, self._node.namespace), use.type, on_message, profile)
 
-    def _open_named(self, topic: str, direction: str, type: str | None, inbox: Inbox) -> None:
+    def _open_for_script(self, topic: str, direction: str, type: str | None, inbox: Inbox) -> None:
         if direction in ("call", "act"):
-            with suppress(MessageError):  # the script will say so itself
+            with suppress(MessageError):  # the script reports it itself when it runs
                 (inbox.client if direction == "call" else inbox.action)(topic, type or "")
             return
         full = resolve(topic, self._node.namespace)
@@ -102,3 +122,74 @@ class Ends:
             self.publisher(full, known)
         elif known is not None and direction == "subscribe":
             inbox.listen(full, known)
+
+
+def direct_topic(topic: str, robot: str) -> str:
+    """The full name of the topic over which a message (its qualified name) reaches one robot.
+
+    >>> direct_topic("/order", "Worker_2")
+    '/Worker_2/bpmn_message/order'
+    """
+    return f"/{robot}{_suffix(topic)}"
+
+
+def _suffix(topic: str) -> str:
+    return f"/bpmn_message/{topic.lstrip('~/')}"
+
+
+class DirectMessages:
+    """The messages that one robot sends to others by name."""
+
+    def __init__(self, node: Node, middleware: Middleware, scheduler: Scheduler, publisher: MakePublisher) -> None:
+        self._node, self._middleware, self._scheduler, self._publisher = node, middleware, scheduler, publisher
+        self._topics: dict[str, tuple[str, QoS]] = {}
+        self._waiting: deque[tuple[int, Publisher, Message]] = deque()
+        self._poll: Entry | None = None
+
+    def add(self, topic: str, type: str, profile: QoS) -> None:
+        """Announce that messages will be sent on this topic (its qualified name)."""
+        self._topics[topic] = type, profile
+
+    def connect(self) -> None:
+        """Make the publishers towards all robots that are there."""
+        for topic, (type, profile) in self._topics.items():
+            for robot in self._receivers(topic):
+                self._publisher(direct_topic(topic, robot), type, profile)
+
+    def send(self, topic: str, value: Any, robot: Any) -> None:
+        """Send a message to a robot. Raises MessageError, and BpmnError ``unreachable`` if no such robot takes it."""
+        receivers = self._receivers(topic)
+        if robot not in receivers:
+            known = ", ".join([*receivers[:_SHOWN], *(["..."] if len(receivers) > _SHOWN else [])]) or "none"
+            raise BpmnError("unreachable", f"no other robot {robot!r} takes message {topic}; robots that do: {known}")
+        type, profile = self._topics[topic]
+        publisher = self._publisher(direct_topic(topic, robot), type, profile)
+        self._waiting.append((self._scheduler.now + _PATIENCE, publisher, messages.create(type, value)))
+        self._flush()
+
+    def close(self) -> None:
+        """Drop the messages that still wait."""
+        self._waiting.clear()
+        if self._poll is not None:
+            self._poll.cancel()
+
+    def _receivers(self, topic: str) -> list[str]:
+        """The other robots that subscribe to a message, in order."""
+        if not self._topics:
+            return []
+        suffix, own = _suffix(topic), self._node.full_name
+        return [
+            info.name.removeprefix("/").removesuffix(suffix)
+            for info in self._middleware.graph()
+            if info.name.endswith(suffix) and any(name != own for name in info.subscribers)
+        ]
+
+    def _flush(self) -> None:
+        """Publish, in order, the messages whose publisher is connected or whose time is up."""
+        connecting = self._middleware.connecting(self._node)
+        now = self._scheduler.now
+        while self._waiting and (self._waiting[0][1].topic not in connecting or self._waiting[0][0] <= now):
+            _, publisher, message = self._waiting.popleft()
+            publisher.publish(message)
+        if self._waiting and (self._poll is None or self._poll.action is None):
+            self._poll = self._scheduler.after(_POLL, self._flush)

@@ -1,11 +1,11 @@
-"""What happened in a run, and how observers hear of it: event by event, or a whole trail at a time.
+"""Events of a run, and how observers get them: one by one, or a whole trail at a time.
 
-While an engine works off a stimulus it only notes what happens, and where. Observers hear of it
-when the stimulus has been worked off (and, should that take long, in between); it all happened at one instant. On the
-wall clock instants differ, so there each note is passed on at once.
+While an engine handles a stimulus it only records what happens, and where. Observers are called when the stimulus has
+been handled (and in between, if that takes long); all of it has the same time. On the wall clock times differ, so there
+each record is passed on at once.
 
-An observer is a function of an `Event`. What has a method `trail` too is given the notes as they are, and need not have
-an event made of each: so do logs.
+An observer is a function of an `Event`. An observer with a method `trail` gets the records as they are, so that no
+event need be made of each: logs do that.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fame.engine.program import Mark
 from fame.engine.state import Trail
 
 Observer = Callable[["Event"], object]
-TakeTrail = Callable[[int, str, Trail], object]
+OnTrail = Callable[[int, str, Trail], object]
 """Takes time (ns), robot, and what happened to it at that time."""
 
 _new_tuple = tuple.__new__
@@ -35,9 +35,9 @@ class Event(NamedTuple):
     detail: Any = None
 
 
-def by_trails(observer: Observer) -> TakeTrail:
-    """What takes trails for an observer: its own method, or one that makes the events."""
-    own: TakeTrail | None = getattr(observer, "trail", None)
+def trail_handler(observer: Observer) -> OnTrail:
+    """The function that passes trails to an observer: its own method `trail`, or one that makes the events."""
+    own: OnTrail | None = getattr(observer, "trail", None)
     if own is not None:
         return own
 
@@ -45,14 +45,14 @@ def by_trails(observer: Observer) -> TakeTrail:
         for scope, marks in trail:
             where = (time, robot, scope.instance.key, scope.key)
             for mark in marks:
-                # As Event(...) does, without the detour through its keyword arguments: this is done for every move.
+                # As Event(...) does, without the detour through its keyword arguments: this runs for every move.
                 observer(_new_tuple(Event, where + mark))
 
     return make_events
 
 
 class EventLog:
-    """An observer that keeps all that happened. Iterating makes the events; until then an event takes a few bytes."""
+    """An observer that keeps all events. Iterating makes them; until then an event takes a few bytes."""
 
     def __init__(self) -> None:
         self._kept: list[tuple[tuple[int, str, int, int], Sequence[Mark]]] = []
@@ -61,7 +61,7 @@ class EventLog:
         self._kept.append((event[:4], (event[4:],)))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """What happened at one instant."""
+        """Keep what happened at one instant."""
         self._kept += [((time, robot, scope.instance.key, scope.key), marks) for scope, marks in trail]
 
     def __len__(self) -> int:
@@ -73,23 +73,20 @@ class EventLog:
                 yield Event(*where, *mark)
 
 
-def together(observers: Sequence[Observer]) -> Observer | None:
-    """One observer in place of several, which hear in this order; None if there are none."""
-    return _Together(observers) if len(observers) > 1 else next(iter(observers), None)
+def combine_observers(observers: Sequence[Observer]) -> Observer | None:
+    """One observer that calls several, in this order; None for an empty sequence."""
+    return _CombinedObserver(observers) if len(observers) > 1 else next(iter(observers), None)
 
 
-class _Together:
+class _CombinedObserver:
     def __init__(self, observers: Sequence[Observer]) -> None:
-        self._observers, self._trails = observers, [by_trails(observer) for observer in observers]
+        self._observers, self._trails = observers, [trail_handler(observer) for observer in observers]
 
     def __call__(self, event: Event) -> None:
         for observer in self._observers:
             observer(event)
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """All of them hear of all of it."""
-        for take in self._trails:
-            take(time, robot, trail)
-
-
-__all__ = ["Event", "EventLog", "Observer", "TakeTrail", "by_trails", "together"]
+        """Pass a trail to all of them."""
+        for on_trail in self._trails:
+            on_trail(time, robot, trail)

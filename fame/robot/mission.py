@@ -1,22 +1,29 @@
-"""What a robot is to do: its process, with all that is found for it before it runs."""
+"""The mission of a robot: its process, with everything that it refers to resolved before it runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Process
+from fame.bpmn.model import Definitions, Expression, FlowNode, Process, Task
 from fame.bpmn.topics import TopicUse, topic_table
 
 Service = Callable[[dict[str, Any]], Any]
-"""What a service task calls: a function of the variables; gives a result, or a coroutine of awaitable requests."""
+"""The Python function of a service task: takes the variables; gives a result, or a coroutine of awaitable requests."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """What a robot is to do: a process, its file, and where called processes and topic types are found."""
+    """The mission of a robot.
+
+    definitions  the file of its process
+    process      the process
+    library      where called processes are found
+    types        qualified name of a topic -> how the model uses it
+    services     Python functions for service tasks, by name
+    """
 
     definitions: Definitions
     process: Process
@@ -24,8 +31,20 @@ class Mission:
     types: Mapping[str, TopicUse]
     services: Mapping[str, Service]
 
+    def processes(self) -> list[tuple[Definitions, Process]]:
+        """The process and all that it calls, directly or not, each with its file."""
+        return list(self.library.closure(self.definitions, self.process))
 
-def mission(
+    def flow_nodes(self) -> Iterator[tuple[Definitions, FlowNode]]:
+        """The flow nodes of all these processes, each with its file."""
+        return ((home, node) for home, process in self.processes() for node in process.body.walk())
+
+    def scripts(self) -> Iterator[Expression]:
+        """The texts of all its script tasks."""
+        return (node.script for _, node in self.flow_nodes() if isinstance(node, Task) and node.script is not None)
+
+
+def make_mission(
     definitions: Definitions,
     process: Process,
     *,
@@ -35,7 +54,7 @@ def mission(
 ) -> Mission:
     """The mission of one process. `shared` are the topics of the whole collaboration.
 
-    Raises ModelError for calls that lead nowhere and topics without one type.
+    Raises ModelError for calls of unknown processes, and for topics without exactly one type.
     """
     library = library or Library()
     closure = library.closure(definitions, process)

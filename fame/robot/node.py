@@ -1,67 +1,59 @@
-"""The robot's node: host of one engine, with the endpoints, scripts and timers that the process needs.
+"""The robot's node: one engine, from loading its process to its end.
 
-`RobotNode` is the host of one engine. Endpoints of every topic that the process and its scripts name are made at load,
-before the first token moves. A message that comes in is one stimulus; a script's step is one; a timer is one. What
-the robot publishes itself is heard by its own catchers inside the engine, since the middleware drops own samples.
+Endpoints of every topic that the process and its scripts name are made at load, before the first token moves. A message
+is one stimulus of the engine; so is a step of a script, and a timer. What the robot publishes reaches its own catching
+events inside the engine, since the middleware does not deliver a node's messages to itself. What the engine asks of the
+world is in `fame.robot.host`.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections import deque
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
-from functools import cached_property, partial
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from fame.bpmn import model
-from fame.bpmn.model import CallActivity, Expression, Process, Task
-from fame.clock import EPOCH, SECOND, Kind, Scheduler, WallScheduler, date_at, date_text
+from fame.bpmn.model import CallActivity, Process
+from fame.clock import EPOCH, SECOND, Kind, Scheduler, WallScheduler
 from fame.engine import Engine, Instance, Program, compile_program
-from fame.engine.host import Compiled
-from fame.engine.state import Trail
-from fame.errors import MessageError, MissionError, ModelError
+from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import Middleware, resolve
-from fame.robot.endpoints import Ends
-from fame.robot.events import Event, Observer, by_trails
-from fame.robot.gaps import Gaps
+from fame.middleware.interface import Middleware, Node, resolve
+from fame.robot.endpoints import Endpoints
+from fame.robot.events import Event, Observer
+from fame.robot.host import EngineHost, Fields, HostOptions
 from fame.robot.mission import Mission
-from fame.robot.scripts import Scripts
-from fame.robot.service_tasks import ask, asking_task
-from fame.robot.services import BuiltInService, ServiceContext, compile_service
-from fame.robot.timers import Timers
-from fame.robot.waiting_tokens import Wait, waits_of
-from fame.scripting import (
-    compile_expression,
-    compile_script,
-    error_line,
-    script_topics,
-)
+from fame.robot.services import BuiltInService
+from fame.robot.waiting_tokens import WaitingToken, WaitingTokens
+from fame.scripting import Runner, script_topics
 
-Ahead = Literal["", "endless", "due"]
-"""What is still to come of the timers of start events: nothing, nothing but cycles without end, or more."""
+PendingStarts = Literal["", "endless", "due"]
+"""The timers of start events that will still fire: none, only cycles without end, or others."""
 
-_POLL = SECOND // 50  # between two looks whether scripts are out
+_POLL = SECOND // 50
+"""How often `release` checks whether cancelled scripts have ended (ns)."""
 _EARLY = 1000
-"""How many messages are kept for a process that is loaded and has not been started."""
+"""How many messages are kept between `load` and `start`."""
 
 
 class RobotNode:
-    """A robot's engine. `load` makes it ready, `start` lets it begin; it lives until `close`.
+    """A robot's engine. `load` makes it ready, `start` starts its process; `close` ends it.
 
     observer   gets every `Event`, if given; the program is compiled for it
+    on_report  gets what people should know, as events
     safe_state (topic, type, fields) to publish when the robot is to be safe
-    safe_suspended  the same while its mission is suspended, if it is not `safe_state`
+    safe_suspended  the same while its mission is suspended, if it differs from `safe_state`
     epoch      the date of the scheduler's time 0: what dates of timers and `robot.date` are counted from
     strict     an undefined name in a payload is an error, not a warning
     until      when the run ends at the latest (ns): dates and cycles that are due later are reported
-    keep       how many instances to remember (all by default); counted are all, in `started`, `completed`, `failed`
+    keep       how many instances to remember (all by default); `started`, `completed` and `failed` count all
     on_end     called with each instance that has ended
     built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
-    compiled   False leaves that to whoever makes it: `compile_process`, in any thread, then `assemble`
+    compiled   False leaves compiling to the caller: `compile_process`, in any thread, then `assemble`
+
+    Raises ModelError for a process that cannot be compiled.
     """
 
     def __init__(
@@ -74,8 +66,8 @@ class RobotNode:
         namespace: str | None = None,
         observer: Observer | None = None,
         on_report: Callable[[Event], object] | None = None,
-        safe_state: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
-        safe_suspended: Sequence[tuple[str, str, Mapping[str, Any]]] | None = None,
+        safe_state: Sequence[Fields] = (),
+        safe_suspended: Sequence[Fields] | None = None,
         strict: bool = False,
         epoch: datetime = EPOCH,
         until: int | None = None,
@@ -84,42 +76,44 @@ class RobotNode:
         built_in_services: Mapping[str, BuiltInService] = MappingProxyType({}),
         compiled: bool = True,
     ) -> None:
-        self.name, self.mission, self.scheduler, self.strict = name, mission, scheduler, strict
-        self.namespace = name if namespace is None else namespace
-        self.middleware = middleware
-        self.node = middleware.node("fame_engine", self.namespace)
-        self.safe_state, self.epoch = safe_state, epoch
-        self.safe_suspended = safe_state if safe_suspended is None else safe_suspended
-        self._observer, self._on_report = observer, on_report or (lambda event: None)
-        self._hear = by_trails(observer) if observer is not None else None
-        self.instances: list[Instance] = []
-        self.started = self.completed = self.failed = self._elements = 0
-        self._keep, self._on_end, self._built_in_services = keep, on_end, built_in_services
-        self._seen: dict[Hashable, int] = {}  # resting token -> when `waits` saw it first
-        self.missed: dict[str, int] = {}  # topic -> when its last message came for which nobody waited (ns)
-        self.gaps = Gaps()
-        self._timers = Timers(scheduler, epoch, self._fire)
-        self._until, self._told_late = until, set[str]()
-        self._lacking: set[tuple[str, str]] = set()
-        self._ends = Ends(self.node, mission.types, middleware, scheduler)
-        self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # heard between `load` and `start`
-        self.scripts = Scripts(self, self._ends)
-        self.runner = self.scripts.runner
+        self.name: str = name
+        self.namespace: str = name if namespace is None else namespace
+        self.mission, self.scheduler, self.middleware = mission, scheduler, middleware
+        self.epoch: datetime = epoch
+        self.node: Node = middleware.node("fame_engine", self.namespace)
         self.engine: Engine
+        self._endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
+        options = HostOptions(
+            observer=observer,
+            on_report=on_report,
+            safe_state=safe_state,
+            safe_suspended=safe_suspended,
+            strict=strict,
+            epoch=epoch,
+            until=until,
+            keep=keep,
+            on_end=on_end,
+            built_in_services=built_in_services,
+        )
+        self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self._endpoints, options)
+        self.runner: Runner = self.host.runner
+        self._waiting = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
+        self._observed = observer is not None
+        self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
             self._assemble_or_close()
 
-    # ---- life ----------------------------------------------------------------------------------------------------
+    # ---- life --------------------------------------------------------------------------------------------------------
 
     def _assemble_or_close(self) -> None:
         try:
             self.assemble(self.compile_process())
-        except Exception:  # nobody has the robot yet who could close it
+        except Exception:  # the caller gets no robot to close
             self.close()
             raise
 
     def compile_process(self) -> Program:
-        """The program of its process. Touches no endpoint, so any thread may do it. Raises ModelError."""
+        """Compile the process. Touches no endpoint, so any thread may call it. Raises ModelError."""
         mission = self.mission
         homes = {mission.definitions.file: mission.definitions}
 
@@ -128,47 +122,45 @@ class RobotNode:
             homes[home.file] = home
             return process, home.file
 
-        return compile_program(
-            mission.process,
-            host=self,
-            library=library,
-            file=mission.definitions.file,
-            observed=self._observer is not None,
-        )
+        file = mission.definitions.file
+        return compile_program(mission.process, host=self.host, library=library, file=file, observed=self._observed)
 
     def assemble(self, program: Program) -> None:
-        """Make the engine of what `compile_process` gave."""
-        self.engine = Engine(program, self, self.scripts.variables)
+        """Make the engine of a compiled program."""
+        engine = Engine(program, self.host, self.host.scripts.variables)
         if isinstance(self.scheduler, WallScheduler):
-            self.engine.at_once = True  # all that happens has a time of its own
+            engine.at_once = True  # every event has a time of its own
+        self.attach(engine)
+
+    def attach(self, engine: Engine) -> None:
+        """Drive this engine from now on: a new one, or one restored from a snapshot of the last."""
+        self.engine = self.host.engine = self.host.scripts.engine = engine
+        self.instances[:] = [engine.instances.get(instance.key, instance) for instance in self.instances]
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
-        self._ends.open(self._heard)
-        self._ends.open_named(self._all_scripts(), self.runner.inbox)
+        self._endpoints.open(self._on_message)
+        self._endpoints.open_for_scripts(self.mission.scripts(), self.runner.inbox)
 
-    def _all_scripts(self) -> Iterator[Expression]:
-        mission = self.mission
-        for _, process in mission.library.closure(mission.definitions, mission.process):
-            for node in process.body.walk():
-                if isinstance(node, Task) and node.script is not None:
-                    yield node.script
+    def connect(self) -> None:
+        """Make the publishers for messages to single robots, as far as these are there."""
+        self._endpoints.direct.connect()
 
     def start(self, variables: Mapping[str, Any] | None = None) -> None:
-        """Let the process begin; `variables` are those of the instance that starts by itself."""
+        """Start the process. `variables` are those of the instance that its none start event begins."""
         self.engine.begin(dict(variables or {}))
         self.runner.poll()
         early, self._early = self._early or (), None
         for topic, message in early:
-            self._heard(topic, message)
+            self._on_message(topic, message)
 
     def hold(self) -> None:
-        """Suspend all that goes on, in the safe state, until `release`. Does nothing the second time."""
+        """Suspend everything, in the safe state, until `release`. Does nothing the second time."""
         self.engine.hold()
         self.runner.poll()
 
     def release(self) -> None:
-        """Go on after `hold`, as soon as its scripts are out. Does nothing without one."""
+        """Go on after `hold`, as soon as its scripts have ended. Does nothing without `hold`."""
         if self.engine.held is not None and self.leaving:
             self.scheduler.after(_POLL, self.release, Kind.RESUMPTION)
         elif self.engine.held is not None:
@@ -176,235 +168,111 @@ class RobotNode:
             self.runner.poll()
 
     def stop(self) -> None:
-        """Cancel all that goes on and bring the robot to its safe state."""
+        """Cancel everything, and bring the robot to its safe state."""
         self.engine.stop()
 
     @property
     def leaving(self) -> bool:
-        """After `stop`: whether scripts are still in ``finally``; their grace bounds it."""
+        """After `stop`: whether scripts are still in ``finally``; their grace period bounds it."""
         return self.runner.at_work
 
     def close(self) -> None:
-        """Leave: scripts are closed, timers forgotten, endpoints gone."""
-        self.scripts.close()
-        self._timers.close()
-        self._ends.addressed.close()
+        """Close scripts, timers and all endpoints."""
+        self.host.close()
+        self._endpoints.direct.close()
         self.node.close()
 
-    # ---- what people ask -----------------------------------------------------------------------------------------
+    # ---- state -------------------------------------------------------------------------------------------------------
 
     @property
-    def ahead(self) -> Ahead:
-        """Whether a timer will still start an instance."""
-        starts = self.starts_due()
-        if not starts:
-            return ""
-        return "endless" if all(map(self._timers.is_endless, starts)) else "due"
+    def instances(self) -> list[Instance]:
+        """The process instances, in the order in which they started; as many as `keep` says."""
+        return self.host.instances
+
+    @property
+    def started(self) -> int:
+        """How many instances have started."""
+        return self.host.started
+
+    @property
+    def completed(self) -> int:
+        """How many instances have completed."""
+        return self.host.completed
+
+    @property
+    def failed(self) -> int:
+        """How many instances have failed."""
+        return self.host.failed
 
     @property
     def elements(self) -> int:
         """How many elements have been completed."""
-        return self._elements + sum(sum(instance.counts[1:]) for instance in self.engine.instances.values())
+        running = self.engine.instances.values()
+        return self.host.elements_done + sum(sum(instance.counts[1:]) for instance in running)
 
-    @cached_property
-    def conditions(self) -> dict[tuple[str, str], Expression]:
-        """What conditional events wait for, by file and id."""
-        mission = self.mission
-        return {
-            (home.file, node.id): definition.condition
-            for home, process in mission.library.closure(mission.definitions, mission.process)
-            for node in process.body.walk()
-            if isinstance(node, model.Event)
-            for definition in node.definitions
-            if isinstance(definition, model.ConditionalDefinition) and definition.condition is not None
-        }
+    @property
+    def pending_starts(self) -> PendingStarts:
+        """Whether a timer will still start an instance."""
+        starts = self._starts_due()
+        if not starts:
+            return ""
+        return "endless" if all(map(self.host.timers.is_endless, starts)) else "due"
 
-    def starts_due(self) -> dict[int, int]:
-        """The timers of start events that are still to fire, by key, and when they are due next (ns)."""
-        times = {key: self._timers.due(key) for key in self.engine.armed_starts}
+    def _starts_due(self) -> dict[int, int]:
+        """The timers of start events that will still fire: key -> when (ns)."""
+        times = {key: self.host.timers.due(key) for key in self.engine.armed_starts}
         return {key: time for key, time in times.items() if time is not None}
 
-    def waits(self) -> list[Wait]:
-        """Every resting token, and what it waits for; starts that wait for their first trigger if nothing runs."""
-        return waits_of(self, self._seen)
+    def waiting_tokens(self) -> list[WaitingToken]:
+        """Every waiting token, and what it waits for. If nothing runs: the start events that wait for their trigger."""
+        waiting = self._waiting.list(self.engine)
+        due = {} if self.engine.instances else self._starts_due()
+        return [*waiting, *self._waiting.starts(self.engine, due, by_message=not self.instances)]
+
+    def offers(self) -> list[str]:
+        """The ids of the elements that `activate` can start now."""
+        return self.engine.offers()
+
+    # ---- stimuli -----------------------------------------------------------------------------------------------------
 
     def complete(self, element: str, values: Mapping[str, Any] | None = None) -> None:
-        """Somebody did what a user, manual or receive task waits for. Raises MissionError if none waits there."""
+        """Complete a user, manual or receive task, and set variables. Raises MissionError if none waits there."""
         self.engine.complete_task(element, dict(values or {}))
         self.runner.poll()
 
     def activate(self, element: str) -> None:
-        """Let an element of an ad-hoc sub-process that is open begin. Raises MissionError if none is."""
+        """Start an element of an open ad-hoc sub-process. Raises MissionError if it is not in one."""
         self.engine.activate(element)
         self.runner.poll()
 
-    def offers(self) -> list[str]:
-        """The ids of what `activate` could let begin now."""
-        return self.engine.offers()
-
     def deliver(self, topic: str, value: Any) -> None:
-        """A message from outside on a topic, as if it had come over the middleware.
+        """Deliver a message from outside, as if it had come over the middleware.
 
         Raises MessageError if it does not fit the type, and for a topic that no event or script of the model names.
         """
         full = resolve(topic, self.namespace)
-        name, heard = self._ends.qualified(full), self.runner.inbox.types
-        if name is None and full not in heard:
-            self._expect_topic(full)
-        type = (self.mission.types[name].declared if name is not None else None) or heard.get(full)
+        inbox, name = self.runner.inbox, self._endpoints.qualified(full)
+        if name is None and full not in inbox.types:
+            self._check_topic(full)
+        type = (self.mission.types[name].declared if name is not None else None) or inbox.types.get(full)
         message = messages.create(type, value) if type is not None else value
         if name is not None:
-            self._heard(name, message)
-        self.runner.inbox.deliver(full, message)
+            self._on_message(name, message)
+        inbox.deliver(full, message)
 
-    def _expect_topic(self, full: str) -> None:
-        scripts = (topic for script in self._all_scripts() for topic in script_topics(script))
+    def _check_topic(self, full: str) -> None:
+        """Raise MessageError if no script names a topic."""
+        scripts = (topic for script in self.mission.scripts() for topic in script_topics(script))
         named = {resolve(topic.name, self.namespace) for topic in scripts if topic.direction not in ("call", "act")}
         if full not in named:
             known = sorted({*named, *(resolve(name, self.namespace) for name in self.mission.types)})
             similar = difflib.get_close_matches(full, known, 1) or known
             raise MessageError(f"no event or script of the model names topic {full}; known are: {', '.join(similar)}")
 
-    # ---- stimuli -------------------------------------------------------------------------------------------------
-
-    def _heard(self, topic: str, message: Any) -> None:
+    def _on_message(self, topic: str, message: Any) -> None:
         if self._early is not None:
             self._early.append((topic, message))
             return
-        if topic in self.engine.listeners:
-            self.missed.pop(topic, None)
-        else:
-            self.missed[topic] = self.scheduler.now
+        self._waiting.on_message(topic, awaited=topic in self.engine.listeners)
         self.engine.deliver(topic, message)
         self.runner.poll()
-
-    def _fire(self, key: int, last: bool) -> None:
-        self.engine.timer_fired(key, last=last)
-        self.runner.poll()
-
-    # ---- the host ------------------------------------------------------------------------------------------------
-
-    def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
-        """See `fame.engine.host.Host`, here and below."""
-        if script:
-            return compile_script(expression, file=file, element=element)
-        return compile_expression(
-            expression, file=file, element=element, warn=partial(self.report, element), strict=self.strict
-        )
-
-    def service(self, operation: str, *, element: str, file: str) -> Compiled:
-        mission, services = self.mission, self.mission.services
-        if operation in services:
-            return services[operation]
-        if operation in self._built_in_services:
-            return compile_service(self._built_in_services[operation].start, self._service_context(element))
-        closure = mission.library.closure(mission.definitions, mission.process)
-        found = asking_task((process for home, process in closure if home.file == file), element)
-        if found is not None:
-            return ask(*found, file=file, inbox=self.runner.inbox, compile=self.compile)
-        known = ", ".join(sorted(services) or sorted(self._built_in_services)) or "none"
-        raise ModelError(f"calls the service {operation!r}; known are: {known}", file=file, element=element)
-
-    def _service_context(self, element: str) -> ServiceContext:
-        return ServiceContext(
-            robot=self.name,
-            namespace=self.namespace,
-            middleware=self.middleware,
-            scheduler=self.scheduler,
-            folder=Path(self.mission.definitions.file).parent,
-            report=partial(self.report, element),
-            changed=self.runner.poll,
-        )
-
-    def publish(self, topic: str, value: Any) -> Any:
-        full, message = self._ends.throw(topic, value)
-        self.runner.inbox.deliver(full, message)
-        return message
-
-    def send(self, topic: str, value: Any, robot: Any) -> None:
-        self._ends.addressed.send(topic, value, robot)
-
-    def meet(self) -> None:
-        """Make the ends towards single robots, as far as these are there."""
-        self._ends.addressed.meet()
-
-    def set_timer(self, key: int, kind: str, text: str) -> None:
-        self._timers.set(key, kind, text)
-        due = self._timers.due(key)
-        if kind != "duration" and due is not None and self._until is not None and due > self._until:
-            self._tell_late(self.engine.timed(key).id, f"{kind} timer {text}", due, self._until)
-
-    def _tell_late(self, element: str, timer: str, due: int, until: int) -> None:
-        """Say once of an element that its timer will not fire in this run."""
-        if element not in self._told_late:
-            self._told_late.add(element)
-            first, last, moment = (date_text(date_at(self.epoch, time)) for time in (0, until, due))
-            self.report(element, f"{timer} is due at {moment}, and the run goes from {first} to {last}: see epoch")
-
-    def cancel_timer(self, key: int) -> None:
-        self._timers.cancel(key)
-
-    def run(self, key: int, script: Any) -> None:
-        self.runner.start(key, script)
-
-    def cancel(self, key: int) -> bool:
-        return self.runner.cancel(key)
-
-    def make_safe(self, reason: str) -> None:
-        for topic, type, fields in self.safe_suspended if reason == "suspended" else self.safe_state:
-            full = resolve(topic, self.namespace)
-            self._ends.publisher(full, type).publish(messages.create(type, fields))
-
-    def observe(self, trail: Trail) -> None:
-        if self._hear is not None:
-            self._hear(self.scheduler.now, self.name, trail)
-
-    def begun(self, instance: Instance) -> None:
-        self.started += 1
-        self.instances.append(instance)
-        if self._keep is not None:
-            del self.instances[: -self._keep]
-
-    def tell(self, event: Event) -> None:
-        """Something that is no step of a token: for reports, and for whoever observes."""
-        self._on_report(event)
-        if self._observer is not None:
-            self.engine.observe()
-            self._observer(event)
-
-    def report(self, element: str, text: str) -> None:
-        self._on_report(Event(self.scheduler.now, self.name, 0, 0, element, "report", text))
-
-    def lacks(self, element: str, output: str) -> None:
-        text = f"has ended, and nothing has set its output {output}"
-        if self.strict:
-            raise NameError(text)
-        if (element, output) not in self._lacking:
-            self._lacking.add((element, output))
-            self.report(element, text)
-
-    def ended(self, instance: Instance) -> None:
-        """Say of a failed instance which robot it was, and the line of the script."""
-        error = instance.error
-        if error is not None:
-            file, line = self._script_line(error)
-            located = MissionError(
-                error.text, robot=self.name, element=error.element, file=file, line=line, code=error.code
-            )
-            located.__cause__ = error.__cause__
-            instance.error = located
-        self._elements += sum(instance.counts[1:])
-        self.completed += instance.status == "completed"
-        self.failed += instance.status == "failed"
-        self._on_end(instance)
-        self.scripts.forget(instance.root_variables)
-
-    def _script_line(self, error: MissionError) -> tuple[str, int]:
-        """Where in which file a script raised the error; else the line of the element."""
-        cause = error.__cause__
-        if cause is not None:
-            for file in sorted({node.file for node in self.engine.program.nodes}):
-                line = error_line(cause, file)
-                if line:
-                    return file, line
-        return error.file, error.line

@@ -1,112 +1,121 @@
-"""The robot's scripts: the runner of their steps, and what they have around them to speak with.
+"""The scripts of one robot: the runner that drives them, and the interface that they find in scope.
 
-What a script says on a topic is heard by the robot's own catchers and its own waiting scripts too, as what an event
-throws is; the middleware brings it to everybody else.
+What a script publishes reaches the robot's own catching events and waiting scripts too, as what an event throws does;
+the middleware delivers it to everybody else.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from datetime import datetime
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fame.clock import SECOND
+from fame.clock import SECOND, Scheduler
+from fame.engine import Engine
 from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import resolve
-from fame.robot.endpoints import Ends
-from fame.robot.events import Event
+from fame.middleware.interface import Node, resolve
+from fame.robot.endpoints import Endpoints
 from fame.scripting import Robot, Runner, another, interface
 from fame.scripting.javascript import SURROUNDINGS, Surroundings
 
-if TYPE_CHECKING:
-    from fame.robot.node import RobotNode
-
 
 class Scripts:
-    """Those of one robot. `runner` has their steps, `javascript` what only scripts in JavaScript have around them."""
+    """The scripts of one robot.
 
-    def __init__(self, robot: RobotNode, ends: Ends) -> None:
-        self._robot, self._ends = robot, ends
-        self.runner = Runner(
-            robot.scheduler,
-            robot.node,
-            self._ended,
-            stepped=lambda key: robot.engine.stepped(),
-            report=lambda key, text: robot.report("", text),
-            types=ends.type,
+    runner      drives the steps of scripts that wait
+    javascript  the interface that only scripts in JavaScript find
+    engine      to be set before the first script runs
+    robot       name of the robot, and its `node`
+    epoch       date of the scheduler's time 0
+    report      (element, text): takes what a person should know
+    log         (level, text): takes the lines that scripts log
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        node: Node,
+        scheduler: Scheduler,
+        endpoints: Endpoints,
+        *,
+        epoch: datetime,
+        report: Callable[[str, str], object],
+        log: Callable[[str, str], object],
+    ) -> None:
+        self.engine: Engine
+        self._namespace, self._endpoints = node.namespace, endpoints
+        self.runner: Runner = Runner(
+            scheduler,
+            node,
+            self._on_ended,
+            stepped=lambda key: self.engine.stepped(),
+            report=lambda key, text: report("", text),
+            types=endpoints.type,
         )
-        self.javascript = self._surroundings()
-        scheduler = robot.scheduler
-        clock, chance = (lambda: scheduler.now / SECOND), Random(robot.namespace)
-        inbox = self.runner.inbox
-        speaker = Robot(robot.name, robot.namespace, self._publish, inbox, clock, robot.epoch, chance)
-        self._in_scope = interface(robot=speaker, signal=self._signal, log=self._log) | {SURROUNDINGS: self.javascript}
+        self.javascript: Surroundings = Surroundings(
+            name=robot,
+            namespace=node.namespace,
+            epoch=epoch.timestamp() * 1000,
+            scheduler=scheduler,
+            inbox=self.runner.inbox,
+            advertise=lambda topic, type: endpoints.publisher(resolve(topic, node.namespace), type),
+            publish=self._publish,
+            log=log,
+            report=report,
+            stepped=self._on_callback_ended,
+            failed=self._on_callback_failed,
+            alive=self._is_alive,
+        )
+        clock, random = (lambda: scheduler.now / SECOND), Random(node.namespace)
+        api = Robot(robot, node.namespace, self._publish, self.runner.inbox, clock, epoch, random)
+        self._builtins = interface(robot=api, signal=self._signal, log=log) | {SURROUNDINGS: self.javascript}
 
     def variables(self) -> dict[str, Any]:
-        """What scripts find besides the variables of their instance, for a new instance."""
-        return {"__builtins__": another(self._in_scope)}
+        """The variables of a new instance: the interface of its scripts alone."""
+        return {"__builtins__": another(self._builtins)}
 
     def forget(self, variables: dict[str, Any]) -> None:
-        """An instance is over; it is kept for its variables, without what its scripts had in scope."""
+        """Take the interface of scripts out of the variables of an instance that has ended."""
         self.javascript.sweep()
         if not self.javascript.realms:
             variables.pop("__builtins__", None)
 
     def close(self) -> None:
-        """Leave: scripts that wait are closed."""
+        """Close all scripts that wait."""
         self.javascript.close()
         self.runner.close()
 
-    def _surroundings(self) -> Surroundings:
-        robot = self._robot
-        return Surroundings(
-            name=robot.name,
-            namespace=robot.namespace,
-            epoch=robot.epoch.timestamp() * 1000,
-            scheduler=robot.scheduler,
-            inbox=self.runner.inbox,
-            advertise=lambda topic, type: self._ends.publisher(resolve(topic, robot.namespace), type),
-            publish=self._publish,
-            log=self._log,
-            report=robot.report,
-            stepped=self._called_back,
-            failed=self._failed,
-            alive=self._is_alive,
-        )
+    def _on_ended(self, key: int, error: BaseException | None) -> None:
+        self.engine.script_ended(key, error)
 
-    def _ended(self, key: int, error: BaseException | None) -> None:
-        self._robot.engine.script_ended(key, error)
-
-    def _failed(self, variables: dict[str, Any], element: str, error: BaseException) -> None:
-        self._robot.engine.fail_callback(variables, element, error)
+    def _on_callback_failed(self, variables: dict[str, Any], element: str, error: BaseException) -> None:
+        self.engine.fail_callback(variables, element, error)
 
     def _is_alive(self, variables: dict[str, Any]) -> bool:
-        return self._robot.engine.is_alive(variables)
+        return self.engine.is_alive(variables)
 
-    def _called_back(self) -> None:
-        self._robot.engine.stepped()
+    def _on_callback_ended(self) -> None:
+        self.engine.stepped()
         self.runner.poll()
-
-    def _log(self, level: str, text: str) -> None:
-        said = f"{level}: {text}" if level != "info" else text
-        self._robot.tell(Event(self._robot.scheduler.now, self._robot.name, 0, 0, "", "log", said))
 
     def _signal(self, name: str, payload: Any = None) -> None:
         """``signal("done", True)`` in a script."""
-        full = resolve(name if name.startswith(("/", "~/")) else f"/{name}", self._robot.namespace)
-        known = self._ends.type(full)
+        full = resolve(name if name.startswith(("/", "~/")) else f"/{name}", self._namespace)
+        known = self._endpoints.type(full)
         if known is None and payload is not None:
-            raise MessageError(f"topic {full}: nobody says its type; use robot.publish, which names one")
+            raise MessageError(f"topic {full}: its type is unknown; use robot.publish, which names one")
         self._emit(full, known or "std_msgs/msg/Empty", payload)
 
     def _publish(self, topic: str, type: str, fields: Any) -> None:
-        self._emit(resolve(topic, self._robot.namespace), type, fields)
+        self._emit(resolve(topic, self._namespace), type, fields)
 
     def _emit(self, full: str, type: str, value: Any) -> None:
-        publisher = self._ends.publisher(full, type)
+        publisher = self._endpoints.publisher(full, type)
         message = messages.create(type, value)
         publisher.publish(message)
-        caught = self._ends.caught.get(full)
+        caught = self._endpoints.caught.get(full)
         if caught is not None:
-            self._robot.engine.post(caught, message)
+            self.engine.post(caught, message)
         self.runner.inbox.deliver(full, message)

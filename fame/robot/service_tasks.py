@@ -1,11 +1,12 @@
-"""Service tasks that ask a ROS service or action: the payload is the request or goal, the response goes where it says.
+"""Service tasks that call a ROS service or action.
 
-The result variable takes the response (of an action its result); else the variables of the data objects at its output
-association take the fields named like them; else one variable named like the service takes it. Where the task has an
-output mapping, that finds the response as ``msg``, and its fields by their names. Property ``feedback`` names the
-variable that takes what an action tells meanwhile.
+The payload is the request or goal. The response (of an action its result) goes to the result variable of the task; else
+the variables of the data objects at its output association take the fields of the same name; else the variable named
+like the service takes it. In an output mapping the response is ``msg``, and its fields go by their names. Property
+``feedback`` names the variable that takes the feedback of an action.
 
-What cannot be asked is BpmnError ``service``; a goal without success is ``rejected``, ``aborted`` or ``canceled``.
+A service or action that cannot be called is BpmnError ``service``; a goal without success is ``rejected``, ``aborted``
+or ``canceled``.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from fame.scripting import Inbox
 from fame.scripting.requests import Act, Call, Request
 
 
-def asking_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
+def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
     """The service task of that id that names a ROS service, and its process."""
     for process in processes:
         for node in process.body.walk():
@@ -33,36 +34,36 @@ def asking_task(processes: Iterable[Process], element: str) -> tuple[Process, Ta
     return None
 
 
-def ask(
+def call_service(
     process: Process, task: Task, *, file: str, inbox: Inbox, compile: Callable[..., Compiled]
 ) -> Callable[[dict[str, Any]], Any]:
-    """A function of the variables that gives a coroutine: it asks the service, and hands over the response.
+    """The function of such a task: takes the variables, and gives a coroutine that calls the service.
 
-    The client is made now, so that discovery is over in time. Raises ModelError if the task's type is none, or unknown.
+    The client is made at once, so that discovery is over in time. Raises ModelError if the task has no known type.
     """
     topic = task.topic
     assert topic is not None
-    _open(task, topic, file, inbox)
+    _make_client(task, topic, file, inbox)
     request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
     objects = _objects(process, task)
 
-    async def wait(variables: dict[str, Any], fields: Any) -> None:
+    async def call(variables: dict[str, Any], fields: Any) -> None:
         try:
             response = await _request(task, topic, fields, variables)
         except MessageError as error:
             raise BpmnError("service", str(error)) from error
-        variables.update(_taken(task, topic, objects, response))
+        variables.update(_outputs(task, topic, objects, response))
 
     def begin(variables: dict[str, Any]) -> Any:
         fields = request(variables) if request is not None else None
-        return wait(variables, None if fields is UNDEFINED else fields)
+        return call(variables, None if fields is UNDEFINED else fields)
 
     return begin
 
 
-def _open(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
+def _make_client(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
     if topic.type is None:
-        text = f"asks the service {topic.name!r} of no type: give it property type, pkg/srv/Name"
+        text = f"calls the service {topic.name!r} without a type: expected the property type, pkg/srv/Name"
         raise ModelError(text, file=file, element=task.id)
     try:
         (inbox.action if is_action(topic.type) else inbox.client)(topic.name, topic.type)
@@ -71,12 +72,12 @@ def _open(task: Task, topic: Topic, file: str, inbox: Inbox) -> None:
 
 
 def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -> Request:
-    """What is awaited."""
+    """The request that the coroutine awaits."""
     type = topic.type or ""
     if not is_action(type):
         return Call(topic.name, type, fields)
-    told = task.properties.get("feedback", "").strip()
-    return Act(topic.name, type, fields, partial(variables.__setitem__, told) if told else None)
+    feedback = task.properties.get("feedback", "").strip()
+    return Act(topic.name, type, fields, partial(variables.__setitem__, feedback) if feedback else None)
 
 
 def _objects(process: Process, task: Task) -> list[DataObject]:
@@ -84,7 +85,7 @@ def _objects(process: Process, task: Task) -> list[DataObject]:
     return [item for body in bodies for item in body.data_objects if item.id in task.data_outputs]
 
 
-def _taken(task: Task, topic: Topic, objects: list[DataObject], response: Any) -> Mapping[str, Any]:
+def _outputs(task: Task, topic: Topic, objects: list[DataObject], response: Any) -> Mapping[str, Any]:
     """The variables that a response sets."""
     kept = {task.result_variable: response} if task.result_variable else {}
     if task.io is not None and task.io.outputs:

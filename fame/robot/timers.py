@@ -10,26 +10,26 @@ from fame.clock import Entry, Kind, Scheduler, date_at
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 
 AT_ONE_INSTANT = 1_000_000
-"""Timers set without time going on before they are due: a loop over one of no duration would never end."""
+"""Most timers that are due at the instant at which they are set: a loop over a timer of no duration never ends."""
 
 
 class Timers:
-    """Those that are set, by the engine's key. `fire` is called with the key, and whether it was the last time.
+    """The timers that are set, by the engine's key.
 
-    `epoch` is the date of the scheduler's time 0. What follows in a cycle is due at its distance from the beginning,
-    however late one came.
+    `epoch` is the date of the scheduler's time 0. `on_fire` is called with the key, and with whether it was the last
+    time. The times of a cycle count from its beginning: a late one does not delay those that follow.
     """
 
-    def __init__(self, scheduler: Scheduler, epoch: datetime, fire: Callable[[int, bool], object]) -> None:
-        self._scheduler, self._epoch, self._fire = scheduler, epoch, fire
-        self._set: dict[int, tuple[Entry, Iterator[int], int]] = {}
+    def __init__(self, scheduler: Scheduler, epoch: datetime, on_fire: Callable[[int, bool], object]) -> None:
+        self._scheduler, self._epoch, self._on_fire = scheduler, epoch, on_fire
+        self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}  # entry, further delays, what these count from
         self._endless: set[int] = set()
-        self._instant, self._at_once = 0, 0
+        self._instant, self._count_now = 0, 0
 
     def set(self, key: int, kind: str, text: str) -> None:
-        """Set one: a ``duration``, ``date`` or ``cycle``.
+        """Set a timer. `kind` is ``duration``, ``date`` or ``cycle``.
 
-        Raises ValueError for a text that is none, and when too many have been due at the instant they were set.
+        Raises ValueError for a text that is not ISO 8601, and if too many timers are due as soon as they are set.
         """
         now = self._scheduler.now
         date = date_at(self._epoch, now)
@@ -38,48 +38,50 @@ class Timers:
         first = next(delays, None)
         if first is not None:
             if first <= 0:
-                self._count(now)
-            self._await(key, delays, now, first)
+                self._count_instant(now)
+            self._enter(key, delays, now, first)
             if cycle is not None and cycle.endless:
                 self._endless.add(key)
 
     def due(self, key: int) -> int | None:
-        """When one is due next (ns); None if it is not set, or never due."""
-        return self._set[key][0].time if key in self._set else None
+        """When a timer is due next (ns); None if it is not set, or never due."""
+        return self._timers[key][0].time if key in self._timers else None
 
     def is_endless(self, key: int) -> bool:
-        """Whether it is a cycle without end."""
+        """Whether a timer is a cycle without end."""
         return key in self._endless
 
-    def _count(self, now: int) -> None:
-        self._at_once = self._at_once + 1 if now == self._instant else 1
+    def _count_instant(self, now: int) -> None:
+        self._count_now = self._count_now + 1 if now == self._instant else 1
         self._instant = now
-        if self._at_once > AT_ONE_INSTANT:
-            raise ValueError(f"{AT_ONE_INSTANT} timers without time going on: a loop over one has to take some")
+        if self._count_now > AT_ONE_INSTANT:
+            raise ValueError(
+                f"{AT_ONE_INSTANT} timers were due as soon as they were set: a loop over a timer has to take time"
+            )
 
     def cancel(self, key: int) -> None:
-        """Forget one, if it is set."""
-        timer = self._set.pop(key, None)
+        """Cancel a timer, if it is set."""
+        timer = self._timers.pop(key, None)
         self._endless.discard(key)
         if timer is not None:
             timer[0].cancel()
 
     def close(self) -> None:
-        """Forget all."""
-        for entry, _, _ in self._set.values():
+        """Cancel all timers."""
+        for entry, _, _ in self._timers.values():
             entry.cancel()
-        self._set.clear()
+        self._timers.clear()
         self._endless.clear()
 
-    def _await(self, key: int, delays: Iterator[int], base: int, delay: int) -> None:
-        self._set[key] = (self._scheduler.at(base + delay, partial(self._due, key), Kind.TIMER), delays, base)
+    def _enter(self, key: int, delays: Iterator[int], base: int, delay: int) -> None:
+        self._timers[key] = (self._scheduler.at(base + delay, partial(self._on_due, key), Kind.TIMER), delays, base)
 
-    def _due(self, key: int) -> None:
-        _, delays, base = self._set.pop(key)
+    def _on_due(self, key: int) -> None:
+        _, delays, base = self._timers.pop(key)
         following = next(delays, None)
         if following is not None:
-            self._await(key, delays, base, following)
-        self._fire(key, following is None)
+            self._enter(key, delays, base, following)
+        self._on_fire(key, following is None)
 
 
 def _delays(kind: str, text: str, date: datetime) -> Iterator[int]:

@@ -1,34 +1,37 @@
-"""What the tokens of a robot wait for, in words and by topic."""
+"""What the tokens of a robot wait for: in words, and by topic.
+
+Two hints go with a wait for a message. One says that the last message came before anybody waited for it. The other says
+that its publisher was gone meanwhile: after a network partition or a restart a message may be lost for good, and a
+healthy robot waits for ever. Whoever polls what the robot waits for compares who publishes now with who did before.
+"""
 
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
-from fame.clock import SECOND
-from fame.engine import waiting
-from fame.engine.program import USER, Node
-from fame.engine.state import Wait as EngineWait, joins_reached
-from fame.middleware.interface import resolve
-from fame.robot.gaps import gap_text
-from fame.scripting import script_names
-
-if TYPE_CHECKING:
-    from fame.robot.node import RobotNode
-
+from fame.bpmn import model
+from fame.clock import SECOND, Scheduler
+from fame.engine import Engine, waiting
+from fame.engine.program import USER, Node as ProgramNode
+from fame.engine.state import Wait, joins_reached
+from fame.middleware.interface import UNKNOWN, Middleware, Node, resolve
+from fame.robot.mission import Mission
+from fame.scripting import Runner, script_names
 
 SOMEBODY = "somebody to complete it"
 """What user and manual tasks wait for."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wait:
-    """An element that holds a resting token, and what it waits for, in words.
+class WaitingToken:
+    """A token that waits at an element, and what it waits for, in words.
 
     `since` (ns) is when it was first seen there; `topics` are those whose message would move it, by full name, each
-    with how many others publish on it.
+    with the number of other publishers on it.
     """
 
     robot: str
@@ -38,102 +41,176 @@ class Wait:
     topics: Mapping[str, int] = field(default_factory=dict)
 
 
-def waits_of(robot: RobotNode, seen: dict[Hashable, int]) -> list[Wait]:
-    """See `RobotNode.waits`. `seen` is kept from call to call: when each resting token was seen first (ns)."""
-    now, publishers = robot.scheduler.now, _publishers_heard(robot)
-    heard = {topic: len(names) for topic, names in publishers.items()}
-    rests = [rest for instance in robot.engine.instances.values() for rest in instance.waits()]
-    joins = [found for instance in robot.engine.instances.values() for found in joins_reached(instance.root)]
-    keys = [*(rest.key for rest in rests), *((scope.key, join.id) for scope, join, _ in joins)]
-    known = {key: seen.get(key, now) for key in keys}
-    seen.clear()
-    seen.update(known)
-    awaited = [_awaited(robot, rest) for rest in rests]
-    robot.gaps.look(now, {topic: publishers.get(topic, ()) for topics in awaited for topic in topics})
-    found = []
-    for rest, topics in zip(rests, awaited, strict=True):
-        since = seen[rest.key]
-        text = _wait_text(robot, rest, heard) + gap_text(robot.gaps.since(since, topics), now)
-        found.append(Wait(robot.name, rest.node.id, text, since, {topic: heard.get(topic, 0) for topic in topics}))
-    found += [
-        Wait(robot.name, join.id, _join_text(join, held), seen[scope.key, join.id]) for scope, join, held in joins
-    ]
-    if not robot.engine.instances:
-        found += [
-            Wait(robot.name, robot.engine.armed_starts[key].id, f"its start, due at {due / SECOND:g} s")
-            for key, due in robot.starts_due().items()
+class PublisherGap(NamedTuple):
+    """A node that did not publish on a topic between two times (ns)."""
+
+    node: str
+    left: int
+    back: int
+
+    def text(self, now: int) -> str:
+        """The gap in words, as seen at `now` (ns)."""
+        gone, ago = (self.back - self.left) / SECOND, (now - self.back) / SECOND
+        return f"{self.node} was gone for {gone:.3g} s until {ago:.3g} s ago: its messages of that time may be lost"
+
+
+class PublisherGaps:
+    """Gaps on the topics that tokens wait for, as far as `update` has seen them."""
+
+    def __init__(self) -> None:
+        self._there: dict[str, set[str]] = {}  # topic -> who published on it at the last update
+        self._left: dict[str, dict[str, int]] = {}  # topic -> who left it, and when
+        self._last: dict[str, PublisherGap] = {}
+
+    def update(self, now: int, publishers: Mapping[str, Collection[str]]) -> None:
+        """Compare with the last update. `publishers`: awaited topic -> the other nodes that publish on it."""
+        for known in (self._there, self._left, self._last):
+            for topic in known.keys() - publishers.keys():
+                del known[topic]
+        for topic, names in publishers.items():
+            there, left = set(names) - {UNKNOWN}, self._left.setdefault(topic, {})
+            left.update(dict.fromkeys(self._there.get(topic, there) - there, now))
+            for name in sorted(there & left.keys()):
+                self._last[topic] = PublisherGap(name, left.pop(name), now)
+            self._there[topic] = there
+
+    def since(self, time: int, topics: Iterable[str]) -> PublisherGap | None:
+        """The last gap on one of these topics that ended after a time (ns)."""
+        found = [gap for topic in topics if (gap := self._last.get(topic)) is not None and gap.back > time]
+        return max(found, key=lambda gap: gap.back, default=None)
+
+
+class WaitingTokens:
+    """The waiting tokens of one robot. `missed`: topic -> when its last message came too early (ns)."""
+
+    def __init__(
+        self, robot: str, mission: Mission, node: Node, middleware: Middleware, scheduler: Scheduler, runner: Runner
+    ) -> None:
+        self.missed: dict[str, int] = {}
+        self._robot, self._mission, self._node, self._runner = robot, mission, node, runner
+        self._middleware, self._scheduler = middleware, scheduler
+        self._gaps = PublisherGaps()
+        self._seen: dict[Hashable, int] = {}  # waiting token -> when `list` saw it first
+
+    def on_message(self, topic: str, *, awaited: bool) -> None:
+        """Record a message on a topic (its qualified name), and whether a token waited for it."""
+        if awaited:
+            self.missed.pop(topic, None)
+        else:
+            self.missed[topic] = self._scheduler.now
+
+    def list(self, engine: Engine) -> list[WaitingToken]:
+        """Every token that waits. Call it regularly: times and gaps are those between calls."""
+        waits = [wait for instance in engine.instances.values() for wait in instance.waits()]
+        joins = [found for instance in engine.instances.values() for found in joins_reached(instance.root)]
+        now, publishers = self._scheduler.now, self._publishers()
+        self._note([*(wait.key for wait in waits), *((scope.key, join.id) for scope, join, _ in joins)], now)
+        awaited = [self._awaited(wait) for wait in waits]
+        self._gaps.update(now, {topic: publishers.get(topic, ()) for topics in awaited for topic in topics})
+        describe = _Describer(self._node.namespace, self._runner, self._conditions, self._missed_hint, publishers)
+        found = []
+        for wait, topics in zip(waits, awaited, strict=True):
+            since = self._seen[wait.key]
+            gap = self._gaps.since(since, topics)
+            text = describe.wait(wait) + (f" ({gap.text(now)})" if gap is not None else "")
+            counts = {topic: len(publishers.get(topic, ())) for topic in topics}
+            found.append(WaitingToken(self._robot, wait.node.id, text, since, counts))
+        for scope, join, held in joins:
+            text = f"a token on {held.count(0) or 'more'} of its {join.spec.need} flows"
+            found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id]))
+        return found
+
+    def starts(self, engine: Engine, due: Mapping[int, int], *, by_message: bool) -> Iterator[WaitingToken]:
+        """The start events that wait for their trigger. `due`: key of an armed timer start -> its time (ns)."""
+        for key, time in due.items():
+            text = f"its start, due at {time / SECOND:g} s"
+            yield WaitingToken(self._robot, engine.armed_starts[key].id, text)
+        publishers = self._publishers() if by_message else {}
+        for topic, nodes in engine.program.starts.items() if by_message else ():
+            full = resolve(topic, self._node.namespace)
+            text, counts = f"its start on {_topic_text(full, publishers)}", {full: len(publishers.get(full, ()))}
+            for node in nodes:
+                yield WaitingToken(self._robot, node.id, text, topics=counts)
+
+    def _note(self, keys: Iterable[Hashable], now: int) -> None:
+        self._seen = {key: self._seen.get(key, now) for key in keys}
+
+    def _publishers(self) -> dict[str, Collection[str]]:
+        """The other nodes that publish on each topic, once for each publisher."""
+        own = self._node.full_name
+        return {info.name: [name for name in info.publishers if name != own] for info in self._middleware.graph()}
+
+    def _awaited(self, wait: Wait) -> Collection[str]:
+        """The topics whose message would move a token, by full name."""
+        nodes = (wait.node, *wait.catch.parts)
+        names = [node.catch.topic for node in nodes if node.catch is not None and node.catch.topic]
+        if not names and (topic := self._runner.awaited_topic(wait.key)):
+            names = [topic]
+        return [resolve(name, self._node.namespace) for name in names]
+
+    @cached_property
+    def _conditions(self) -> Mapping[tuple[str, str], model.Expression]:
+        """The conditions of conditional events, by file and id."""
+        return {
+            (home.file, node.id): definition.condition
+            for home, node in self._mission.flow_nodes()
+            if isinstance(node, model.Event)
+            for definition in node.definitions
+            if isinstance(definition, model.ConditionalDefinition) and definition.condition is not None
+        }
+
+    def _missed_hint(self, topic: str) -> str:
+        if topic not in self.missed:
+            return ""
+        ago = (self._scheduler.now - self.missed[topic]) / SECOND
+        return f" (its last message came {ago:.3g} s ago, before anything waited for it)"
+
+
+@dataclass(frozen=True, slots=True)
+class _Describer:
+    """Says in words what tokens wait for, at one moment."""
+
+    namespace: str
+    runner: Runner
+    conditions: Mapping[tuple[str, str], model.Expression]
+    missed_hint: Callable[[str], str]
+    publishers: Mapping[str, Collection[str]]
+
+    def wait(self, wait: Wait) -> str:
+        """What a token waits for."""
+        catch, variables = wait.catch, wait.scope.variables
+        if catch.timer:
+            return f"{catch.timer} timer"
+        if catch.trigger is USER:
+            return SOMEBODY
+        if catch.parts:
+            return " or ".join(self._trigger(item, variables) for item in catch.parts)
+        awaited = self.runner.awaited_topic(wait.key)
+        if awaited is not None:
+            return f"receive on {_topic_text(resolve(awaited, self.namespace), self.publishers)}"
+        return self.runner.waits(wait.key) or self._trigger(wait.node, variables)
+
+    def _trigger(self, node: ProgramNode, variables: Mapping[str, Any]) -> str:
+        """What an event waits for."""
+        assert node.catch is not None
+        if node.catch.topic:
+            text = _topic_text(resolve(node.catch.topic, self.namespace), self.publishers)
+            return text + self.missed_hint(node.catch.topic)
+        if node.catch.trigger is waiting.CONDITION:
+            return self._condition(node, variables)
+        return node.catch.trigger.name
+
+    def _condition(self, node: ProgramNode, variables: Mapping[str, Any]) -> str:
+        """The condition, and the values that it reads."""
+        condition = self.conditions.get((node.file, node.id))
+        if condition is None:
+            return waiting.CONDITION.name
+        names = sorted(script_names(condition, script=False)[0])
+        values = [
+            f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
         ]
-    if not robot.instances:
-        for topic, nodes in robot.engine.program.starts.items():
-            full = resolve(topic, robot.namespace)
-            text, counts = f"its start on {_topic_text(full, heard)}", {full: heard.get(full, 0)}
-            found.extend(Wait(robot.name, node.id, text, topics=counts) for node in nodes)
-    return found
+        return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
 
 
-def _join_text(join: Node, held: list[int]) -> str:
-    return f"a token on {held.count(0) or 'more'} of its {join.spec.need} flows"
-
-
-def _publishers_heard(robot: RobotNode) -> dict[str, list[str]]:
-    """The other nodes that publish on each topic, once for each publisher."""
-    own = robot.node.full_name
-    return {info.name: [name for name in info.publishers if name != own] for info in robot.middleware.graph()}
-
-
-def _awaited(robot: RobotNode, rest: EngineWait) -> list[str]:
-    """The topics whose message would move a token, by full name."""
-    nodes = (rest.node, *rest.catch.parts)
-    names = [node.catch.topic for node in nodes if node.catch is not None and node.catch.topic]
-    if not names and (topic := robot.runner.awaited_topic(rest.key)):
-        names = [topic]
-    return [resolve(name, robot.namespace) for name in names]
-
-
-def _wait_text(robot: RobotNode, rest: EngineWait, heard: Mapping[str, int]) -> str:
-    catch, variables = rest.catch, rest.scope.variables
-    if catch.timer:
-        return f"{catch.timer} timer"
-    if catch.trigger is USER:
-        return SOMEBODY
-    if catch.parts:
-        return " or ".join(_trigger_text(robot, item, variables, heard) for item in catch.parts)
-    awaited = robot.runner.awaited_topic(rest.key)
-    if awaited is not None:
-        return f"receive on {_topic_text(resolve(awaited, robot.namespace), heard)}"
-    return robot.runner.waits(rest.key) or _trigger_text(robot, rest.node, variables, heard)
-
-
-def _trigger_text(robot: RobotNode, node: Node, variables: Mapping[str, Any], heard: Mapping[str, int]) -> str:
-    """What an event waits for."""
-    assert node.catch is not None
-    if node.catch.topic:
-        return _catch_text(robot, node.catch.topic, heard)
-    if node.catch.trigger is waiting.CONDITION:
-        return _condition_text(robot, node, variables)
-    return node.catch.trigger.name
-
-
-def _condition_text(robot: RobotNode, node: Node, variables: Mapping[str, Any]) -> str:
-    """The condition, and the values that it has to do with."""
-    condition = robot.conditions.get((node.file, node.id))
-    if condition is None:
-        return waiting.CONDITION.name
-    names = sorted(script_names(condition, script=False)[0])
-    values = [
-        f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
-    ]
-    return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
-
-
-def _catch_text(robot: RobotNode, topic: str, heard: Mapping[str, int]) -> str:
-    """With the message that came too early, if one did: a signal is lost on who waits for it later."""
-    text = _topic_text(resolve(topic, robot.namespace), heard)
-    if topic not in robot.missed:
-        return text
-    ago = (robot.scheduler.now - robot.missed[topic]) / SECOND
-    return f"{text} (its last message came {ago:.3g} s ago, when nobody waited for it)"
-
-
-def _topic_text(topic: str, heard: Mapping[str, int]) -> str:
-    return f"topic {topic}" + ("" if heard.get(topic) else ", which nobody else publishes")
+def _topic_text(topic: str, publishers: Mapping[str, Collection[str]]) -> str:
+    return f"topic {topic}" + ("" if publishers.get(topic) else ", which nobody else publishes")

@@ -10,7 +10,7 @@ from typing import Any
 from fame.clock import SECOND
 from fame.deploy import Report
 from fame.errors import MissionError
-from fame.robot import Event, Wait
+from fame.robot import Event, WaitingToken
 from fame.scenario.result import RobotResult
 
 _SAID = re.compile(r"\s*(\d+\.\d) s   \w+: (.*)")
@@ -54,9 +54,9 @@ def _error(robot: str, said: Mapping[str, Any], in_own_files: Callable[[str], st
     )
 
 
-def _wait(robot: str, said: Mapping[str, Any]) -> Wait:
+def _wait(robot: str, said: Mapping[str, Any]) -> WaitingToken:
     since = round(said.get("since", 0.0) * SECOND)
-    return Wait(robot, said.get("element", ""), said.get("for", ""), since, said.get("topics", {}))
+    return WaitingToken(robot, said.get("element", ""), said.get("for", ""), since, said.get("topics", {}))
 
 
 def event_of(robot: str, line: str) -> Event | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
-from fame.robot import Ahead, Event, Wait
+from fame.robot import Event, PendingStarts, WaitingToken
 from fame.robot.waiting_tokens import SOMEBODY
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ class RobotResult:
     failed: int
     elements: int
     errors: tuple[MissionError, ...]
-    waits: tuple[Wait, ...]
-    ahead: Ahead = ""
+    waits: tuple[WaitingToken, ...]
+    ahead: PendingStarts = ""
 
     @property
     def running(self) -> int:

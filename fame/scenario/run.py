@@ -16,8 +16,8 @@ from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
-from fame.robot import Event, RobotNode, Wait, mission
-from fame.robot.events import Observer, together
+from fame.robot import Event, RobotNode, WaitingToken, make_mission
+from fame.robot.events import Observer, combine_observers
 from fame.scenario.ending import at_rest, never_started, status_of
 from fame.scenario.film_captions import Captions
 from fame.scenario.gc_tuning import seldom_collected
@@ -56,7 +56,7 @@ class Run:
         self.captions = Captions(scenario.closures(), cast) if record or progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
-        self.observer = together([hears for hears in (captions, observer) if hears is not None])
+        self.observer = combine_observers([hears for hears in (captions, observer) if hears is not None])
         self.dead: set[str] = set()
         self.world, self.recorder = self._build_world(record)
         try:
@@ -74,7 +74,7 @@ class Run:
         nodes = [
             RobotNode(
                 robot,
-                mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
+                make_mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
                 built_in_services=SERVICES,
                 scheduler=self.scheduler,
                 middleware=self.middleware,
@@ -116,7 +116,7 @@ class Run:
     def _over(self) -> bool:
         """Something has run, nothing runs any more, and nothing will start by itself."""
         return any(node.started for node in self.nodes) and not any(
-            node.engine.instances or node.ahead for node in self.nodes
+            node.engine.instances or node.pending_starts for node in self.nodes
         )
 
     def result(self) -> Result:
@@ -126,7 +126,9 @@ class Run:
             self._work(begun)
         simulated = self.scheduler.now / SECOND
         waits = {
-            node.name: tuple(node.waits()) if node.engine.instances or node.ahead == "due" or not node.started else ()
+            node.name: tuple(node.waiting_tokens())
+            if node.engine.instances or node.pending_starts == "due" or not node.started
+            else ()
             for node in self.nodes
             if node.name not in self.dead
         }
@@ -249,7 +251,7 @@ class Run:
             root, process = instance.root.key, node.mission.process.id
             if self.observer is not None:
                 self.observer(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
-        node.failed += len(node.engine.instances)
+        node.host.failed += len(node.engine.instances)
         node.engine.instances.clear()
         node.node.close()  # first of all, so that no script says a last word
         node.close()
@@ -269,7 +271,7 @@ class Run:
         self.close()
 
 
-def _robot_result(node: RobotNode, waits: tuple[Wait, ...]) -> RobotResult:
+def _robot_result(node: RobotNode, waits: tuple[WaitingToken, ...]) -> RobotResult:
     instances = node.instances
     return RobotResult(
         name=node.name,
@@ -279,5 +281,5 @@ def _robot_result(node: RobotNode, waits: tuple[Wait, ...]) -> RobotResult:
         elements=sum(instance.visits.total() for instance in instances),
         errors=tuple(instance.error for instance in instances if instance.error is not None),
         waits=waits,
-        ahead=node.ahead,
+        ahead=node.pending_starts,
     )

@@ -237,12 +237,10 @@ class Run:
         assert json.dumps(self.state[0]) == self.state[1], "the engine has changed what it was restored from"
         text = json.dumps(snapshot(engine, dump=dump))
         self.state = json.loads(text), text
-        fresh = restore(engine.program, self.state[0], self.node, engine.new_variables, load=load)
+        fresh = restore(engine.program, self.state[0], self.node.host, engine.new_variables, load=load)
         fresh.limit = engine.limit
         assert json.dumps(snapshot(fresh, dump=dump)) == text
-        self.node.engine = fresh
-        instances = self.node.instances
-        instances[:] = [fresh.instances.get(instance.key, instance) for instance in instances]
+        self.node.attach(fresh)
 
     # ---- stimuli
 

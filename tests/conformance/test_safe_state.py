@@ -10,7 +10,7 @@ from engine_models import TERMINATE, Run, boundary, end, error, handler, path, s
 def asked(run: Run) -> list[str]:
     """Keeps what `make_safe` is called with."""
     reasons: list[str] = []
-    run.node.make_safe = reasons.append  # type: ignore[method-assign]
+    run.node.host.make_safe = reasons.append  # type: ignore[method-assign]
     return reasons
 
 

@@ -41,9 +41,7 @@ def snap(run: Run) -> Any:
 def carry_on(run: Run, data: Any) -> None:
     """Let the run go on from a snapshot, as after a crash: scripts are gone, timers are still set."""
     engine = run.node.engine
-    run.node.engine = restore(engine.program, data, run.node, engine.new_variables, load=load)
-    instances = run.node.engine.instances
-    run.node.instances[:] = [instances.get(item.key, item) for item in run.node.instances]
+    run.node.attach(restore(engine.program, data, run.node.host, engine.new_variables, load=load))
 
 
 def test_a_snapshot_of_a_restored_engine_is_the_same() -> None:
@@ -52,7 +50,7 @@ def test_a_snapshot_of_a_restored_engine_is_the_same() -> None:
     )
     run = Run(content + path("s p") + path("s c"), {"x": 1.5}).run(1).signal("A")
     data = snap(run)
-    engine = restore(run.node.engine.program, data, run.node, load=load)
+    engine = restore(run.node.engine.program, data, run.node.host, load=load)
     assert json.loads(json.dumps(snapshot(engine, dump=dump))) == data
 
 
@@ -115,7 +113,7 @@ def test_chained_variables_stay_chained() -> None:
 def test_the_state_of_another_program_is_refused() -> None:
     one, other = Run(start() + user("u") + path("s u")).run(), Run(start() + user("v") + path("s v")).run()
     with pytest.raises(MissionError, match="not of"):
-        restore(other.node.engine.program, snap(one), other.node)
+        restore(other.node.engine.program, snap(one), other.node.host)
 
 
 def test_called_processes_are_part_of_the_program() -> None:

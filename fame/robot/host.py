@@ -1,0 +1,231 @@
+"""The host of one robot's engine: everything that `fame.engine` asks of the world.
+
+Messages go to the middleware, timers to the scheduler, scripts to their runner, and events of the run to the observer.
+Methods without a docstring are those of `fame.engine.host.Host`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.model import Expression
+from fame.clock import Scheduler, date_at, date_text
+from fame.engine import Engine, Instance
+from fame.engine.host import Compiled
+from fame.engine.state import Trail
+from fame.errors import MissionError, ModelError
+from fame.middleware import messages
+from fame.middleware.interface import Middleware, Node, resolve
+from fame.robot.endpoints import Endpoints
+from fame.robot.events import Event, Observer, trail_handler
+from fame.robot.mission import Mission
+from fame.robot.scripts import Scripts
+from fame.robot.service_tasks import call_service, ros_service_task
+from fame.robot.services import BuiltInService, ServiceContext, compile_service
+from fame.robot.timers import Timers
+from fame.scripting import compile_expression, compile_script, error_line
+
+Fields = tuple[str, str, Mapping[str, Any]]
+"""A message that brings the robot to its safe state: topic, type, fields."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HostOptions:
+    """How a robot is run; see `fame.robot.node.RobotNode`."""
+
+    observer: Observer | None
+    on_report: Callable[[Event], object] | None
+    safe_state: Sequence[Fields]
+    safe_suspended: Sequence[Fields] | None
+    strict: bool
+    epoch: datetime
+    until: int | None
+    keep: int | None
+    on_end: Callable[[Instance], object]
+    built_in_services: Mapping[str, BuiltInService]
+
+
+class EngineHost:
+    """The host of one engine. `engine` is to be set before the first stimulus."""
+
+    def __init__(
+        self,
+        robot: str,
+        mission: Mission,
+        node: Node,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        endpoints: Endpoints,
+        options: HostOptions,
+    ) -> None:
+        self.engine: Engine
+        self.instances: list[Instance] = []
+        self.started: int = 0
+        self.completed: int = 0
+        self.failed: int = 0
+        self.elements_done: int = 0  # of instances that have ended
+        self._robot, self._mission, self._node, self._options = robot, mission, node, options
+        self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
+        self._on_trail = trail_handler(options.observer) if options.observer is not None else None
+        self.scripts: Scripts = Scripts(
+            robot, node, scheduler, endpoints, epoch=options.epoch, report=self.report, log=self._log
+        )
+        self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
+        self.timers: Timers = Timers(scheduler, options.epoch, self._on_timer)
+        self._late: set[str] = set()  # elements whose timer was reported as too late
+        self._missing_outputs: set[tuple[str, str]] = set()
+
+    # ---- texts and services ------------------------------------------------------------------------------------------
+
+    def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Compiled:
+        if script:
+            return compile_script(expression, file=file, element=element)
+        warn = partial(self.report, element)
+        return compile_expression(expression, file=file, element=element, warn=warn, strict=self._options.strict)
+
+    def service(self, operation: str, *, element: str, file: str) -> Compiled:
+        services, built_in = self._mission.services, self._options.built_in_services
+        if operation in services:
+            return services[operation]
+        if operation in built_in:
+            return compile_service(built_in[operation].start, self._service_context(element))
+        processes = (process for home, process in self._mission.processes() if home.file == file)
+        found = ros_service_task(processes, element)
+        if found is not None:
+            return call_service(*found, file=file, inbox=self.inbox, compile=self.compile)
+        known = ", ".join(sorted(services) or sorted(built_in)) or "none"
+        raise ModelError(f"unknown service {operation!r}; known are: {known}", file=file, element=element)
+
+    def _service_context(self, element: str) -> ServiceContext:
+        return ServiceContext(
+            robot=self._robot,
+            namespace=self._node.namespace,
+            middleware=self._middleware,
+            scheduler=self._scheduler,
+            folder=Path(self._mission.definitions.file).parent,
+            report=partial(self.report, element),
+            changed=self.runner.poll,
+        )
+
+    # ---- messages ----------------------------------------------------------------------------------------------------
+
+    def publish(self, topic: str, value: Any) -> Any:
+        full, message = self._endpoints.throw(topic, value)
+        self.inbox.deliver(full, message)
+        return message
+
+    def send(self, topic: str, value: Any, robot: Any) -> None:
+        self._endpoints.direct.send(topic, value, robot)
+
+    def make_safe(self, reason: str) -> None:
+        options = self._options
+        suspended = reason == "suspended" and options.safe_suspended is not None
+        for topic, type, fields in (options.safe_suspended or ()) if suspended else options.safe_state:
+            full = resolve(topic, self._node.namespace)
+            self._endpoints.publisher(full, type).publish(messages.create(type, fields))
+
+    # ---- timers and scripts ------------------------------------------------------------------------------------------
+
+    def set_timer(self, key: int, kind: str, text: str) -> None:
+        self.timers.set(key, kind, text)
+        due, until = self.timers.due(key), self._options.until
+        if kind != "duration" and due is not None and until is not None and due > until:
+            self._report_late(self.engine.timed(key).id, f"{kind} timer {text}", due, until)
+
+    def cancel_timer(self, key: int) -> None:
+        self.timers.cancel(key)
+
+    def run(self, key: int, script: Any) -> None:
+        self.runner.start(key, script)
+
+    def cancel(self, key: int) -> bool:
+        return self.runner.cancel(key)
+
+    def _on_timer(self, key: int, last: bool) -> None:
+        self.engine.timer_fired(key, last=last)
+        self.runner.poll()
+
+    def _report_late(self, element: str, timer: str, due: int, until: int) -> None:
+        """Report once for each element that its timer will not fire in this run."""
+        if element not in self._late:
+            self._late.add(element)
+            first, last, moment = (date_text(date_at(self._options.epoch, time)) for time in (0, until, due))
+            self.report(element, f"{timer} is due at {moment}, and the run goes from {first} to {last}: see epoch")
+
+    # ---- observation -------------------------------------------------------------------------------------------------
+
+    def observe(self, trail: Trail) -> None:
+        if self._on_trail is not None:
+            self._on_trail(self._scheduler.now, self._robot, trail)
+
+    def report(self, element: str, text: str) -> None:
+        if self._options.on_report is not None:
+            self._options.on_report(self._event(element, "report", text))
+
+    def emit(self, event: Event) -> None:
+        """Pass on an event that is not a step of a token, to reports and observer."""
+        if self._options.on_report is not None:
+            self._options.on_report(event)
+        if self._options.observer is not None:
+            self.engine.observe()  # first what happened before
+            self._options.observer(event)
+
+    def _log(self, level: str, text: str) -> None:
+        self.emit(self._event("", "log", f"{level}: {text}" if level != "info" else text))
+
+    def _event(self, element: str, what: str, text: str) -> Event:
+        return Event(self._scheduler.now, self._robot, 0, 0, element, what, text)
+
+    def lacks(self, element: str, output: str) -> None:
+        text = f"has ended, and nothing has set its output {output}"
+        if self._options.strict:
+            raise NameError(text)
+        if (element, output) not in self._missing_outputs:
+            self._missing_outputs.add((element, output))
+            self.report(element, text)
+
+    # ---- instances ---------------------------------------------------------------------------------------------------
+
+    def begun(self, instance: Instance) -> None:
+        self.started += 1
+        self.instances.append(instance)
+        if self._options.keep is not None:
+            del self.instances[: -self._options.keep]
+
+    def ended(self, instance: Instance) -> None:
+        if instance.error is not None:
+            instance.error = self._located(instance.error)
+        self.elements_done += sum(instance.counts[1:])
+        self.completed += instance.status == "completed"
+        self.failed += instance.status == "failed"
+        self._options.on_end(instance)
+        self.scripts.forget(instance.root_variables)
+
+    def _located(self, error: MissionError) -> MissionError:
+        """The error of an instance with the robot, and the line of the script that raised it."""
+        file, line = self._script_line(error)
+        located = MissionError(
+            error.text, robot=self._robot, element=error.element, file=file, line=line, code=error.code
+        )
+        located.__cause__ = error.__cause__
+        return located
+
+    def _script_line(self, error: MissionError) -> tuple[str, int]:
+        """The file and line in which a script raised an error; else those of the element."""
+        cause = error.__cause__
+        if cause is not None:
+            for file in sorted({node.file for node in self.engine.program.nodes}):
+                line = error_line(cause, file)
+                if line:
+                    return file, line
+        return error.file, error.line
+
+    def close(self) -> None:
+        """Close scripts, and cancel timers."""
+        self.scripts.close()
+        self.timers.close()
