@@ -11,7 +11,7 @@ import pytest
 from bpmn_text import extensions, process
 
 from fame.bpmn.library import BUILT_IN
-from fame.check.behaviours import Behaviour, behaviours
+from fame.check.library import Behaviour, behaviours
 from fame.cli import main
 from fame.cli.library import paragraphs
 

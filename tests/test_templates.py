@@ -13,8 +13,8 @@ import pytest
 from bpmn_text import body_of, extensions, node_of
 
 from fame.bpmn.model import CallActivity, Event, SignalDefinition
-from fame.check.behaviours import behaviours
 from fame.check.element_templates import COMMON, fields_of, payload_of, templates
+from fame.check.library import behaviours
 from fame.cli import main
 from fame.middleware import messages
 from fame.scripting import compile_expression

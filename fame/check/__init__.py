@@ -1,35 +1,33 @@
-"""What is wrong or doubtful in a model, before anything moves.
+"""Static checks of a model: what keeps it from running, what is probably a mistake, what is worth knowing.
 
 ::
 
-    whole        all that follows, of a file; and which files are one mission
-    subject      the processes of a file and all that they call
-    compiling    what the compiler refuses, all of it
-    catching     errors that nothing throws where they are caught
-    start_end    flows that lead the wrong way at start and end events
-    flow         what tokens never reach, gateways without a way out
-    coverage     conditions of which one is always true
-    joins        joins that wait in vain, merges that let through too often
-    loops        loops that neither wait nor end
-    recursion    calls without end
-    timers       times that are none
-    topics       types, payloads, and who is at the other end
-    progress     how far tokens can get, given what is thrown
-    order        robots that wait for each other, signals that come too early
-    delivery     signals thrown just before the only catch, queues beyond the depth
-    texts        what each text reads and writes
-    variables    what is read and never set
-    kinds        variables that two elements use otherwise, payloads whose values do not fit
-    guidelines   the guidelines of the FaMe paper, as notes
-    script_mistakes  requests without await, misspelt methods
-    slips        a decimal comma, an arrow the wrong way round
-    quirks       habits of other tools that a model relies on
-    refusing     what a run and a deployment refuse
-    findings     what all of them give
-    explain      no finding: what a foreign file was read as
+    checker          run all checks: the table `CHECKS`; which files are one mission
+    findings         the results
+    scope            what a check looks at: the processes of a file and all that they call
+    gate             refuse to run or deploy a model with errors
 
-A finding is an ``error`` if the model cannot run, a ``warning`` if it hardly means what it says, a ``note`` else.
-What is called is checked too; of other files errors and warnings are told, their notes are not.
+    compilation      all errors of the compiler
+    control_flow     unreachable elements, gateways without a way out, joins
+    loops            endless loops and endless recursion
+    error_handling   errors that are caught where nothing throws them
+    timers           times that are not ISO 8601
+    elements         pools, properties, data objects
+    scripts          requests without await, unknown methods, JavaScript without next()
+    topics           types, payloads, publishers and subscribers
+    signals          robots that wait for each other, signals that get lost
+    variables        variables that are read and never set
+    value_kinds      variables that are set to different kinds of values
+    guidelines       the guidelines of the FaMe paper
+
+    graph, coverage, reachability, endpoints, expressions, payloads    what checks build on
+
+    explain          how a foreign file was read
+    library          the behaviours of a library path
+    element_templates  templates for Camunda Modeler
+
+A finding is an ``error`` if the model cannot run, a ``warning`` if it probably does not do what was intended, and a
+``note`` otherwise. Called processes are checked too; for other files, only errors and warnings are reported.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from fame.bpmn.reader.dialects.extensions import QOS_CHOICES
-from fame.check.behaviours import Behaviour
+from fame.check.library import Behaviour
 from fame.middleware import messages
 
 Template = dict[str, Any]

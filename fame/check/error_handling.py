@@ -12,26 +12,26 @@ from collections.abc import Iterator
 
 from fame.bpmn.model import Activity, CallActivity, ErrorDefinition, Event, FlowNode, SubProcess, Task
 from fame.check.findings import Finding
-from fame.check.scope import Subject, Unit
+from fame.check.scope import CheckedProcess, CheckScope
 from fame.errors import ModelError
 from fame.scripting.python import parse_python
 
 _ANY = ("script", "no_flow")
 
 
-def catching_findings(subject: Subject) -> Iterator[Finding]:
+def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
     """Of the boundary events of every process."""
-    for unit in subject.units:
-        for body in unit.bodies():
+    for process in scope.processes:
+        for body in process.bodies():
             nodes = {node.id: node for node in body.nodes}
             for event in body.nodes:
                 if isinstance(event, Event) and event.place == "boundary":
-                    yield from _caught(unit, event, nodes[event.attached_to])
+                    yield from _caught(process, event, nodes[event.attached_to])
 
 
-def _caught(unit: Unit, event: Event, activity: FlowNode) -> Iterator[Finding]:
+def _caught(process: CheckedProcess, event: Event, activity: FlowNode) -> Iterator[Finding]:
     codes = [one.code for one in event.definitions if isinstance(one, ErrorDefinition) and one.code]
-    thrown = _thrown(unit, activity, set()) if codes else None
+    thrown = _thrown(process, activity, set()) if codes else None
     if thrown is None:
         return
     for code in codes:
@@ -39,19 +39,19 @@ def _caught(unit: Unit, event: Event, activity: FlowNode) -> Iterator[Finding]:
             similar = difflib.get_close_matches(code, sorted(thrown), 1)
             known = f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'none'}"
             text = f"catches error {code!r}, which nothing in {activity.label} throws; {known}"
-            yield unit.finding("warning", text, event)
+            yield process.finding("warning", text, event)
 
 
-def _thrown(unit: Unit, node: FlowNode, seen: set[Unit]) -> set[str] | None:
+def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) -> set[str] | None:
     """The codes that an element and all in it may throw; None if that cannot be told."""
     if isinstance(node, SubProcess):
-        return _together(_thrown(unit, one, seen) for one in node.body.nodes)
+        return _together(_thrown(process, one, seen) for one in node.body.nodes)
     if isinstance(node, CallActivity):
-        callee = next((callee for call, callee in unit.calls if call is node), None)
+        callee = next((callee for call, callee in process.calls if call is node), None)
         if callee is None or callee in seen:
             return set() if callee is not None else None
         seen.add(callee)
-        return _together(_thrown(callee, one, seen) for one in callee.process.body.nodes)
+        return _together(_thrown(callee, one, seen) for one in callee.bpmn.body.nodes)
     if isinstance(node, Event):
         ends = [one for one in node.definitions if isinstance(one, ErrorDefinition) and node.place == "end"]
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}

@@ -13,7 +13,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -23,16 +23,16 @@ from fame.bpmn.model import DataObject, Definitions, Element, Expression, FlowNo
 from fame.bpmn.reader.dialects import dialects_of
 from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.reader.xml import children, parse
-from fame.bpmn.topics import EMPTY_TYPE
+from fame.bpmn.topics import EMPTY_TYPE, topics_of
+from fame.check.endpoints import TopicEndpoint, by_topic, declared_type, message_fields, taken_by_prefix
+from fame.check.expressions import texts_of
 from fame.check.guidelines import suspending
-from fame.check.legacy_habits import quirks_of
-from fame.check.scope import Subject, Unit, subject
-from fame.check.texts import texts_of
-from fame.check.topics import End, message_fields, said_type, table, taken_by_prefix
+from fame.check.scope import CheckedProcess, CheckScope, find_scope
 from fame.engine.data import variable_name
 from fame.errors import ModelError
 from fame.middleware import messages
 from fame.scripting import script_topics
+from fame.scripting.javascript.identifiers import words_of
 from fame.scripting.topics import ScriptTopic
 
 Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
@@ -59,21 +59,21 @@ class Reading:
 
 def explain(definitions: Definitions, *, library: Library | None = None) -> list[Reading]:
     """All readings of a file and of the processes that it calls, by file and line."""
-    about = subject(definitions, library or Library())
-    homes = {unit.home.file: unit.home for unit in about.units} or {definitions.file: definitions}
+    about = find_scope(definitions, library or Library())
+    homes = {process.file: process.definitions for process in about.processes} or {definitions.file: definitions}
     found = [reading for home in homes.values() for reading in (*_forms(home), *_notes(home))]
-    types = {name: said_type(ends) or EMPTY_TYPE for name, ends in table(about.units).items()}
-    for ends in table(about.units).values():
-        found += (_at(end.unit, "topic", _topic(end, types[end.name]), end.node, end.line) for end in ends)
-    for unit in about.units:
-        found += (*_services(unit), *_data(unit), *_calls(unit, about), *_texts(unit), *_semantics(unit))
-        found += (_at(unit, "quirk", text, node, line) for text, node, line in quirks_of(unit, types))
+    types = {name: declared_type(ends) or EMPTY_TYPE for name, ends in by_topic(about.processes).items()}
+    for ends in by_topic(about.processes).values():
+        found += (_at(end.process, "topic", _topic(end, types[end.name]), end.node, end.line) for end in ends)
+    for process in about.processes:
+        found += (*_services(process), *_data(process), *_calls(process, about), *_texts(process), *_semantics(process))
+        found += (_at(process, "quirk", text, node, line) for text, node, line in _quirks(process, types))
     order = {file: place for place, file in enumerate(homes)}
     return sorted(dict.fromkeys(found), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
 
 
-def _at(unit: Unit, kind: Kind, text: str, element: Element, line: int = 0) -> Reading:
-    return Reading(kind, text, unit.home.file, line or element.line, element.id)
+def _at(process: CheckedProcess, kind: Kind, text: str, element: Element, line: int = 0) -> Reading:
+    return Reading(kind, text, process.file, line or element.line, element.id)
 
 
 def _forms(home: Definitions) -> Iterator[Reading]:
@@ -90,7 +90,7 @@ def _notes(home: Definitions) -> Iterator[Reading]:
 # ---- topics ----------------------------------------------------------------------------------------------------------
 
 
-def _topic(end: End, type: str) -> str:
+def _topic(end: TopicEndpoint, type: str) -> str:
     if end.topic is None:
         return f"its script {'publishes' if end.throws else 'hears'} {end.name}, {type}"
     says = "" if end.type else " (which nobody says)" if type == EMPTY_TYPE else " (said elsewhere)"
@@ -101,30 +101,30 @@ def _topic(end: End, type: str) -> str:
     return f"{head}, {_where_to(end, type)}"
 
 
-def _where_to(end: End, type: str) -> str:
+def _where_to(end: TopicEndpoint, type: str) -> str:
     """Where the fields of a caught message go."""
     topic, node = end.topic, end.node
     assert topic is not None
     if topic.takes:
         return ", ".join(f"{one.target} = {one.source.text}" for one in topic.takes)
-    names = [name for item in _objects(end.unit) if item.id in node.data_outputs for name in item.names]
+    names = [name for item in _objects(end.process) if item.id in node.data_outputs for name in item.names]
     if names:
         taken = message_fields(names, topic, type)
         return ", ".join(f"{name} = {field}" for name, field in taken.items()) or f"nothing for {', '.join(names)}"
-    loose = taken_by_prefix(end.unit, node, topic, type)
+    loose = taken_by_prefix(end.process, node, topic, type)
     return ", ".join([f"into {variable_name(topic.name)}", *(f"{name} = {field}" for name, field in loose.items())])
 
 
-def _services(unit: Unit) -> Iterator[Reading]:
-    for node in unit.process.body.walk():
+def _services(process: CheckedProcess) -> Iterator[Reading]:
+    for node in process.bpmn.body.walk():
         if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
             sent = f"request {_shown(node.payload)}" if node.payload is not None else "a request of defaults"
             kind = "action" if messages.is_action(node.topic.type or "") else "service"
             text = f"asks the {kind} {node.topic.name}, {node.topic.type or 'of no type'}, {sent}"
-            yield _at(unit, "topic", text, node)
+            yield _at(process, "topic", text, node)
         for asked in _asked(node):
             text = f"its script asks the service {asked.name}, {asked.type or 'of no type'}"
-            yield _at(unit, "topic", text, node, asked.line)
+            yield _at(process, "topic", text, node, asked.line)
 
 
 def _asked(node: FlowNode) -> Iterator[ScriptTopic]:
@@ -137,31 +137,31 @@ def _asked(node: FlowNode) -> Iterator[ScriptTopic]:
 # ---- data, calls, texts ----------------------------------------------------------------------------------------------
 
 
-def _objects(unit: Unit) -> Iterator[DataObject]:
-    for body in unit.bodies():
+def _objects(process: CheckedProcess) -> Iterator[DataObject]:
+    for body in process.bodies():
         yield from body.data_objects
 
 
-def _data(unit: Unit) -> Iterator[Reading]:
-    for item in _objects(unit):
+def _data(process: CheckedProcess) -> Iterator[Reading]:
+    for item in _objects(process):
         held = [f"{name} = {value.text}" if value.text else name for name, value in item.values]
-        yield _at(unit, "data", f"holds {', '.join(held)}" if held else "holds no variables", item)
+        yield _at(process, "data", f"holds {', '.join(held)}" if held else "holds no variables", item)
 
 
-def _calls(unit: Unit, about: Subject) -> Iterator[Reading]:
-    missing = {error.element: error.text for error in about.missing if error.file == unit.home.file}
-    for call, callee in unit.calls:
+def _calls(process: CheckedProcess, about: CheckScope) -> Iterator[Reading]:
+    missing = {error.element: error.text for error in about.missing if error.file == process.file}
+    for call, callee in process.calls:
         if callee is None:
             text = f"calls nothing: {missing.get(call.id, 'the process was not found')}"
-        elif callee.home is not unit.home:
-            text = f"calls process {callee.process.id} of {callee.home.file}"
-        elif callee.process.id in _drawn(unit.home):
-            text = f"calls process {callee.process.id} of this file"
+        elif callee.definitions is not process.definitions:
+            text = f"calls process {callee.bpmn.id} of {callee.file}"
+        elif callee.bpmn.id in _drawn(process.definitions):
+            text = f"calls process {callee.bpmn.id} of this file"
         else:
-            text = f"calls process {callee.process.id}, which is embedded in it"
-        if callee is not None and call.called != callee.process.id:
+            text = f"calls process {callee.bpmn.id}, which is embedded in it"
+        if callee is not None and call.called != callee.bpmn.id:
             text += f", the only one of {call.called}.bpmn"
-        yield _at(unit, "call", text, call)
+        yield _at(process, "call", text, call)
 
 
 def _drawn(home: Definitions) -> set[str | None]:
@@ -169,13 +169,13 @@ def _drawn(home: Definitions) -> set[str | None]:
     return {one.get("id") for one in children(parse(home.source, home.file), "process")}
 
 
-def _texts(unit: Unit) -> Iterator[Reading]:
-    for body in unit.bodies():
+def _texts(process: CheckedProcess) -> Iterator[Reading]:
+    for body in process.bodies():
         for text in texts_of(body):
             language = _LANGUAGES.get(text.expression.language)
             literal = text.expression.language == "template" and not has_placeholders(text.expression.text)
             if language is not None and text.use != "payload" and not literal:
-                yield _at(unit, "script", f"{text.use} in {language}{_first(text.expression)}", text.element,
+                yield _at(process, "script", f"{text.use} in {language}{_first(text.expression)}", text.element,
                           text.expression.line)  # fmt: skip
 
 
@@ -190,10 +190,37 @@ def _shown(payload: Expression | None) -> str:
 # ---- semantics=original ----------------------------------------------------------------------------------------------
 
 
-def _semantics(unit: Unit) -> Iterator[Reading]:
-    for node in suspending(unit.process):
-        if unit.process.semantics == "original":
+def _semantics(process: CheckedProcess) -> Iterator[Reading]:
+    for node in suspending(process.bpmn):
+        if process.bpmn.semantics == "original":
             text = "suspends its scope, which goes on afterwards (semantics=original)"
         else:
             text = "ends what its scope was doing; with semantics=original that is suspended and goes on afterwards"
-        yield _at(unit, "semantics", text, node)
+        yield _at(process, "semantics", text, node)
+
+
+# ---- habits of other tools -------------------------------------------------------------------------------------------
+
+
+Quirk = tuple[str, Element, int]
+"""What it is, where, and the line (0: that of the element)."""
+
+
+def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk]:
+    """Those of one process. `types` are those of the topics, by qualified name."""
+    for node in process.bpmn.body.walk():
+        for topic, throws in topics_of(node):
+            taken = {} if throws else taken_by_prefix(process, node, topic, types.get(topic.qualified, ""))
+            for name, field in taken.items():
+                yield f"fills {name} with field {field}, which it begins like: no data object is connected", node, 0
+    for body in process.bodies():
+        for text in texts_of(body):
+            if text.expression.language != "javascript":
+                continue
+            words, line = words_of(text.expression.text), text.expression.line
+            if text.use == "script" and not words.next:
+                yield "never calls next()", text.element, line
+            if words.node:
+                yield "says node for ros_node", text.element, line
+            if text.use == "condition" and not words.next:
+                yield "answers by its value, without next()", text.element, line

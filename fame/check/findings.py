@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -37,7 +37,7 @@ def of_error(error: ModelError | ConfigError) -> Finding:
     return Finding("error", error.text, error.file, error.line, error.element)
 
 
-def arranged(findings: Iterable[Finding], files: Sequence[str]) -> list[Finding]:
+def arranged(findings: Iterable[Finding], files: Iterable[str]) -> list[Finding]:
     """Each once, by file (in the order of `files`), line and level."""
     order = {file: place for place, file in enumerate(dict.fromkeys(files))}
     return sorted(

@@ -1,7 +1,7 @@
-"""What a run and a deployment refuse before anything moves: the errors of a check, in what is going to run.
+"""Refuse to run or deploy a model that has errors, before anything starts.
 
-Whoever compiles the processes anyway, because it runs them, needs `refuse_literals` alone; whoever sends them to others
-`refuse_errors`. Warnings and notes refuse nothing, nor does what is wrong with a process that nobody is to run.
+Whoever compiles the processes itself, in order to run them, needs `refuse_literals` only; whoever sends them to robots
+needs `refuse_errors`. Warnings, notes and processes that are not going to run refuse nothing.
 """
 
 from __future__ import annotations
@@ -12,66 +12,70 @@ from dataclasses import replace
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.check.findings import Finding, arranged
-from fame.check.recursion import recursion_findings
-from fame.check.scope import Subject, subject
-from fame.check.timers import timer_findings
-from fame.check.topics import fit_findings, types_of
+from fame.check.loops import check_recursion
+from fame.check.scope import CheckScope, find_scope
+from fame.check.timers import check_timers
+from fame.check.topics import check_topic_types
 from fame.errors import ModelError
 
 
 def refuse_literals(
     definitions: Definitions, processes: Iterable[Process], library: Library, *, strict: bool = False
 ) -> None:
-    """Refuse what fails whenever a token gets there, though every text by itself can be compiled.
+    """Refuse what compiles but always fails when a token gets there.
 
-    Times that are none, payloads that do not fit, types that nobody knows, calls without end; if `strict`, payloads
-    that read what nothing sets. `processes` are those to be run; what they call is looked at too.
-    Raises ModelError for the first of them by file and line.
+    That is: invalid times, payloads that do not fit, unknown types, endless recursion and, if `strict`, payloads that
+    read variables that nothing sets. `processes` are those to be run; those that they call are checked too.
+    Raises ModelError for the first error by file and line.
     """
-    about = _running(definitions, processes, library)
+    scope = _running(definitions, processes, library, strict=strict)
     unset: Iterable[Finding] = ()
     if strict:
-        from fame.check.variables import variable_findings
+        from fame.check.variables import check_variables
 
-        unset = variable_findings(about, types_of(about), strict=True)
-    _refuse(about, (*_literals(about), *unset))
+        unset = check_variables(scope)
+    _refuse(scope, (*_literals(scope), *unset))
 
 
 def refuse_errors(
     definitions: Definitions, processes: Iterable[Process], library: Library, *, sent: bool = False
 ) -> None:
-    """Refuse the same, and what the compiler refuses.
+    """Refuse the same and all errors of the compiler.
 
-    `sent`: to robots that may know message types that are not known here, so that these are for them to refuse.
-    Raises ModelError for the first of them by file and line.
+    `sent`: to robots that may know other message types, so that unknown types are left to them.
+    Raises ModelError for the first error by file and line.
     """
-    from fame.check.compiling import compiler_findings
+    from fame.check.compilation import check_compilation
 
-    about = _running(definitions, processes, library)
-    _refuse(about, (*compiler_findings(about), *_literals(about, sent=sent)))
+    scope = _running(definitions, processes, library, remote_types=sent)
+    _refuse(scope, (*check_compilation(scope), *_literals(scope)))
 
 
-def _running(definitions: Definitions, processes: Iterable[Process], library: Library) -> Subject:
-    """The subject that is left of a file if only these processes begin by themselves."""
+def _running(
+    definitions: Definitions,
+    processes: Iterable[Process],
+    library: Library,
+    *,
+    strict: bool = False,
+    remote_types: bool = False,
+) -> CheckScope:
+    """The scope of a file in which only these processes start by themselves."""
     run = {
-        one.id: True
-        for process in processes
-        for home, one in library.closure(definitions, process)
-        if home is definitions
+        one.id for process in processes for home, one in library.closure(definitions, process) if home is definitions
     }
     pools = tuple(pool for pool in definitions.participants if pool.process in run)
     own = tuple(process for process in definitions.processes if process.id in run)
-    return subject(replace(definitions, processes=own, participants=pools), library)
+    part = replace(definitions, processes=own, participants=pools)
+    return find_scope(part, library, strict=strict, remote_types=remote_types)
 
 
-def _literals(about: Subject, *, sent: bool = False) -> Iterator[Finding]:
-    yield from timer_findings(about)
-    yield from fit_findings(about, sent=sent)
-    yield from recursion_findings(about)
+def _literals(scope: CheckScope) -> Iterator[Finding]:
+    yield from check_timers(scope)
+    yield from check_topic_types(scope)
+    yield from check_recursion(scope)
 
 
-def _refuse(about: Subject, findings: Iterable[Finding]) -> None:
+def _refuse(scope: CheckScope, findings: Iterable[Finding]) -> None:
     """Raise the first error."""
-    files = [about.definitions.file, *(unit.home.file for unit in about.units)]
-    for one in arranged((one for one in findings if one.level == "error"), files):
+    for one in arranged((one for one in findings if one.level == "error"), scope.files):
         raise ModelError(one.text, file=one.file, line=one.line, element=one.element)

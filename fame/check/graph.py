@@ -6,7 +6,19 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from fame.bpmn.model import Body, Event, FlowNode, LinkDefinition, SequenceFlow
+from fame.bpmn.model import (
+    Activity,
+    Body,
+    CallActivity,
+    ErrorDefinition,
+    Event,
+    FlowNode,
+    Gateway,
+    LinkDefinition,
+    SequenceFlow,
+    Task,
+    TerminateDefinition,
+)
 from fame.engine.structure import begins, instantiates
 
 
@@ -86,7 +98,7 @@ class Graph:
                 yield [self.nodes[one] for one in sorted(circle, key=place.__getitem__)]
 
 
-def graph(body: Body) -> Graph:
+def graph_of(body: Body) -> Graph:
     """The graph of one scope."""
     following: dict[str, list[str]] = {node.id: [] for node in body.nodes}
     ending = {node.id for node in body.nodes if is_event(node, "end")}
@@ -121,3 +133,40 @@ def link_of(node: FlowNode) -> str:
     """The name of the link of a link event, else nothing."""
     links = [one.name for one in node.definitions if isinstance(one, LinkDefinition)] if isinstance(node, Event) else []
     return links[0] if links else ""
+
+
+# ---- what a token does at a node -------------------------------------------------------------------------------------
+
+
+def may_stop(graph: Graph, node: FlowNode) -> bool:
+    """Whether a token finds no way out where no condition is true."""
+    default = node.default if isinstance(node, Activity | Gateway) else ""
+    flows = graph.leaving(node)
+    return bool(flows) and not default and all(flow.condition is not None for flow in flows)
+
+
+def ends_all(node: FlowNode) -> bool:
+    """Whether it ends what other tokens do."""
+    ends = TerminateDefinition | ErrorDefinition
+    return isinstance(node, Event) and any(isinstance(one, ends) for one in node.definitions)
+
+
+def _says(node: FlowNode, *words: str) -> bool:
+    """Whether one of the words stands in its script."""
+    return isinstance(node, Task) and node.script is not None and any(word in node.script.text for word in words)
+
+
+def passes_in_time(node: FlowNode) -> bool:
+    """Whether a token passes it sooner or later, without an error that could be meant as the way out."""
+    return not ends_all(node) and not _says(node, "raise")
+
+
+def passes_at_once(node: FlowNode) -> bool:
+    """Whether a token passes it so, and without waiting."""
+    if isinstance(node, Event):
+        waits = node.place in ("catch", "boundary") and not link_of(node)
+    elif isinstance(node, Task):
+        waits = node.kind not in ("plain", "send", "script") or _says(node, "await", "next(")
+    else:
+        waits = isinstance(node, CallActivity) or (isinstance(node, Gateway) and node.kind == "event")
+    return not waits and passes_in_time(node)

@@ -27,9 +27,9 @@ from fame.bpmn.model import (
     TimerDefinition,
 )
 from fame.bpmn.topics import topics_of
+from fame.check.expressions import texts_of
 from fame.check.findings import Finding
-from fame.check.scope import Subject, Unit
-from fame.check.texts import texts_of
+from fame.check.scope import CheckedProcess, CheckScope
 from fame.engine import joins, loops
 from fame.monitor.services import SERVICES
 
@@ -38,21 +38,21 @@ _SELECTED_GATEWAYS = ("exclusive", "parallel", "event")
 _KINDS = {"business_rule": "business rule", "adhoc": "ad-hoc sub-process", "embedded": "embedded sub-process"}
 
 
-def guideline_findings(subject: Subject) -> Iterator[Finding]:
+def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
     """Where the model leaves the guidelines."""
-    yield from _pools(subject)
-    for unit in subject.units:
-        for node in unit.process.body.walk():
-            yield from _selection(unit, node)
-        yield from _undeclared(unit)
-        yield from _original(unit)
+    yield from _pools(scope)
+    for process in scope.processes:
+        for node in process.bpmn.body.walk():
+            yield from _selection(process, node)
+        yield from _undeclared(process)
+        yield from _original(process)
 
 
 # ---- G1, G3: the collaboration ---------------------------------------------------------------------------------------
 
 
-def _pools(subject: Subject) -> Iterator[Finding]:
-    definitions = subject.definitions
+def _pools(scope: CheckScope) -> Iterator[Finding]:
+    definitions = scope.definitions
     shapes: dict[Any, str] = {}
     for pool in definitions.participants:
         process = definitions.process(pool.process)
@@ -101,15 +101,15 @@ def _shape(value: Any, ids: Mapping[str, str]) -> Any:
 # ---- G2: the selection -----------------------------------------------------------------------------------------------
 
 
-def _selection(unit: Unit, node: FlowNode) -> Iterator[Finding]:
+def _selection(process: CheckedProcess, node: FlowNode) -> Iterator[Finding]:
     if isinstance(node, Task) and node.kind == "plain":
-        yield unit.finding("note", "a plain task does nothing: it completes at once", node)
+        yield process.finding("note", "a plain task does nothing: it completes at once", node)
         return
     if isinstance(node, Task) and node.kind == "script" and node.script is None:
-        yield unit.finding("note", "has no script: it completes at once", node)
+        yield process.finding("note", "has no script: it completes at once", node)
     outside = _outside(node)
     if outside:
-        yield unit.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)
+        yield process.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)
     if (
         isinstance(node, Task)
         and node.kind == "service"
@@ -117,7 +117,7 @@ def _selection(unit: Unit, node: FlowNode) -> Iterator[Finding]:
         and node.topic is None
     ):
         text = f"needs the service {node.operation!r} where it runs: Simulation(services=...)"
-        yield unit.finding("note", text, node)
+        yield process.finding("note", text, node)
 
 
 def _outside(node: FlowNode) -> str:
@@ -149,26 +149,26 @@ def _article(word: str) -> str:
 # ---- G4: data --------------------------------------------------------------------------------------------------------
 
 
-def _undeclared(unit: Unit) -> Iterator[Finding]:
-    declared = {name for body in unit.bodies() for item in body.data_objects for name in item.names}
-    for body in unit.bodies():
+def _undeclared(process: CheckedProcess) -> Iterator[Finding]:
+    declared = {name for body in process.bodies() for item in body.data_objects for name in item.names}
+    for body in process.bodies():
         for text in texts_of(body):
             if text.use in ("condition", "payload"):
                 for name in sorted(text.reads - declared - {*loops.NAMES, *joins.NAMES}):
                     does = "decides by" if text.use == "condition" else "sends"
                     found = f"{does} `{name}`, which no data object declares (G4)"
-                    yield unit.finding("note", found, text.element, text.expression.line)
+                    yield process.finding("note", found, text.element, text.expression.line)
 
 
 # ---- models of the original FaMe -------------------------------------------------------------------------------------
 
 
-def _original(unit: Unit) -> Iterator[Finding]:
+def _original(process: CheckedProcess) -> Iterator[Finding]:
     """Interrupting event sub-processes of a file that looks like one of the original's, which suspended."""
-    if unit.process.semantics == "standard" and unit.process.by_prefix:
-        for node in suspending(unit.process):
+    if process.bpmn.semantics == "standard" and process.bpmn.by_prefix:
+        for node in suspending(process.bpmn):
             text = "ends what its scope was doing; the original FaMe went on with it afterwards"
-            yield unit.finding("warning", f"{text}: property semantics=original on the process does that", node)
+            yield process.finding("warning", f"{text}: property semantics=original on the process does that", node)
 
 
 def suspending(process: Process) -> Iterator[SubProcess]:

@@ -1,48 +1,55 @@
-"""Loops that go round for ever at one moment: no flow leads out of them, and nothing in them waits."""
+"""Checks of endless loops and endless recursion.
+
+A process is endless if every path through it leads to a call of an endless process. All processes that call themselves
+are first taken to be endless; then those with another way out are removed until none is left (a greatest fixed point).
+Within a process, the nodes are found from which every path leads to such a call (a least fixed point). Boundary events,
+event sub-processes, errors and loops count as ways out, so that no process is blamed wrongly.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from fame.bpmn.model import CallActivity, Event, FlowNode, Gateway, SubProcess
+from fame.bpmn.model import Body, CallActivity, Event, FlowNode, Gateway, SubProcess
 from fame.check.findings import Finding
-from fame.check.graph import Graph, graph
-from fame.check.recursion import ends_all, may_stop, passes_at_once
-from fame.check.scope import Subject, Unit
+from fame.check.graph import Graph, ends_all, graph_of, may_stop, passes_at_once, passes_in_time
+from fame.check.scope import CheckedProcess, CheckScope
+
+# ---- loops -----------------------------------------------------------------------------------------------------------
 
 
-def loop_findings(subject: Subject) -> Iterator[Finding]:
+def check_loops(scope: CheckScope) -> Iterator[Finding]:
     """Of every process; nothing is said of one that something else may end."""
-    stopped = {callee for unit in subject.units for call, callee in unit.calls if call.id in _guarded(unit)}
-    for unit in subject.units:
-        if unit not in stopped and not _may_be_ended(unit):
-            for scope in map(graph, unit.bodies()):
-                yield from _endless(unit, scope)
+    stopped = {callee for process in scope.processes for call, callee in process.calls if call.id in _guarded(process)}
+    for process in scope.processes:
+        if process not in stopped and not _may_be_ended(process):
+            for graph in map(graph_of, process.bodies()):
+                yield from _endless_loops(process, graph)
 
 
-def _guarded(unit: Unit) -> set[str]:
+def _guarded(process: CheckedProcess) -> set[str]:
     """The activities (ids) that a boundary event may interrupt."""
-    events = (node for node in unit.process.body.walk() if isinstance(node, Event))
+    events = (node for node in process.bpmn.body.walk() if isinstance(node, Event))
     return {event.attached_to for event in events if event.place == "boundary" and event.interrupting}
 
 
-def _may_be_ended(unit: Unit) -> bool:
+def _may_be_ended(process: CheckedProcess) -> bool:
     """Whether something may end a scope of the process from beside: another token, a handler, a boundary event."""
-    guarded = _guarded(unit)
+    guarded = _guarded(process)
     return any(
         ends_all(node) or (isinstance(node, SubProcess) and (node.triggered_by_event or node.id in guarded))
-        for node in unit.process.body.walk()
+        for node in process.bpmn.body.walk()
     )
 
 
-def _endless(unit: Unit, scope: Graph) -> Iterator[Finding]:
-    for circle in scope.circles():
+def _endless_loops(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+    for circle in graph.circles():
         inside = {node.id for node in circle}
-        closed = all(inside.issuperset(scope.following[node.id]) and not may_stop(scope, node) for node in circle)
+        closed = all(inside.issuperset(graph.following[node.id]) and not may_stop(graph, node) for node in circle)
         if closed and all(_passes(node) for node in circle):
             names = ", ".join(each.label for each in circle[1:])
             text = f"is in a loop{f' with {names}' if names else ''} that no flow leaves and where nothing waits"
-            yield unit.finding("warning", f"{text}: it goes round for ever", circle[0])
+            yield process.finding("warning", f"{text}: it goes round for ever", circle[0])
 
 
 def _passes(node: FlowNode) -> bool:
@@ -54,3 +61,75 @@ def _passes(node: FlowNode) -> bool:
     if isinstance(node, SubProcess):
         return node.kind != "adhoc" and all(_passes(each) for each in node.body.nodes)
     return passes_at_once(node)
+
+
+# ---- recursion -------------------------------------------------------------------------------------------------------
+
+
+Passes = Callable[[FlowNode], bool]
+"""Whether a token passes a node for certain."""
+
+
+def check_recursion(scope: CheckScope) -> Iterator[Finding]:
+    """Errors where nothing on the way waits, so that it fails at once; else warnings."""
+    circle = {
+        process
+        for process in scope.processes
+        if any(process in callee.closure() for _, callee in process.calls if callee)
+    }
+    at_once, in_time = _endless(circle, passes_at_once), _endless(circle, passes_in_time)
+    for process in scope.processes:
+        for call, callee in process.calls if process in in_time else ():
+            if callee in in_time and callee is not None and process in callee.closure():
+                whom = "itself" if callee is process else f"{callee.bpmn.id}, which calls it again,"
+                text = f"{process.bpmn.id} calls {whom} without end: every way through it meets such a call"
+                yield process.finding("error" if process in at_once else "warning", text, call)
+
+
+def _endless(circle: set[CheckedProcess], passes: Passes) -> set[CheckedProcess]:
+    endless = set(circle)
+    while True:
+        ending = {
+            process for process in endless if not _meets_always(process.bpmn.body, _calls(process, endless), passes)
+        }
+        if not ending:
+            return endless
+        endless -= ending
+
+
+def _calls(process: CheckedProcess, endless: set[CheckedProcess]) -> set[str]:
+    """The calls of endless processes, by id."""
+    return {call.id for call, callee in process.calls if callee in endless and call.loop is None}
+
+
+def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
+    """Whether every token that begins in the body meets one of the calls."""
+    graph = graph_of(body)
+    if any(isinstance(node, SubProcess) and node.triggered_by_event for node in body.nodes):
+        return False
+    guarded = {node.attached_to for node in body.nodes if isinstance(node, Event) and node.place == "boundary"}
+    cut_short = any(ends_all(node) for node in body.nodes)
+    meeting: set[str] = set()
+
+    def meets(node: FlowNode) -> bool:
+        if node.id in calls or node.id in guarded or not passes(node):
+            return node.id in calls
+        if isinstance(node, SubProcess):
+            if node.kind == "adhoc" and (node.active is not None or node.completion is not None):
+                return False
+            return _meets_always(node.body, calls, passes)
+        ways = [other in meeting for other in graph.following[node.id]]
+        if not ways or may_stop(graph, node):
+            return False
+        return any(ways) if _forks(graph, node) and not cut_short else all(ways)
+
+    while more := {node.id for node in reversed(body.nodes) if node.id not in meeting and meets(node)}:
+        meeting |= more
+    return bool(body.nodes) and all(node.id in meeting for node in graph.beginnings())
+
+
+def _forks(graph: Graph, node: FlowNode) -> bool:
+    """Whether a token goes each way out."""
+    if isinstance(node, Gateway):
+        return node.kind == "parallel"
+    return all(flow.condition is None for flow in graph.leaving(node))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from fame.bpmn.model import Expression, FlowNode, Task
 from fame.check.findings import Finding, Level
-from fame.check.scope import Unit
+from fame.check.scope import CheckedProcess
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import UNDEFINED
@@ -17,7 +17,7 @@ from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import is_text, payload
 
 
-def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
+def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
     """Of the payload of an event or task. Says nothing of a type that is not known."""
     if expression.text.lstrip().startswith("="):  # FEEL is computed, all of it
         return
@@ -33,12 +33,12 @@ def payload_findings(unit: Unit, node: FlowNode, expression: Expression, type: s
     errors = [misfit(type, value)] if value is not UNDEFINED else []
     for error in (*(_unknown_field(type, path) for path in computed), *errors):
         if error is not None:
-            yield unit.finding("error", f"the payload does not fit: {error}", node, expression.line)
+            yield process.finding("error", f"the payload does not fit: {error}", node, expression.line)
 
 
-def publish_findings(unit: Unit) -> Iterator[Finding]:
+def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
     """Of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts: names of fields, and literal values."""
-    for node in unit.process.body.walk():
+    for node in process.bpmn.body.walk():
         if isinstance(node, Task) and node.script is not None and _publishes(node.script):
             try:
                 tree = parse_python(node.script)
@@ -47,7 +47,7 @@ def publish_findings(unit: Unit) -> Iterator[Finding]:
             caught = {id(one) for tried in ast.walk(tree) if isinstance(tried, ast.Try) for one in _inside(tried)}
             for call in ast.walk(tree):
                 if isinstance(call, ast.Call) and called_name(call) == "robot.publish" and len(call.args) == 2:
-                    yield from _publish(unit, node, call, "warning" if id(call) in caught else "error")
+                    yield from _publish(process, node, call, "warning" if id(call) in caught else "error")
 
 
 def _inside(tried: ast.Try) -> Iterator[ast.AST]:
@@ -59,7 +59,7 @@ def _publishes(script: Expression) -> bool:
     return script.language == "python" and "publish" in script.text
 
 
-def _publish(unit: Unit, node: FlowNode, call: ast.Call, level: Level) -> Iterator[Finding]:
+def _publish(process: CheckedProcess, node: FlowNode, call: ast.Call, level: Level) -> Iterator[Finding]:
     type = call.args[1]
     if not isinstance(type, ast.Constant) or not isinstance(type.value, str):
         return
@@ -69,7 +69,7 @@ def _publish(unit: Unit, node: FlowNode, call: ast.Call, level: Level) -> Iterat
         except ValueError:  # not a literal
             error = _unknown_field(type.value, keyword.arg or "")
         if error is not None:
-            yield unit.finding(level, f"what is published does not fit: {error}", node, keyword.value.lineno)
+            yield process.finding(level, f"what is published does not fit: {error}", node, keyword.value.lineno)
 
 
 def _has_fields(type: str) -> bool:

@@ -1,106 +1,151 @@
-"""What is checked: the processes of a file and all that they call, and who calls whom."""
+"""The scope of a check: the processes of a file and all that they call."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Body, CallActivity, Definitions, Element, Process, SubProcess
+from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SubProcess
 from fame.check.findings import Finding, Level
 from fame.errors import ModelError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unit:
-    """A process, and the file that it stands in. `calls`: each call activity, and what it calls if that was found."""
+class CheckedProcess:
+    """A process and the file that contains it. `calls`: each call activity and its process, None if that is missing."""
 
-    home: Definitions
-    process: Process
-    calls: list[tuple[CallActivity, Unit | None]] = field(default_factory=list)
+    definitions: Definitions
+    bpmn: Process
+    calls: list[tuple[CallActivity, CheckedProcess | None]] = field(default_factory=list)
+
+    @property
+    def file(self) -> str:
+        """The name of the file."""
+        return self.definitions.file
 
     def finding(self, level: Level, text: str, element: Element, line: int = 0) -> Finding:
-        """A finding at an element of it; `line` if it is another one than that of the element."""
-        return Finding(level, text, self.home.file, line or element.line, element.id)
+        """A finding at one of its elements; `line` if it differs from that of the element."""
+        return Finding(level, text, self.file, line or element.line, element.id)
 
     def bodies(self) -> Iterator[Body]:
-        """Its body, and those of its sub-processes at any depth."""
-        yield self.process.body
-        yield from (node.body for node in self.process.body.walk() if isinstance(node, SubProcess))
+        """Its body and those of its sub-processes at any depth."""
+        yield self.bpmn.body
+        yield from (node.body for node in self.bpmn.body.walk() if isinstance(node, SubProcess))
 
-    def closure(self) -> list[Unit]:
-        """It, and all that it calls, each once, in the order of meeting."""
+    def nodes(self) -> Iterator[FlowNode]:
+        """All flow nodes at any depth."""
+        return self.bpmn.body.walk()
+
+    def called_by(self, call: CallActivity) -> CheckedProcess | None:
+        """The process that one of its call activities calls."""
+        return next((callee for other, callee in self.calls if other is call), None)
+
+    def closure(self) -> list[CheckedProcess]:
+        """The process and all that it calls, directly or not, each once, breadth first."""
         found = {self: None}
         pending = [self]
-        for unit in pending:
-            new = [callee for _, callee in unit.calls if callee is not None and callee not in found]
+        for process in pending:
+            new = [callee for _, callee in process.calls if callee is not None and callee not in found]
             found |= dict.fromkeys(new)
             pending += dict.fromkeys(new)
         return list(found)
 
 
-@dataclass(frozen=True, slots=True)
-class Subject:
-    """All units: those of the file first, then what they call.
+@dataclass(slots=False, eq=False)
+class CheckScope:
+    """What one check looks at.
 
-    pools    the processes that a pool of the file has: they get their variables from nowhere else
-    roots    what begins by itself: the processes of pools, and those that nobody in the file calls
-    missing  why calls lead nowhere
+    processes      those of the file first, then those they call
+    roots          processes that start by themselves: those of pools, and those that nothing in the file calls
+    pools          ids of the processes that have a pool: nobody else gives them variables
+    missing        why called processes could not be found
+    mission        the scopes of all files of the mission, this one included
+    strict         a payload that reads a variable nothing sets is an error
+    remote_types   the processes run elsewhere, where other message types may be known
     """
 
     definitions: Definitions
-    units: tuple[Unit, ...]
-    roots: tuple[Unit, ...]
+    processes: tuple[CheckedProcess, ...]
+    roots: tuple[CheckedProcess, ...]
     pools: frozenset[str]
     missing: tuple[ModelError, ...]
+    mission: tuple[CheckScope, ...] = ()
+    strict: bool = False
+    remote_types: bool = False
 
-    def has_pool(self, unit: Unit) -> bool:
+    def has_pool(self, process: CheckedProcess) -> bool:
         """Whether a pool of the file has this process."""
-        return unit.home is self.definitions and unit.process.id in self.pools
+        return process.definitions is self.definitions and process.bpmn.id in self.pools
 
-    def called(self) -> set[Unit]:
-        """The units that some unit calls."""
-        return {callee for unit in self.units for _, callee in unit.calls if callee is not None}
+    def called(self) -> set[CheckedProcess]:
+        """The processes that another one calls."""
+        return {callee for process in self.processes for _, callee in process.calls if callee is not None}
+
+    @cached_property
+    def files(self) -> dict[str, Definitions]:
+        """The files, by name: the checked one first."""
+        found = {self.definitions.file: self.definitions}
+        return found | {process.file: process.definitions for process in self.processes}
 
 
-def subject(definitions: Definitions, library: Library) -> Subject:
-    """Find all that is to be checked."""
-    own = [Unit(definitions, process) for process in definitions.processes]
-    units = {_key(unit): unit for unit in own}
+def find_scope(
+    definitions: Definitions,
+    library: Library,
+    *,
+    team: Sequence[Definitions] = (),
+    strict: bool = False,
+    remote_types: bool = False,
+) -> CheckScope:
+    """The scope of a file; called processes are searched for in `library`. `team`: all files of its mission."""
+    scope = _scope(definitions, library)
+    scope.mission = tuple(scope if one is definitions else _scope(one, library) for one in team) or (scope,)
+    scope.strict, scope.remote_types = strict, remote_types
+    return scope
+
+
+def _scope(definitions: Definitions, library: Library) -> CheckScope:
+    own = [CheckedProcess(definitions, process) for process in definitions.processes]
+    known = {_key(process): process for process in own}
     missing: list[ModelError] = []
     pending = list(own)
-    for unit in pending:
-        for call in unit.process.body.walk():
+    for process in pending:
+        for call in process.nodes():
             if isinstance(call, CallActivity):
-                callee = _callee(unit, call, library, units, missing)
-                unit.calls.append((call, callee))
+                callee = _callee(process, call, library, known, missing)
+                process.calls.append((call, callee))
                 if callee is not None and callee not in pending:
                     pending.append(callee)
     pools = frozenset(pool.process for pool in definitions.participants if pool.process)
-    return Subject(definitions, tuple(pending), tuple(_roots(own, pools)), pools, tuple(missing))
+    return CheckScope(definitions, tuple(pending), tuple(_roots(own, pools)), pools, tuple(missing))
 
 
-def _key(unit: Unit) -> tuple[str, str]:
-    return unit.home.file, unit.process.id
+def _key(process: CheckedProcess) -> tuple[str, str]:
+    return process.file, process.bpmn.id
 
 
 def _callee(
-    unit: Unit, call: CallActivity, library: Library, units: dict[tuple[str, str], Unit], missing: list[ModelError]
-) -> Unit | None:
+    process: CheckedProcess,
+    call: CallActivity,
+    library: Library,
+    known: dict[tuple[str, str], CheckedProcess],
+    missing: list[ModelError],
+) -> CheckedProcess | None:
     try:
-        home, process = library.find(unit.home, call)
+        definitions, found = library.find(process.definitions, call)
     except ModelError as error:
         missing.append(error)
         return None
-    callee = Unit(home, process)
-    return units.setdefault(_key(callee), callee)
+    callee = CheckedProcess(definitions, found)
+    return known.setdefault(_key(callee), callee)
 
 
-def _roots(own: list[Unit], pools: frozenset[str]) -> Iterator[Unit]:
-    """The processes of pools; those that no other one calls; of a circle of calls the first."""
-    called = {callee for unit in own for _, callee in unit.calls if callee is not unit}
-    covered: set[Unit] = set()
-    for unit in sorted(own, key=lambda one: (one.process.id not in pools, one in called)):
-        if unit.process.id in pools or unit not in covered:
-            covered.update(unit.closure())
-            yield unit
+def _roots(own: list[CheckedProcess], pools: frozenset[str]) -> Iterator[CheckedProcess]:
+    """The processes of pools, those that no other one calls, and the first of each cycle of calls."""
+    called = {callee for process in own for _, callee in process.calls if callee is not process}
+    covered: set[CheckedProcess] = set()
+    for process in sorted(own, key=lambda one: (one.bpmn.id not in pools, one in called)):
+        if process.bpmn.id in pools or process not in covered:
+            covered.update(process.closure())
+            yield process

@@ -1,4 +1,4 @@
-"""Timers: what is literally a time has to be ISO 8601, and to make sense where it stands."""
+"""Checks of timers: literal times have to be ISO 8601 and make sense where they are used."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from fame.bpmn.model import Event, SubProcess, TimerDefinition
 from fame.check.findings import Finding
-from fame.check.scope import Subject, Unit
+from fame.check.scope import CheckedProcess, CheckScope
 from fame.iso8601 import parse_cycle, parse_datetime, parse_duration
 
 _PARSERS: Mapping[str, Callable[[str], object]] = {
@@ -16,22 +16,22 @@ _PARSERS: Mapping[str, Callable[[str], object]] = {
 }
 
 
-def timer_findings(subject: Subject) -> Iterator[Finding]:
+def check_timers(scope: CheckScope) -> Iterator[Finding]:
     """Timers that no clock could keep, and cycles that go round but once."""
-    for unit in subject.units:
+    for process in scope.processes:
         handled = {
             node.id
-            for handler in unit.process.body.walk()
+            for handler in process.bpmn.body.walk()
             if isinstance(handler, SubProcess) and handler.triggered_by_event
             for node in handler.body.nodes
         }
-        for node in unit.process.body.walk():
+        for node in process.bpmn.body.walk():
             for timer in node.definitions if isinstance(node, Event) else ():
                 if isinstance(node, Event) and isinstance(timer, TimerDefinition):
-                    yield from _timer(unit, node, timer, node.id in handled)
+                    yield from _timer(process, node, timer, node.id in handled)
 
 
-def _timer(unit: Unit, event: Event, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
+def _timer(process: CheckedProcess, event: Event, timer: TimerDefinition, handler: bool) -> Iterator[Finding]:
     expression = timer.expression
     if (
         expression is not None
@@ -42,8 +42,8 @@ def _timer(unit: Unit, event: Event, timer: TimerDefinition, handler: bool) -> I
         try:
             _PARSERS[timer.kind](expression.text)
         except ValueError as error:
-            yield unit.finding("error", f"timer {timer.kind}: {error}", event, expression.line)
+            yield process.finding("error", f"timer {timer.kind}: {error}", event, expression.line)
     once = event.place == "catch" or (event.interrupting and (event.place == "boundary" or handler))
     if timer.kind == "cycle" and once:
         text = "only the first time of its cycle counts, since it fires once: a duration says so"
-        yield unit.finding("warning", text, event)
+        yield process.finding("warning", text, event)

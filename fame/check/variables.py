@@ -1,9 +1,9 @@
 """Variables: what is read and never set, and what hides a name that scripts need.
 
-Called processes share the variables of their caller, unless a mapping gives them variables of their own. So what counts
-is a space: a process and all that it calls without a mapping. In a space every name that anything sets is set; the
-order of things is not looked at. A space in which people, services (but FAME's own) or JavaScript that names no
-names set variables is not judged.
+Called processes share the variables of their caller, unless a mapping gives them variables of their own. Therefore the
+check looks at variable spaces: a process and all that it calls without a mapping. In a space, a name counts as set if
+anything sets it, in whatever order. Spaces in which people, services (other than FAME's own) or JavaScript with
+computed names may set variables are not checked.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from fame.bpmn.model import (
     Topic,
 )
 from fame.bpmn.topics import topics_of
+from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
+from fame.check.expressions import Text, names_of, texts_of
 from fame.check.findings import Finding, Level
-from fame.check.scope import Subject, Unit
-from fame.check.texts import Text, names_of, texts_of
-from fame.check.topics import fields_taken, taken_by_prefix
+from fame.check.scope import CheckedProcess, CheckScope
 from fame.engine import joins, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES
@@ -62,27 +62,27 @@ class Uses:
     opaque: bool = False
 
 
-def variable_findings(subject: Subject, types: Mapping[str, str], *, strict: bool = False) -> Iterator[Finding]:
-    """`types` are those of the topics, by qualified name. `strict`: a name that a payload lacks is an error."""
-    uses = {unit: uses_of(unit, types) for unit in subject.units}
-    for unit in subject.units:
-        yield from _hidden(unit, uses[unit])
-        yield from _idle_data(unit)
-    for root in subject.roots:
+def check_variables(scope: CheckScope) -> Iterator[Finding]:
+    """Find variables that are read and never set, and variables that hide names of the script interface."""
+    types = types_of(scope)
+    uses = {process: uses_of(process, types) for process in scope.processes}
+    for process in scope.processes:
+        yield from _hidden(process, uses[process])
+    for root in scope.roots:
         given = set[str]()
-        if not subject.has_pool(root) and uses[root].declared:  # whoever calls it sets what its data objects declare
-            given = {name for unit in sharing(root) for name in uses[unit].declared}
+        if not scope.has_pool(root) and uses[root].declared:  # whoever calls it sets what its data objects declare
+            given = {name for process in sharing(root) for name in uses[process].declared}
         for space in _spaces(root, given, uses):
-            yield from _unset(space, uses, strict)
+            yield from _unset(space, uses, scope.strict)
 
 
 # ---- one process -----------------------------------------------------------------------------------------------------
 
 
-def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
+def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
     """What a process does to variables."""
-    uses, assigned = Uses(), assigned_objects(unit)
-    for body in unit.bodies():
+    uses, assigned = Uses(), assigned_objects(process)
+    for body in process.bodies():
         uses.declared |= {name for item in body.data_objects for name in item.names}
         objects = {item.id: item for item in body.data_objects}
         for text in texts_of(body):
@@ -92,7 +92,7 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
             uses.code |= text.code
             uses.opaque |= text.expression.language == "javascript" and words_of(text.expression.text).open
         for node in body.nodes:
-            for name in (*named_by(node), *_caught(unit, node, objects, types)):
+            for name in (*named_by(node), *_caught(process, node, objects, types)):
                 uses.sets.setdefault(name, node)
             if isinstance(node, Task) and node.kind == "service" and node.operation in SERVICES:
                 uses.needs += [(node, name) for name in SERVICES[node.operation].required]
@@ -100,7 +100,7 @@ def uses_of(unit: Unit, types: Mapping[str, str]) -> Uses:
                 uses.opaque |= node.kind in ("user", "manual", "service", "business_rule")
         for item in body.data_objects:
             for name, expression in item.values:
-                if item.id in assigned and _sets_something(name, expression):
+                if item.id in assigned and sets_something(name, expression):
                     uses.sets.setdefault(name, item)
     return uses
 
@@ -128,12 +128,14 @@ def named_by(node: FlowNode) -> Iterator[str]:
         yield from SERVICES[node.operation].results if node.operation in SERVICES else ()
 
 
-def _caught(unit: Unit, node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
+def _caught(
+    process: CheckedProcess, node: FlowNode, objects: Mapping[str, DataObject], types: Mapping[str, str]
+) -> Iterator[str]:
     """The variables that a caught message sets."""
     for topic, throws in topics_of(node):
         if not throws:
             yield from _taken(node, topic, objects, types)
-            yield from taken_by_prefix(unit, node, topic, types.get(topic.qualified, ""))
+            yield from taken_by_prefix(process, node, topic, types.get(topic.qualified, ""))
 
 
 def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], types: Mapping[str, str]) -> Iterator[str]:
@@ -146,35 +148,25 @@ def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], type
         yield variable_name(topic.name)
 
 
-def assigned_objects(unit: Unit) -> set[str]:
+def assigned_objects(process: CheckedProcess) -> set[str]:
     """The data objects (ids) whose values are assigned when an element starts or ends; a caught message has its own."""
     found: set[str] = set()
-    for node in unit.process.body.walk():
+    for node in process.bpmn.body.walk():
         catches = isinstance(node, Event) and node.place in ("start", "catch", "boundary")
         found.update(node.data_inputs, () if catches else node.data_outputs)
     return found
 
 
-def _sets_something(name: str, expression: Expression) -> bool:
+def sets_something(name: str, expression: Expression) -> bool:
     """Whether a value is more than the declaration of a name: ``x`` or ``x: ${x}``."""
     return bool(expression.text.strip()) and names_of(expression)[0] != {name}
 
 
-def _hidden(unit: Unit, uses: Uses) -> Iterator[Finding]:
+def _hidden(process: CheckedProcess, uses: Uses) -> Iterator[Finding]:
     for name in NAMES:
         if name in uses.sets:
             text = f"sets a variable `{name}`, which hides {name} of the script interface: name it otherwise"
-            yield unit.finding("warning", text, uses.sets[name])
-
-
-def _idle_data(unit: Unit) -> Iterator[Finding]:
-    used = {id for node in unit.process.body.walk() for id in (*node.data_inputs, *node.data_outputs)}
-    for body in unit.bodies():
-        for item in body.data_objects:
-            values = [name for name, expression in item.values if _sets_something(name, expression)]
-            if values and item.id not in used:
-                text = f"no element is connected to it, so that nothing ever sets {', '.join(values)}"
-                yield unit.finding("warning", text, item)
+            yield process.finding("warning", text, uses.sets[name])
 
 
 # ---- spaces ----------------------------------------------------------------------------------------------------------
@@ -190,32 +182,32 @@ class _Space:
     call     the call with a mapping that made it, and whose it is
     """
 
-    members: Mapping[Unit, CallActivity | None]
+    members: Mapping[CheckedProcess, CallActivity | None]
     known: frozenset[str]
     opaque: bool
-    call: tuple[Unit, CallActivity] | None = None
+    call: tuple[CheckedProcess, CallActivity] | None = None
 
 
-def sharing(root: Unit) -> dict[Unit, CallActivity | None]:
-    """The units that have the variables of `root`."""
-    found: dict[Unit, CallActivity | None] = {root: None}
+def sharing(root: CheckedProcess) -> dict[CheckedProcess, CallActivity | None]:
+    """The processes that have the variables of `root`."""
+    found: dict[CheckedProcess, CallActivity | None] = {root: None}
     pending = [root]
-    for unit in pending:
-        for call, callee in unit.calls:
+    for process in pending:
+        for call, callee in process.calls:
             if callee is not None and call.io is None and callee not in found:
-                found[callee] = found[unit] or call
+                found[callee] = found[process] or call
                 pending.append(callee)
     return found
 
 
-def _spaces(root: Unit, given: set[str], uses: Mapping[Unit, Uses]) -> Iterator[_Space]:
+def _spaces(root: CheckedProcess, given: set[str], uses: Mapping[CheckedProcess, Uses]) -> Iterator[_Space]:
     """The space that a process begins, and those of the mapped calls in it."""
     pending = [_space(root, given, False, None, uses)]
-    seen: set[tuple[Unit, frozenset[str]]] = set()
+    seen: set[tuple[CheckedProcess, frozenset[str]]] = set()
     for space in pending:
         yield space
-        for unit in space.members:
-            for call, callee in unit.calls:
+        for process in space.members:
+            for call, callee in process.calls:
                 if call.io is None or callee is None:
                     continue
                 inside = {item.target for item in call.io.inputs} | (space.known if call.io.all_in else set())
@@ -223,47 +215,53 @@ def _spaces(root: Unit, given: set[str], uses: Mapping[Unit, Uses]) -> Iterator[
                 if key not in seen:
                     seen.add(key)
                     opaque = call.io.all_in and space.opaque
-                    pending.append(_space(callee, inside, opaque, (unit, call), uses))
+                    pending.append(_space(callee, inside, opaque, (process, call), uses))
 
 
 def _space(
-    root: Unit, given: set[str], opaque: bool, call: tuple[Unit, CallActivity] | None, uses: Mapping[Unit, Uses]
+    root: CheckedProcess,
+    given: set[str],
+    opaque: bool,
+    call: tuple[CheckedProcess, CallActivity] | None,
+    uses: Mapping[CheckedProcess, Uses],
 ) -> _Space:
     members = sharing(root)
     setting = list(members)
-    for unit in members:
-        for inner, callee in unit.calls:
+    for process in members:
+        for inner, callee in process.calls:
             if callee is None:
                 opaque |= inner.io is None or inner.io.all_out
             elif inner.io is not None and inner.io.all_out:
                 setting += callee.closure()
-    known = frozenset(given.union(*(uses[unit].sets for unit in setting), *(uses[unit].code for unit in members)))
-    opaque |= any(uses[unit].opaque for unit in setting) or "*" in known
+    known = frozenset(
+        given.union(*(uses[process].sets for process in setting), *(uses[process].code for process in members))
+    )
+    opaque |= any(uses[process].opaque for process in setting) or "*" in known
     return _Space(members, known, opaque, call)
 
 
-def _unset(space: _Space, uses: Mapping[Unit, Uses], strict: bool) -> Iterator[Finding]:
+def _unset(space: _Space, uses: Mapping[CheckedProcess, Uses], strict: bool) -> Iterator[Finding]:
     """Where names are read that nothing sets. What a callee lacks is told where it is called."""
-    for unit, entered in space.members.items() if not space.opaque else ():
-        for text in uses[unit].texts:
+    for process, entered in space.members.items() if not space.opaque else ():
+        for text in uses[process].texts:
             for name in sorted(text.reads - space.known):
                 level: Level = "error" if strict and text.use == "payload" else "warning"
                 similar = _other_language(name, text.expression) or _similar(name, space.known)
                 found = f"reads `{name}`, which nothing sets"
-                here = unit.finding(level, found + similar, text.element, text.expression.line)
-                yield _where_called(space, unit, entered, here, found, similar)
-        for node, name in uses[unit].needs:
+                here = process.finding(level, found + similar, text.element, text.expression.line)
+                yield _where_called(space, process, entered, here, found, similar)
+        for node, name in uses[process].needs:
             if name not in space.known:
                 found, similar = f"needs `{name}`, which nothing sets", _similar(name, space.known)
-                here = unit.finding("warning", found + similar, node)
-                yield _where_called(space, unit, entered, here, found, similar)
+                here = process.finding("warning", found + similar, node)
+                yield _where_called(space, process, entered, here, found, similar)
 
 
 def _where_called(
-    space: _Space, unit: Unit, entered: CallActivity | None, here: Finding, found: str, similar: str
+    space: _Space, process: CheckedProcess, entered: CallActivity | None, here: Finding, found: str, similar: str
 ) -> Finding:
-    """What is `here` in a unit, told at the call that could have set it, if there is one."""
-    text = f"{unit.process.id} {found}{similar}"
+    """What is `here` in a process, told at the call that could have set it, if there is one."""
+    text = f"{process.bpmn.id} {found}{similar}"
     if space.call is not None:
         caller, call = space.call
         return caller.finding(here.level, text if similar else f"{text}: give it in the mapping", call)

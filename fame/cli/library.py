@@ -15,7 +15,7 @@ from fame.cli.arguments import Commands, add_json, command
 from fame.cli.output import print_json
 
 if TYPE_CHECKING:
-    from fame.check.behaviours import Behaviour
+    from fame.check.library import Behaviour
 
 _WORDS = {"subscribe": "hears", "publish": "tells", "call": "asks"}
 _WIDTH = 110
@@ -36,7 +36,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Print them, by name."""
-    from fame.check.behaviours import behaviours
+    from fame.check.library import behaviours
 
     found = behaviours(arguments.folders)
     if arguments.json:

@@ -23,8 +23,8 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Write the files and name them."""
-    from fame.check.behaviours import behaviours
     from fame.check.element_templates import templates, write
+    from fame.check.library import behaviours
 
     if arguments.output.exists() and not arguments.output.is_dir():
         raise ConfigError("is a file; a folder would be right", file=str(arguments.output))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from fame.bpmn.library import Library
 from fame.bpmn.model import Body, Definitions, Process, SubProcess
 from fame.bpmn.reader import read_text
-from fame.check.texts import texts_of
+from fame.check.expressions import texts_of
 
 Place = tuple[str, int]
 """A file, and a line of it."""

@@ -25,7 +25,7 @@ from fame.bpmn.model import (
     Task,
 )
 from fame.bpmn.topics import topic_table
-from fame.check.texts import names_of, texts_of
+from fame.check.expressions import names_of, texts_of
 from fame.errors import ConfigError
 from fame.scripting.python import parse_python
 from fame.scripting.topics import Direction, script_topics

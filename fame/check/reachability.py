@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 from fame.bpmn.model import Body, CallActivity, Event, FlowNode, MessageDefinition, SignalDefinition, SubProcess
 from fame.bpmn.topics import topics_of
-from fame.check.graph import Graph, graph, is_event
-from fame.check.scope import Unit
-from fame.check.topics import Table
+from fame.check.endpoints import Topics
+from fame.check.graph import Graph, graph_of, is_event
+from fame.check.scope import CheckedProcess
 from fame.engine.structure import is_handler
 
 Passes = Callable[[FlowNode], bool]
@@ -26,8 +26,8 @@ Passes = Callable[[FlowNode], bool]
 class Wait:
     """Where tokens of the process `root` wait for topics that nobody throws. `escape`: there is another way on."""
 
-    root: Unit
-    unit: Unit
+    root: CheckedProcess
+    process: CheckedProcess
     node: FlowNode
     topics: frozenset[str]
     escape: bool
@@ -37,27 +37,27 @@ class Wait:
 class Progress:
     """How far they get: the elements that are reached, the topics that are thrown, and where tokens wait."""
 
-    reached: set[tuple[Unit, str]] = field(default_factory=set)
+    reached: set[tuple[CheckedProcess, str]] = field(default_factory=set)
     thrown: set[str] = field(default_factory=set)
     waits: list[Wait] = field(default_factory=list)
 
 
-def progress(roots: Iterable[Unit], topics: Table, passes: Passes = lambda node: True) -> Progress:
+def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = lambda node: True) -> Progress:
     """How far the tokens of processes that begin by themselves get.
 
     `topics` are those that are thrown by these processes alone; any other may come at any time.
     """
     roots = list(roots)
-    throws: dict[tuple[Unit, str], set[str]] = defaultdict(set)
+    throws: dict[tuple[CheckedProcess, str], set[str]] = defaultdict(set)
     for name, ends in topics.items():
         for end in ends:
             if end.throws:
-                throws[end.unit, end.node.id].add(name)
+                throws[end.process, end.node.id].add(name)
     thrown: set[str] = set()
     while True:
         found = Progress(thrown=set(thrown))
         for root in roots:
-            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).enter(root, root.process.body)
+            _Walk(root, topics.keys(), throws, passes, frozenset(thrown), found).enter(root, root.bpmn.body)
         if found.thrown == thrown:
             return found
         thrown = found.thrown
@@ -67,60 +67,60 @@ def progress(roots: Iterable[Unit], topics: Table, passes: Passes = lambda node:
 class _Walk:
     """One walk through a process and all that it calls."""
 
-    root: Unit
+    root: CheckedProcess
     topics: Iterable[str]
-    throws: Mapping[tuple[Unit, str], set[str]]
+    throws: Mapping[tuple[CheckedProcess, str], set[str]]
     passes: Passes
     thrown: frozenset[str]
     found: Progress
-    ended: dict[tuple[Unit, int], bool] = field(default_factory=dict)
+    ended: dict[tuple[CheckedProcess, int], bool] = field(default_factory=dict)
 
-    def enter(self, unit: Unit, body: Body) -> bool:
+    def enter(self, process: CheckedProcess, body: Body) -> bool:
         """Walk through a body. Returns whether a token may get to its end."""
-        key = (unit, id(body))
+        key = (process, id(body))
         if key in self.ended:
             return self.ended[key]
         self.ended[key] = False  # of a process that calls itself, until it is known
-        scope = graph(body)
-        pending = [*scope.beginnings(), *filter(is_handler, body.nodes)]
+        graph = graph_of(body)
+        pending = [*graph.beginnings(), *filter(is_handler, body.nodes)]
         seen: set[str] = set()
         while pending:
             node = pending.pop()
             if node.id not in seen:
                 seen.add(node.id)
-                ways = self._ways(unit, scope, node)
+                ways = self._ways(process, graph, node)
                 pending += ways
-                if not ways and not is_handler(node) and self._goes_on(unit, node):
+                if not ways and not is_handler(node) and self._goes_on(process, node):
                     self.ended[key] = True
         return self.ended[key]
 
-    def _ways(self, unit: Unit, scope: Graph, node: FlowNode) -> list[FlowNode]:
+    def _ways(self, process: CheckedProcess, graph: Graph, node: FlowNode) -> list[FlowNode]:
         """Where a token may get to from a node that it has reached."""
-        self.found.reached.add((unit, node.id))
-        self.found.thrown |= self.throws.get((unit, node.id), set())
-        ways = [scope.nodes[id] for id in scope.following[node.id]]
+        self.found.reached.add((process, node.id))
+        self.found.thrown |= self.throws.get((process, node.id), set())
+        ways = [graph.nodes[id] for id in graph.following[node.id]]
         boundary = [way for way in ways if is_event(way, "boundary")]
-        if self._goes_on(unit, node):
+        if self._goes_on(process, node):
             return ways
         waited = self._waited(node)
         if waited:
-            choice = [scope.nodes[scope.flows[flow].source] for flow in node.incoming]
+            choice = [graph.nodes[graph.flows[flow].source] for flow in node.incoming]
             escape = bool(boundary) or any(getattr(one, "kind", "") == "event" for one in choice)
-            inside = is_event(node, "start") and scope.body is not self.root.process.body
+            inside = is_event(node, "start") and graph.body is not self.root.bpmn.body
             escape |= inside or is_event(node, "boundary")
-            self.found.waits.append(Wait(self.root, unit, node, waited, escape))
+            self.found.waits.append(Wait(self.root, process, node, waited, escape))
         return boundary
 
-    def _goes_on(self, unit: Unit, node: FlowNode) -> bool:
+    def _goes_on(self, process: CheckedProcess, node: FlowNode) -> bool:
         """Whether a token may pass a node."""
         waited = self._waited(node)
         if not self.passes(node) or (waited and not waited & self.thrown):
             return False
         if isinstance(node, SubProcess):
-            return self.enter(unit, node.body) or node.kind == "adhoc"
+            return self.enter(process, node.body) or node.kind == "adhoc"
         if isinstance(node, CallActivity):
-            callee = next((callee for call, callee in unit.calls if call is node), None)
-            return callee is None or self.enter(callee, callee.process.body)
+            callee = next((callee for call, callee in process.calls if call is node), None)
+            return callee is None or self.enter(callee, callee.bpmn.body)
         return True
 
     def _waited(self, node: FlowNode) -> frozenset[str]:

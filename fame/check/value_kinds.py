@@ -17,11 +17,11 @@ from typing import Any
 from fame.bpmn.model import Activity, Element, Expression, FlowNode
 from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.coverage import python_tree
+from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
+from fame.check.expressions import Text, names_of, texts_of
 from fame.check.findings import Finding
 from fame.check.payloads import misfit
-from fame.check.scope import Subject, Unit
-from fame.check.texts import Text, names_of, texts_of
-from fame.check.topics import End, message_fields, table
+from fame.check.scope import CheckedProcess, CheckScope
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
 from fame.engine.data import variable_name
 from fame.errors import MessageError, ModelError
@@ -42,7 +42,7 @@ class Sample:
     `whole`: a caught message that fills the variable named like its topic, which nobody asked for.
     """
 
-    unit: Unit
+    process: CheckedProcess
     element: Element
     value: Any
     exact: bool = True
@@ -67,10 +67,11 @@ Samples = Mapping[str, Sequence[Sample]]
 """The samples of each variable; one without a kind stands for what is not understood."""
 
 
-def kind_findings(subject: Subject, types: Mapping[str, str]) -> Iterator[Finding]:
-    """Variables that a message fills and something else has otherwise, and payloads whose values do not fit."""
-    own = {unit: list(_samples(unit, types)) for unit in subject.units}
-    for root in subject.roots:
+def check_value_kinds(scope: CheckScope) -> Iterator[Finding]:
+    """Find variables that are set to different kinds of values, and payloads whose values do not fit."""
+    types = types_of(scope)
+    own = {process: list(_samples(process, types)) for process in scope.processes}
+    for root in scope.roots:
         shared = list(sharing(root))
         samples = _by_name(own, shared)
         for name, found in samples.items():
@@ -78,18 +79,20 @@ def kind_findings(subject: Subject, types: Mapping[str, str]) -> Iterator[Findin
                 if one.whole:
                     yield from _overwritten(one, name, found, shared)
         closure = root.closure()
-        uses = [uses_of(unit, types) for unit in closure]
+        uses = [uses_of(process, types) for process in closure]
         if not any(one.opaque for one in uses):
-            given = set().union(*(one.declared for one in uses)) if not subject.has_pool(root) else set()
+            given = set().union(*(one.declared for one in uses)) if not scope.has_pool(root) else set()
             known = {name: found for name, found in _by_name(own, closure).items() if name not in given}
-            for ends in table(closure).values():
+            for ends in by_topic(closure).values():
                 yield from (one for end in ends for one in _misfits(end, known, types))
 
 
-def _by_name(own: Mapping[Unit, list[tuple[str, Sample]]], units: Sequence[Unit]) -> dict[str, list[Sample]]:
+def _by_name(
+    own: Mapping[CheckedProcess, list[tuple[str, Sample]]], processes: Sequence[CheckedProcess]
+) -> dict[str, list[Sample]]:
     found: dict[str, list[Sample]] = {}
-    for unit in units:
-        for name, sample in own[unit]:
+    for process in processes:
+        for name, sample in own[process]:
             found.setdefault(name, []).append(sample)
     return found
 
@@ -97,27 +100,27 @@ def _by_name(own: Mapping[Unit, list[tuple[str, Sample]]], units: Sequence[Unit]
 # ---- samples ---------------------------------------------------------------------------------------------------------
 
 
-def _samples(unit: Unit, types: Mapping[str, str]) -> Iterator[tuple[str, Sample]]:
-    assigned = assigned_objects(unit)
-    for body in unit.bodies():
+def _samples(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[tuple[str, Sample]]:
+    assigned = assigned_objects(process)
+    for body in process.bodies():
         for text in texts_of(body):
             if text.use == "script":
-                yield from ((name, Sample(unit, text.element, *value)) for name, value in _of_script(text))
+                yield from ((name, Sample(process, text.element, *value)) for name, value in _of_script(text))
         for node in body.nodes:
             inputs = node.io.inputs if isinstance(node, Activity) and node.io is not None else ()
             for name in (*named_by(node), *(item.target for item in inputs)):
-                yield name, Sample(unit, node, None)
+                yield name, Sample(process, node, None)
             objects = [item for item in body.data_objects if item.id in node.data_outputs]
             names = [name for item in objects for name in item.names]
-            yield from _of_messages(unit, node, names, types)
+            yield from _of_messages(process, node, names, types)
         for item in body.data_objects:
             for name, expression in item.values if item.id in assigned else ():
                 if expression.text.strip():
-                    yield name, Sample(unit, item, _constant(expression))
+                    yield name, Sample(process, item, _constant(expression))
 
 
 def _of_messages(
-    unit: Unit, node: FlowNode, names: Sequence[str], types: Mapping[str, str]
+    process: CheckedProcess, node: FlowNode, names: Sequence[str], types: Mapping[str, str]
 ) -> Iterator[tuple[str, Sample]]:
     """What caught messages set: the variables of data objects, else the one named like the topic."""
     for topic, throws in topics_of(node):
@@ -125,10 +128,10 @@ def _of_messages(
         if throws or not type:
             continue
         if topic.takes:
-            yield from ((item.target, Sample(unit, node, None)) for item in topic.takes)
+            yield from ((item.target, Sample(process, node, None)) for item in topic.takes)
         elif names:
             fields = message_fields(names, topic, type)
-            yield from ((name, Sample(unit, node, *_field(type, fields.get(name, "")))) for name in names)
+            yield from ((name, Sample(process, node, *_field(type, fields.get(name, "")))) for name in names)
         else:
             try:
                 message = messages.create(type)
@@ -136,7 +139,7 @@ def _of_messages(
                 continue
             value = messages.bare(message)
             exact = not isinstance(value, str | list | tuple)
-            yield variable_name(topic.name), Sample(unit, node, _plain(value), exact, whole=True)
+            yield variable_name(topic.name), Sample(process, node, _plain(value), exact, whole=True)
 
 
 def _plain(value: Any) -> Any:
@@ -223,20 +226,22 @@ _GIVES: Mapping[str, Any] = {"float": 1.0, "int": 1, "len": 1, "round": 1, "bool
 # ---- a message that overwrites something else ------------------------------------------------------------------------
 
 
-def _overwritten(sample: Sample, name: str, others: Sequence[Sample], units: Sequence[Unit]) -> Iterator[Finding]:
+def _overwritten(
+    sample: Sample, name: str, others: Sequence[Sample], processes: Sequence[CheckedProcess]
+) -> Iterator[Finding]:
     does = f"fills `{name}` with {sample.kind}, but "
     right = "give the event a mapping, or the signal another name"
     for other in others:
         if not other.whole and other.kind and sample.kind and other.kind != sample.kind:
-            yield sample.unit.finding(
+            yield sample.process.finding(
                 "warning", f"{does}{other.element.label} sets it to {other.kind}: {right}", sample.element
             )
             return
-    for unit in units if is_message(sample.value) else ():
-        for text in (text for body in unit.bodies() for text in texts_of(body) if name in text.reads):
+    for process in processes if is_message(sample.value) else ():
+        for text in (text for body in process.bodies() for text in texts_of(body) if name in text.reads):
             if _computes(text, name):
                 found = f"{does}{text.element.label} computes with it as a number: {right}"
-                yield sample.unit.finding("warning", found, sample.element)
+                yield sample.process.finding("warning", found, sample.element)
                 return
 
 
@@ -265,7 +270,7 @@ def _computes(text: Text, name: str) -> bool:
 # ---- payloads --------------------------------------------------------------------------------------------------------
 
 
-def _misfits(end: End, known: Samples, types: Mapping[str, str]) -> Iterator[Finding]:
+def _misfits(end: TopicEndpoint, known: Samples, types: Mapping[str, str]) -> Iterator[Finding]:
     """A payload that fits its type with none of the values that its variables may have."""
     type, expression = types.get(end.name), end.payload
     if type is None or expression is None or expression.language != "payload" or expression.text.lstrip()[:1] == "=":
@@ -284,7 +289,7 @@ def _misfits(end: End, known: Samples, types: Mapping[str, str]) -> Iterator[Fin
     except Exception:  # it fails with a sample: no telling
         return
     if all(error is not None for error in errors):
-        yield end.unit.finding("warning", f"the payload does not fit: {errors[0]}", end.node, expression.line)
+        yield end.process.finding("warning", f"the payload does not fit: {errors[0]}", end.node, expression.line)
 
 
 def _error(value: Any, type: str) -> MessageError | None:

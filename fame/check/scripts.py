@@ -1,4 +1,4 @@
-"""Mistakes in scripts that show when they run: a request without ``await``, a misspelt method of the interface."""
+"""Checks of scripts: mistakes that otherwise appear only when the script runs."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
-from fame.bpmn.model import Element, Expression
+from fame.bpmn.model import Activity, Body, Element, Expression, SubProcess
+from fame.check.expressions import Text, texts_of
 from fame.check.findings import Finding
-from fame.check.scope import Subject, Unit
-from fame.check.texts import Text, texts_of
+from fame.check.graph import graph_of
+from fame.check.scope import CheckedProcess, CheckScope
 from fame.errors import ModelError
 from fame.scripting.interface import Log, Robot
+from fame.scripting.javascript.identifiers import words_of
 from fame.scripting.python import called_name, parse_python
+
+# ---- requests and the script interface -------------------------------------------------------------------------------
+
 
 _REQUESTS = ("sleep", "receive", "until", "robot.call", "robot.act")
 _HAVE: Mapping[str, tuple[str, ...]] = {
@@ -27,24 +32,39 @@ _IN_EXPRESSIONS = {"robot": ("name", "namespace")}
 _OF_ROBOT = {"": re.compile(r"[$#]\{[^{}]*\brobot\.(\w+)"), "feel": re.compile(r"\brobot\.(\w+)")}
 """Where ``robot.name`` stands in a text that is not Python: inside ``${...}``, or anywhere in FEEL."""
 
+_BLOCKS = re.compile(r"\btime\.sleep\s*\(")
+
 _USES = (ast.Attribute, ast.Subscript, ast.Compare, ast.BinOp, ast.BoolOp, ast.UnaryOp, ast.FormattedValue)
 _USES_TEST = (ast.If, ast.While, ast.IfExp)
 """What takes a value apart or judges it: nothing that can be done to a request."""
 
 
-def script_findings(subject: Subject) -> Iterator[Finding]:
-    """Of the scripts and expressions of every process."""
-    for unit in subject.units:
-        for body in unit.bodies():
-            for text in texts_of(body):
-                tree = _tree(text)
-                bound = _bound(tree) if tree is not None else set()
-                have = _HAVE if tree is not None else _IN_EXPRESSIONS
-                for name, method, line in _attributes(text.expression, tree):
-                    if method not in have[name] and name not in bound:
-                        yield unit.finding("warning", _unknown(name, method, have[name]), text.element, line)
-                if tree is not None and text.use == "script":
-                    yield from _not_awaited(unit, text.element, tree, bound)
+def check_scripts(scope: CheckScope) -> Iterator[Finding]:
+    """Check the scripts and expressions of every process."""
+    for process in scope.processes:
+        texts = [text for body in process.bodies() for text in texts_of(body)]
+        scripts = [text for text in texts if text.use == "script"]
+        for text in texts:
+            yield from _misused_interface(process, text)
+        for text in scripts:
+            if _BLOCKS.search(text.expression.text):
+                found = "time.sleep holds up all that the robot does: await sleep(...)"
+                yield process.finding("warning", found, text.element, text.expression.line)
+        in_javascript = [text for text in scripts if text.expression.language == "javascript"]
+        yield from _without_next(process, in_javascript)
+        yield from _piling_up(process, in_javascript)
+
+
+def _misused_interface(process: CheckedProcess, text: Text) -> Iterator[Finding]:
+    """Methods that the script interface does not have, and requests that are not awaited."""
+    tree = _tree(text)
+    bound = _bound(tree) if tree is not None else set()
+    have = _HAVE if tree is not None else _IN_EXPRESSIONS
+    for name, method, line in _attributes(text.expression, tree):
+        if method not in have[name] and name not in bound:
+            yield process.finding("warning", _unknown(name, method, have[name]), text.element, line)
+    if tree is not None and text.use == "script":
+        yield from _not_awaited(process, text.element, tree, bound)
 
 
 def _tree(text: Text) -> ast.AST | None:
@@ -83,7 +103,7 @@ def _unknown(name: str, method: str, have: Sequence[str]) -> str:
     return f"{name} has no {method!r}; {known}"
 
 
-def _not_awaited(unit: Unit, element: Element, tree: ast.AST, bound: set[str]) -> Iterator[Finding]:
+def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound: set[str]) -> Iterator[Finding]:
     parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
     for node in ast.walk(tree):
         called = called_name(node) if isinstance(node, ast.Call) else ""
@@ -94,7 +114,7 @@ def _not_awaited(unit: Unit, element: Element, tree: ast.AST, bound: set[str]) -
         if used:
             right = f"{target} = await {called}(...)" if target else f"(await {called}(...))"
             text = f"{called}(...) gives nothing unless it is awaited: {right}"
-            yield unit.finding("warning", text, element, getattr(node, "lineno", 0))
+            yield process.finding("warning", text, element, getattr(node, "lineno", 0))
 
 
 def _target(parent: ast.AST) -> str:
@@ -113,3 +133,40 @@ def _is_used(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> bool:
     """Whether a value is taken apart or judged where it stands."""
     parent = parents[node]
     return isinstance(parent, _USES) or (isinstance(parent, _USES_TEST) and parent.test is node)
+
+
+# ---- JavaScript -----------------------------------------------------------------------------------------------------
+
+
+def _without_next(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding]:
+    """Scripts that never call next(): they fail when they run."""
+    for text in scripts:
+        if not words_of(text.expression.text).next:
+            found = "never calls next(), so it fails when it has run: next() completes a script"
+            yield process.finding("warning", found, text.element, text.expression.line)
+
+
+def _piling_up(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding]:
+    """Subscriptions that are made in each iteration of a loop, while nothing destroys any."""
+    if any(words_of(text.expression.text).destroys for text in scripts):
+        return
+    repeated = set(_repeated(process.bpmn.body, around=False))
+    for text in scripts:
+        if text.element.id in repeated and words_of(text.expression.text).subscribes:
+            found = "subscribes anew each time round: end the subscription before with node.destroySubscription(...)"
+            yield process.finding("note", found, text.element, text.expression.line)
+
+
+def _repeated(body: Body, *, around: bool) -> Iterator[str]:
+    """The nodes (ids) that may run again in one instance; `around`: the whole body may."""
+    graph = graph_of(body)
+    for node in body.nodes:
+        again = around or _loops(node) or node.id in graph.reach(graph.following[node.id], set())
+        if again:
+            yield node.id
+        if isinstance(node, SubProcess):
+            yield from _repeated(node.body, around=again)
+
+
+def _loops(node: Element) -> bool:
+    return isinstance(node, Activity) and node.loop is not None

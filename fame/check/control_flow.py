@@ -1,0 +1,251 @@
+"""Checks of control flow: unreachable elements, gateways without a way out, joins that wait forever.
+
+Only the diagram is examined, no values. Every condition may be false, and tokens may come more than once, so none of
+these findings is an error.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+
+from fame.bpmn.model import Activity, Event, Expression, FlowNode, Gateway, SequenceFlow, SubProcess, Task
+from fame.check.coverage import cover_all
+from fame.check.findings import Finding
+from fame.check.graph import Graph, graph_of, is_event, link_of
+from fame.check.scope import CheckedProcess, CheckScope
+from fame.engine.structure import is_handler
+
+# ---- reachable elements and gateways ---------------------------------------------------------------------------------
+
+
+def check_flow(scope: CheckScope) -> Iterator[Finding]:
+    """Of every scope of every process."""
+    for process in scope.processes:
+        for graph in map(graph_of, process.bodies()):
+            yield from _unreached(process, graph)
+            yield from _loose_ends(process, graph)
+            for node in graph.body.nodes:
+                yield from _conditions(process, graph, node)
+                if isinstance(node, Gateway):
+                    yield from _ways_out(process, graph, node)
+
+
+# ---- what is reached -------------------------------------------------------------------------------------------------
+
+
+def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+    """The first node of each part that no token gets to."""
+    reached: set[str] = set()
+    graph.reach((node.id for node in graph.beginnings()), reached)
+    apart = [node for node in graph.body.nodes if node.id not in reached and not is_handler(node)]
+    entered = {id for node in apart for id in graph.following[node.id]}
+    for node in sorted(apart, key=lambda one: one.id in entered):  # a circle of nodes has no first: any will do
+        part = graph.reach([node.id], reached)
+        if part:
+            rest = f", nor what follows it ({len(part) - 1})" if len(part) > 1 else ""
+            yield process.finding("warning", f"is never reached{rest}: no flow leads here from a start", node)
+
+
+def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+    """Where a scope has end events, all flows should lead to one (standard 10.5.3); elsewhere what is last ends it."""
+    if not any(is_event(node, "end") for node in graph.body.nodes):
+        return
+    reached = graph.reach((node.id for node in graph.beginnings()), set())
+    compensation = {id for association in graph.body.associations for id in association}
+    left = {node.attached_to for node in graph.body.nodes if isinstance(node, Event) and node.interrupting}
+    for node in graph.body.nodes:
+        last = not node.outgoing and node.id in reached and node.id not in compensation | left
+        if last and not (is_event(node, "end") or link_of(node) or is_handler(node) or isinstance(node, Gateway)):
+            yield process.finding("warning", "nothing follows it, though other flows lead to an end event", node)
+
+
+# ---- gateways --------------------------------------------------------------------------------------------------------
+
+
+def _conditions(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
+    """Conditions that nobody asks."""
+    default = node.default if isinstance(node, Activity | Gateway) else ""
+    blind = isinstance(node, Gateway) and node.kind in ("parallel", "event")
+    for flow in graph.leaving(node):
+        if flow.condition is not None and flow.id == default:
+            yield process.finding("warning", "is the default flow: its condition is never asked", flow)
+        elif flow.condition is not None and _is_quoted(flow.condition):
+            text = f"its condition is a text, always true: {flow.condition.text} without its quotes would be right"
+            yield process.finding("warning", text, flow)
+        elif flow.condition is not None and blind:
+            yield process.finding("warning", f"its condition is never asked: {node.label} takes no conditions", flow)
+
+
+def _is_quoted(condition: Expression) -> bool:
+    """Whether all of it is one text in quotes, as people write who take the field for a string."""
+    text = condition.text
+    quoted = len(text) > 2 and text[0] == text[-1] and text[0] in "'\""
+    return condition.language == "python" and quoted and text[0] not in text[1:-1]
+
+
+def _ways_out(process: CheckedProcess, graph: Graph, gateway: Gateway) -> Iterator[Finding]:
+    flows = graph.leaving(gateway)
+    if not flows and gateway.kind != "event":  # which the compiler refuses
+        yield process.finding("warning", "has no way out: the token ends here", gateway)
+    elif flows and gateway.kind in ("exclusive", "inclusive"):
+        conditions = [flow.condition for flow in flows if flow.condition is not None]
+        if not gateway.default and len(conditions) == len(flows):
+            if cover_all(conditions):
+                return
+            text = "has no way out if none of its conditions is true: mark one of its flows as the default"
+            yield process.finding("warning", text, gateway)
+        elif len(flows) > 1:
+            yield from _open_flows(process, gateway, flows)
+
+
+def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceFlow]) -> Iterator[Finding]:
+    """Flows of a choice that have no condition, and are not the default."""
+    for flow in flows:
+        if flow.condition is None and flow.id != gateway.default:
+            text = f"has no condition, so {gateway.label} always takes it: give it one, or mark it as the default"
+            yield process.finding("warning", text, flow)
+
+
+# ---- start and end events --------------------------------------------------------------------------------------------
+
+
+def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
+    """Of every scope of every process."""
+    for process in scope.processes:
+        unordered = {
+            id(node.body)
+            for node in process.bpmn.body.walk()
+            if isinstance(node, SubProcess) and node.kind in ("adhoc", "event")
+        }
+        for graph in map(graph_of, process.bodies()):
+            yield from _wrong_way(process, graph)
+            if id(graph.body) not in unordered:  # the one has no start event, the other cannot be without
+                yield from _no_start(process, graph)
+
+
+def _wrong_way(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+    for flow in graph.body.flows:
+        source, target = graph.nodes[flow.source], graph.nodes[flow.target]
+        if is_event(source, "end"):
+            text = f"leaves the end event {source.label}, where every token ends: this flow is never taken"
+            yield process.finding("warning", text, flow)
+        elif is_event(target, "start"):
+            text = f"leads into the start event {target.label}, but start events take no flows: lead it to what follows"
+            yield process.finding("warning", text, flow)
+
+
+def _no_start(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
+    beginnings = graph.beginnings()
+    if any(is_event(node, "end") for node in graph.body.nodes) and beginnings and not graph.starts():
+        text = "begins without a start event, though there are end events: draw a start event that leads here"
+        yield process.finding("warning", text, beginnings[0])
+
+
+# ---- joins -----------------------------------------------------------------------------------------------------------
+
+
+_NEAREST = 10
+"""Parallel gateways before a join that are tried as the one whose branches it joins."""
+
+
+def check_joins(scope: CheckScope) -> Iterator[Finding]:
+    """Of every node where flows meet."""
+    for process in scope.processes:
+        for graph in map(graph_of, process.bodies()):
+            for node in graph.body.nodes:
+                if len(node.incoming) > 1:
+                    yield from _mismatch(process, graph, node)
+                    yield from _incomplete_join(process, graph, node)
+
+
+def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
+    """Flows that a gateway took apart in one way, and that this node puts together in another."""
+    joins = isinstance(node, Gateway) and node.kind == "parallel"
+    merges = isinstance(node, Activity) or (isinstance(node, Gateway) and node.kind == "exclusive")
+    origins = Counter(_origin(graph, node, flow) for flow in node.incoming)
+    for origin, number in origins.items():
+        gateway = graph.nodes[origin]
+        if number < 2 or not isinstance(gateway, Gateway):
+            continue
+        if joins and gateway.kind in ("exclusive", "event"):
+            text = f"waits for {number} flows from {gateway.label}, which takes only one: it may wait for ever"
+            yield process.finding("warning", text, node)
+        elif merges and gateway.kind == "parallel":
+            text = f"is reached {number} times from {gateway.label}, and what follows it as often"
+            yield process.finding("warning", f"{text}: a parallel gateway would wait for all", node)
+
+
+def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
+    """Where a flow comes from, past elements in a row; the node itself if that goes round."""
+    origin = graph.nodes[graph.flows[flow].source]
+    seen = {node.id}
+    while len(origin.incoming) == 1 and len(origin.outgoing) == 1 and origin.id not in seen:
+        seen.add(origin.id)
+        origin = graph.nodes[graph.flows[origin.incoming[0]].source]
+    return origin.id
+
+
+def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> Iterator[Finding]:
+    """A parallel join of all branches of a parallel gateway, one of which a token may leave."""
+    if not (isinstance(join, Gateway) and join.kind == "parallel"):
+        return
+    before = (graph.nodes[id] for id in graph.before(join.id))
+    forks = (node for node in before if isinstance(node, Gateway) and node.kind == "parallel" and node is not join)
+    for fork in islice((one for one in forks if len(one.outgoing) > 1), _NEAREST):
+        branches = _branches(graph, fork, join)
+        for node in _leaving(graph, join, branches):
+            text = f"waits for all flows from {fork.label}, but a token may leave at {node.label}"
+            yield process.finding("warning", f"{text}: then it waits for ever", join)
+        if branches:
+            return
+
+
+def _branches(graph: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
+    """The nodes of each branch from the fork to the join; none if they do not meet there, and only there."""
+    branches = [graph.reach([target], {fork.id, join.id}) for target in graph.following[fork.id]]
+    sources = [graph.flows[flow].source for flow in join.incoming]
+    entering = [sum(source in branch for source in sources) for branch in branches]
+    direct = sources.count(fork.id)
+    whole = len(branches) > 1 and sum(entering) + direct == len(sources)
+    return branches if whole and entering.count(0) == direct and max(entering) == 1 else []
+
+
+def _leaving(graph: Graph, join: FlowNode, branches: list[set[str]]) -> Iterator[FlowNode]:
+    """Where a token of a branch may take a way from which it never gets to the join, and that ends nothing else."""
+    choices = [graph.nodes[id] for branch in branches for id in branch if _chooses(graph, graph.nodes[id])]
+    for node in sorted(choices, key=lambda one: (one.line, one.id)):
+        ways = graph.following[node.id]
+        past = [way for way in ways if way != join.id and not _meets(graph, way, join)]
+        if len(past) < len(ways) and any(_is_quiet(graph, graph.reach([way], set())) for way in past):
+            yield node
+
+
+def _meets(graph: Graph, way: str, join: FlowNode) -> bool:
+    """Whether a token may get from a node to the join."""
+    near = graph.reach([way], {join.id})  # most ways do within a few steps: what is behind the join is not looked at
+    return any(join.id in graph.following[id] for id in near)
+
+
+def _is_quiet(graph: Graph, ids: set[str]) -> bool:
+    """Whether nothing there may end or tell what the other branches do."""
+    return not any(_acts(graph.nodes[id]) for id in ids)
+
+
+def _chooses(graph: Graph, node: FlowNode) -> bool:
+    """Whether a token takes one of several ways on."""
+    if isinstance(node, Gateway):
+        return node.kind != "parallel"
+    ways = (graph.nodes[id] for id in graph.following[node.id])
+    boundary = (way for way in ways if isinstance(way, Event) and way.place == "boundary")
+    return any(event.interrupting for event in boundary) or any(flow.condition for flow in graph.leaving(node))
+
+
+def _acts(node: FlowNode) -> bool:
+    """Whether it does something to others: an event with a result, a script that says something, a call."""
+    if isinstance(node, Event):
+        return bool(node.definitions) and node.place in ("throw", "end")
+    if isinstance(node, Task) and node.kind == "script":
+        return node.script is not None and any(word in node.script.text for word in ("signal", "publish", "raise"))
+    return isinstance(node, Activity)

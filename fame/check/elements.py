@@ -1,0 +1,164 @@
+"""Checks of single elements: pools, properties and data objects."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+
+from fame.bpmn.model import (
+    Activity,
+    CallActivity,
+    DataObject,
+    Definitions,
+    Element,
+    SubProcess,
+)
+from fame.bpmn.pools import pools_of
+from fame.bpmn.topics import topics_of
+from fame.check.expressions import texts_of
+from fame.check.findings import Finding, of_error
+from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.variables import sets_something
+from fame.errors import ModelError
+
+# ---- the reader's notes, pools ---------------------------------------------------------------------------------------
+
+
+def check_reader_notes(scope: CheckScope) -> Iterator[Finding]:
+    """Report the reader's notes about each file; a note that occurs several times is reported once, with its number."""
+    for home in scope.files.values():
+        counts = Counter(note.text for note in home.notes if note.level == "note")
+        for note in home.notes:
+            if note.level == "warning":
+                yield Finding("warning", note.text, home.file, note.line, note.element)
+            elif note.level == "note" and note.text in counts:
+                more = counts.pop(note.text) - 1
+                text = f"{note.text}, here and in {more} more place{'s' * (more > 1)}" if more else note.text
+                yield Finding("note", text, home.file, note.line, note.element)
+
+
+def check_pools(scope: CheckScope) -> Iterator[Finding]:
+    """Find pools that no robot can play; a file without pools is a library and needs none."""
+    definitions = scope.definitions
+    pools = definitions.participants
+    while pools or not definitions.processes:
+        try:
+            pools_of(replace(definitions, participants=pools))
+        except ModelError as error:
+            yield of_error(error)
+            remaining = tuple(pool for pool in pools if pool.id != error.element)
+            if len(remaining) < len(pools):
+                pools = remaining
+                continue
+        return
+
+
+# ---- names of properties and pools -----------------------------------------------------------------------------------
+
+
+_ROS_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_OF_TOPICS = ("type", "payload", "queue", "scope")
+_OF_PROCESSES = ("instances", "optional", "semantics", "topics")
+
+
+def check_names(scope: CheckScope) -> Iterator[Finding]:
+    """Of the pools, processes, events and tasks."""
+    yield from _namespaces(scope.definitions)
+    for process in scope.processes:
+        yield from _misspelt(process, process.bpmn, _OF_PROCESSES)
+        for node in process.bpmn.body.walk():
+            if isinstance(node, SubProcess) and node.triggered_by_event:
+                yield from _misspelt(process, node, ("resume",))
+            elif any(True for _ in topics_of(node)):
+                yield from _misspelt(process, node, _OF_TOPICS)
+
+
+def _misspelt(process: CheckedProcess, element: Element, known: tuple[str, ...]) -> Iterator[Finding]:
+    """Properties that nobody reads, and that differ in a letter or two from those that are read."""
+    for name in element.properties:
+        similar = difflib.get_close_matches(name.lower(), known, 1, 0.8)
+        if similar and name not in known:
+            text = f"its property {name!r} has no effect: did you mean {similar[0]!r}?"
+            yield process.finding("warning", text, element)
+
+
+def _namespaces(definitions: Definitions) -> Iterator[Finding]:
+    """Pools whose name cannot be a namespace. In simulation any name will do."""
+    try:
+        pools = pools_of(definitions) if definitions.participants else []
+    except ModelError:  # which is told as an error
+        return
+    for pool in pools:
+        if not _ROS_NAME.fullmatch(pool.name):
+            right = "letters, digits and _ would be right, not beginning with a digit"
+            text = f"ROS 2 refuses the namespace /{pool.name}: {right}"
+            element = next(one for one in definitions.participants if one.label == pool.name)
+            yield Finding("warning", text, definitions.file, element.line, element.id)
+
+
+# ---- data objects ----------------------------------------------------------------------------------------------------
+
+
+_COMMA = re.compile(r"[-+]?\d+,\d+")
+_COMPUTED = re.compile(r"[$#]\{|^\s*=")
+
+
+def check_data_objects(scope: CheckScope) -> Iterator[Finding]:
+    """Check the values of data objects and their associations."""
+    for process in scope.processes:
+        yield from _idle_data(process)
+        used = {id for node in process.bpmn.body.walk() for id in node.data_inputs}
+        for body in process.bodies():
+            objects = {item.id: item for item in body.data_objects}
+            for item in body.data_objects:
+                yield from _commas(process, item)
+            for node in body.nodes:
+                if isinstance(node, Activity):
+                    for id in node.data_outputs:
+                        if id in objects and id not in used:
+                            yield from _reversed(process, node, objects[id])
+
+
+def _commas(process: CheckedProcess, item: DataObject) -> Iterator[Finding]:
+    for name, expression in item.values:
+        text = expression.text.strip()
+        if _COMMA.fullmatch(text):
+            right = text.replace(",", ".")
+            yield process.finding("warning", f"{name} is the text {text!r}: the number is {right}", item)
+
+
+def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> Iterator[Finding]:
+    """Constants that are set when the activity has ended that reads them, and by nothing before."""
+    values = ((name, value) for name, value in item.values if value.text.strip() and value.language != "feel")
+    constants = {name for name, value in values if not _COMPUTED.search(value.text)}
+    late = sorted(constants & _read(process, activity))
+    if late:
+        text = (
+            f"sets {', '.join(late)} when {activity.label} has ended, which reads it: an arrow from it sets it before"
+        )
+        yield process.finding("warning", text, item)
+
+
+def _read(process: CheckedProcess, activity: Activity) -> set[str]:
+    """What an activity reads, or the process that it calls and that shares its variables."""
+    if isinstance(activity, CallActivity):
+        callee = next((callee for call, callee in process.calls if call is activity), None)
+        bodies = callee.bodies() if callee is not None and activity.io is None else ()
+        return {name for body in bodies for text in texts_of(body) for name in text.reads}
+    return {name for text in texts_of(process.bpmn.body) if text.element is activity for name in text.reads}
+
+
+# ---- data objects without effect -------------------------------------------------------------------------------------
+
+
+def _idle_data(process: CheckedProcess) -> Iterator[Finding]:
+    used = {id for node in process.bpmn.body.walk() for id in (*node.data_inputs, *node.data_outputs)}
+    for body in process.bodies():
+        for item in body.data_objects:
+            values = [name for name, expression in item.values if sets_something(name, expression)]
+            if values and item.id not in used:
+                text = f"no element is connected to it, so that nothing ever sets {', '.join(values)}"
+                yield process.finding("warning", text, item)

@@ -1,0 +1,166 @@
+"""Topics and their ends: which elements and scripts publish, throw, catch or receive what.
+
+Public topics (``/done``) are shared by the whole collaboration; those of a robot (``~/odom``) belong to each process
+that starts by itself, with all that it calls.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from fame.bpmn.model import Expression, FlowNode, Task, Topic
+from fame.bpmn.topics import topics_of
+from fame.check.findings import Finding, Level
+from fame.check.scope import CheckedProcess, CheckScope
+from fame.engine.data import match, match_prefix, unfilled, variable_name
+from fame.errors import MessageError, ModelError
+from fame.middleware import messages
+from fame.monitor.services import SERVICES
+from fame.scripting import script_topics
+
+
+@dataclass(frozen=True, slots=True)
+class TopicEndpoint:
+    """An element at a topic, and what it says of it. `topic` is None for a script, `line` that of the text.
+
+    `tries`: a wrong type is an error that the script may catch.
+    """
+
+    process: CheckedProcess
+    node: FlowNode
+    name: str
+    type: str | None
+    throws: bool
+    line: int
+    topic: Topic | None = None
+    payload: Expression | None = None
+    tries: bool = False
+
+    def finding(self, level: Level, text: str) -> Finding:
+        """A finding at this end."""
+        return self.process.finding(level, text, self.node, self.line)
+
+
+Topics = Mapping[str, list[TopicEndpoint]]
+"""Ends by the qualified name of their topic, in the order of first use."""
+
+
+def by_topic(processes: Iterable[CheckedProcess]) -> Topics:
+    """All topics of some processes: of their events, their tasks, and what scripts name literally."""
+    return _by_name(end for process in processes for end in endpoints_of(process))
+
+
+def select_topics(
+    processes: Iterable[CheckedProcess], ends: Mapping[CheckedProcess, Sequence[TopicEndpoint]], *, private: bool
+) -> Topics:
+    """The topics of some processes that are public, or those that are the robot's own."""
+    return _by_name(end for process in processes for end in ends[process] if end.name.startswith("~/") == private)
+
+
+def _by_name(ends: Iterable[TopicEndpoint]) -> Topics:
+    found: dict[str, list[TopicEndpoint]] = {}
+    for end in ends:
+        found.setdefault(end.name, []).append(end)
+    return found
+
+
+def endpoints_of(process: CheckedProcess) -> Iterator[TopicEndpoint]:
+    for node in process.bpmn.body.walk():
+        yield from _drawn(process, node)
+        yield from _scripted(process, node)
+
+
+def _drawn(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
+    for topic, throws in topics_of(node):
+        sent = topic.payload or (node.payload if isinstance(node, Task) else None)
+        yield TopicEndpoint(
+            process, node, topic.qualified, topic.type, throws, node.line, topic, sent if throws else None
+        )
+
+
+def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint]:
+    if not isinstance(node, Task) or node.script is None:
+        return
+    try:
+        named = script_topics(node.script)
+    except ModelError:  # the compiler tells
+        return
+    tries = node.script.language == "javascript" and re.search(r"\btry\b", node.script.text) is not None
+    for topic in named:
+        if topic.direction != "call":
+            name = topic.name if topic.name.startswith(("/", "~/")) else f"~/{topic.name}"
+            full = topic.type.replace("/", "/msg/") if topic.type and topic.type.count("/") == 1 else topic.type
+            yield TopicEndpoint(process, node, name, full, topic.direction == "publish", topic.line, tries=tries)
+
+
+def public_topics(team: Sequence[CheckScope]) -> Topics:
+    """The topics by which the robots of a mission talk to each other: not those of their drivers."""
+    pools = [pool for one in team for pool in one.definitions.participants]
+    robots = {pool.label.casefold() for pool in pools}
+    return {
+        name: ends
+        for name, ends in by_topic(process for one in team for process in one.processes).items()
+        if not name.startswith("~/") and not (_space(name) in robots and name.count("/") > 1)
+    }
+
+
+def _space(name: str) -> str:
+    """The namespace of a topic, without the number of a robot of a multi-instance pool."""
+    return re.sub(r"_\d+$", "", name.split("/")[1].casefold())
+
+
+def level_of(team: Sequence[CheckScope]) -> Level:
+    """The level of a topic without publisher or subscriber: a warning where the file is complete, else a note.
+
+    A file is not complete if a pool is a black box, if a monitoring service is at work (whose topics are named in its
+    configuration), or if it is part of a mission whose other files may be missing.
+    """
+    pools = [pool for one in team for pool in one.definitions.participants]
+    nodes = (node for one in team for process in one.processes for node in process.bpmn.body.walk())
+    monitored = any(isinstance(node, Task) and node.operation in SERVICES for node in nodes)
+    return (
+        "warning" if len(team) == 1 < len(pools) and all(pool.process for pool in pools) and not monitored else "note"
+    )
+
+
+# ---- types and fields ------------------------------------------------------------------------------------------------
+
+
+def types_of(scope: CheckScope) -> Mapping[str, str]:
+    """The type of each topic of which somebody says it, by qualified name."""
+    said = {name: declared_type(ends) for name, ends in by_topic(scope.processes).items()}
+    return {name: type for name, type in said.items() if type is not None}
+
+
+def declared_type(ends: Iterable[TopicEndpoint]) -> str | None:
+    """The type that the first end says that says any."""
+    return next((end.type for end in ends if end.type is not None), None)
+
+
+def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ...]:
+    """The variables of a data object that a caught message of the type sets; all, if the type is not known."""
+    return tuple(message_fields(names, topic, type)) if type and _is_known(type) else tuple(names)
+
+
+def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str, str]:
+    """The same: variable -> field, ``pose.position.x``; none if the type is not known."""
+    found = match(names, variable_name(topic.name), messages.create(type)) if _is_known(type) else {}
+    return {name: ".".join(path) for name, path in found.items()}
+
+
+def _is_known(type: str) -> bool:
+    try:
+        messages.fields(type)
+    except MessageError:
+        return False
+    return True
+
+
+def taken_by_prefix(process: CheckedProcess, node: FlowNode, topic: Topic, type: str) -> Mapping[str, str]:
+    """Variables that a caught message sets though nothing says so, but that they begin like a field: name -> field."""
+    if topic.takes or node.data_outputs or not _is_known(type):
+        return {}
+    found = match_prefix(unfilled(process.bpmn), "", messages.create(type))
+    return {name: ".".join(path) for name, path in found.items()}
