@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from fame.engine import starts, waiting
+from fame.engine import starts
 from fame.engine.data import correlates
 from fame.engine.engine_state import EngineState
 from fame.engine.state import Listener, Mailbox, Wait
+from fame.engine.waiting import MESSAGE, catch
 
 
 def deliver(engine: EngineState, topic: str, message: Any) -> None:
@@ -19,19 +20,17 @@ def deliver(engine: EngineState, topic: str, message: Any) -> None:
     listeners = tuple(engine.listeners.get(topic, ()))
     if listeners:
         for listener in listeners:
-            if listener.catch.trigger is waiting.MESSAGE:
+            if listener.catch.trigger is MESSAGE:
                 if taken or not _is_for(listener, message):
                     continue
                 taken = True
             if isinstance(listener, Mailbox):
                 _put(engine, listener, message)
             elif listener.alive and not listener.paused:
-                waiting.catch(engine, listener, message)
+                catch(engine, listener, message)
     for node in engine.program.starts.get(topic, ()):
         if not (
-            taken
-            if node.catch is not None and node.catch.trigger is waiting.MESSAGE
-            else starts.is_awaited(node, listeners)
+            taken if node.catch is not None and node.catch.trigger is MESSAGE else starts.is_awaited(node, listeners)
         ):
             starts.trigger(engine, node, message)
 
@@ -51,6 +50,6 @@ def _put(engine: EngineState, box: Mailbox, message: Any) -> None:
         box.messages.append((engine.new_key(), message))
         return
     waits = tuple(box.waits)
-    for wait in waits[:1] if box.catch.trigger is waiting.MESSAGE else waits:
+    for wait in waits[:1] if box.catch.trigger is MESSAGE else waits:
         if wait.alive and not wait.paused:
-            waiting.catch(engine, wait, message)
+            catch(engine, wait, message)

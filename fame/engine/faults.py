@@ -40,7 +40,7 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException) ->
         handler = _matching(place.body.errors, code) if place.body is not None else None
         if handler is not None:
             _set_variables(handler, place, code, text)
-            handlers.replace_by_handler(engine, place, handler)
+            handlers.open_handler(engine, handler, *scopes.replace(engine, place, (*place.handles, handler.part_of)))
             break
         inner, failing, place = _outside(place)
     else:

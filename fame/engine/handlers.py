@@ -35,24 +35,17 @@ def begin_handler(engine: EngineState, scope: Scope, start: Node, how: Catch | F
     Raises RecursionError if the instance has too many scopes.
     """
     if how.interrupting and not how.resume:
-        replace_by_handler(engine, scope, start)
+        open_handler(engine, start, *scopes.replace(engine, scope, (*scope.handles, start.part_of)))
         return
     if scope.instance.scopes >= state.SCOPES:
         raise scopes.too_many()
     scope.tokens += 1
     inner = scopes.open_child(engine, scope, start.part_of, None, scope.variables)
-    open_handler(engine, inner, start, suspension.suspend(engine, scope, inner) if how.resume else ())
+    open_handler(engine, start, inner, suspension.suspend(engine, scope, inner) if how.resume else ())
 
 
-def replace_by_handler(engine: EngineState, scope: Scope, start: Node) -> None:
-    """An interrupting event sub-process takes the place of its scope."""
-    handler = start.part_of
-    heir, cancelling = scopes.replace(engine, scope, (*scope.handles, handler))
-    open_handler(engine, heir, start, cancelling)
-
-
-def open_handler(engine: EngineState, scope: Scope, start: Node, cancelling: Cancelling) -> None:
-    """The handler starts when the scripts that were cancelled for it have ended."""
+def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Cancelling) -> None:
+    """The handler starts, in its scope, when the scripts that were cancelled for it have ended."""
     handler = start.part_of
     if handler.plain_step is not None:
         engine.notify(scope, handler.entered)

@@ -57,6 +57,11 @@ def evaluate(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     return steps.settle(engine, scope, node) if engine.unsettled else node.next
 
 
+def wait_for_somebody(engine: EngineState, scope: Scope, node: Node) -> None:
+    """A user or manual task: the token waits until somebody completes it."""
+    waiting.wait_at(engine, node, scope)
+
+
 def _suspend(engine: EngineState, scope: Scope, node: Node, suspended: Any) -> Node | None:
     """A script waits: so does its token, and the host drives it on."""
     scope.counts[node.index] -= 1
@@ -127,7 +132,7 @@ def make(context: ScopeCompiler, task: model.Task) -> Node:
         return _script(context, task, task.script)
     match task.kind:
         case "user" | "manual":
-            node = context.node(task, triggers.wait)
+            node = context.node(task, wait_for_somebody)
             node.catch = triggers.catching(trigger=USER)
             return node
         case "receive":

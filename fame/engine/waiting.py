@@ -43,7 +43,8 @@ def arm(engine: EngineState, wait: Wait) -> None:
 def disarm(engine: EngineState, wait: Wait) -> None:
     """Whatever could wake it, and whatever is armed because of it, is forgotten."""
     wait.alive = False
-    wait.catch.trigger.disarm(engine, wait)
+    disarm_trigger = wait.catch.trigger.disarm
+    disarm_trigger(engine, wait)
     if wait.box is not None:
         close_mailbox(engine, wait.box)
     if wait.arms:
