@@ -128,5 +128,5 @@ def test_draw_refuses_the_log_of_another_model(tmp_path: Path, capsys) -> None:
     main(["run", MISSION, "--quiet", "--log", str(log)])
     capsys.readouterr()
     assert main(["draw", str(ROOT / "models" / "shuttle.bpmn"), "-o", str(tmp_path / "x.svg"), "--log", str(log)]) == 2
-    assert "is the log of another model" in capsys.readouterr().err
+    assert "belongs to another model" in capsys.readouterr().err
     assert not (tmp_path / "x.svg").exists()

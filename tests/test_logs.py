@@ -20,7 +20,7 @@ from fame.bpmn.model import Definitions
 from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import COLUMNS, logging_to, outcomes, visits
-from fame.log.naming import kind, names
+from fame.log.elements import element_info, tag_of
 from fame.robot import Event
 from fame.scenario import Scenario
 
@@ -165,7 +165,7 @@ def test_a_file_has_one_writer_at_a_time_and_is_new_each_time(ending: str, tmp_p
     path.write_bytes(b"what stood there before, and is longer" * 100)
     with (
         logging_to(path, ()),
-        pytest.raises(ConfigError, match="is written already, by another run"),
+        pytest.raises(ConfigError, match="is already being written, by another run"),
         logging_to(tmp_path / "." / path.name, ()),
     ):
         raise AssertionError("two at a time")
@@ -198,13 +198,13 @@ def test_a_log_on_a_full_disk_is_named(ending: str, tmp_path: Path, capsys) -> N
 def test_a_log_where_no_file_can_be_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "folder.csv").mkdir()
-    for path, why in (("file/run.csv", f"{tmp_path / 'file'} is no folder"), ("folder.csv", "Is a directory")):
+    for path, why in (("file/run.csv", f"{tmp_path / 'file'} is not a folder"), ("folder.csv", "Is a directory")):
         with pytest.raises(ConfigError, match=f"{path}: cannot be written: {why}"), logging_to(tmp_path / path, ()):
             raise AssertionError("it was opened")
 
 
 def test_an_unknown_ending_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"'\.txt'; \.jsonl, \.csv, \.xes would be right"):
+    with pytest.raises(ConfigError, match=r"one of \.jsonl, \.csv, \.xes, got '\.txt'"):
         logged(tmp_path / "run.txt")
     assert list(tmp_path.iterdir()) == []
 
@@ -220,12 +220,12 @@ def test_kinds_are_the_tags_of_bpmn() -> None:
     ]  # fmt: skip
     text = process("".join(f'<{tag} id="{tag}"/>' for tag in tags))
     nodes = read_text(text, file="tags.bpmn").processes[0].body.nodes
-    assert [kind(node) for node in nodes] == tags
+    assert [tag_of(node) for node in nodes] == tags
 
 
 def test_of_equal_ids_in_several_files_the_first_counts() -> None:
     first, second = (read_text(process(f'<task id="t" name="{name}"/>'), file=name) for name in ("one", "two"))
-    assert names([first, second])["t"].name == "one"
+    assert element_info([first, second])["t"].name == "one"
 
 
 # ---- reading ---------------------------------------------------------------------------------------------------------
@@ -273,8 +273,8 @@ def test_an_end_event_that_raises_an_error_has_failed_once(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("other", "found"),
     [
-        (SMALL.replace('"look"', '"watch"'), "another model: other.bpmn has no look in P"),
-        (process('<task id="t"/>').replace('"P"', '"Q"'), "another model: it has no element of other.bpmn"),
+        (SMALL.replace('"look"', '"watch"'), "another model: P in other.bpmn has no element look"),
+        (process('<task id="t"/>').replace('"P"', '"Q"'), "another model: it mentions no element of other.bpmn"),
     ],
     ids=["the same process, changed", "another process"],
 )

@@ -1,21 +1,21 @@
-"""Writes the events of a run to a file, for people, tables and process mining; reads back where a run went.
+"""Writes the events of a run to a file, for people, tables and process mining, and reads its path back.
 
-The ending of the file decides its form:
+The suffix of the file selects the format:
 
 .jsonl  one JSON object per event and line
 .csv    the same as a table
 .xes    IEEE 1849, one trace per process instance (`fame.log.xes`)
 
-Times are simulated, in seconds, with every digit that counts. Nothing depends on the wall clock, so equal runs give
-equal bytes. Events are written as they come, and the file is whole when the block ends, however it ends.
+Times are simulated times in seconds, exact to the nanosecond. Nothing depends on the wall clock, so equal runs give
+equal bytes. Events are written as they occur. The file is complete when the ``with`` block ends, also after an error.
 
 ::
 
     writing   the files
     lines     JSON Lines and CSV
     xes       IEEE 1849
-    naming    what elements are called
-    reading   where a run went, and what became of it
+    elements  names and kinds of elements
+    reading   visited elements, and the outcomes of their executions
 """
 
 from __future__ import annotations

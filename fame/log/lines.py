@@ -1,4 +1,4 @@
-"""Logs with a line for each event: JSON Lines, and CSV."""
+"""Logs with one line per event: JSON Lines and CSV."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any, BinaryIO
 from fame.clock import SECOND
 from fame.engine.program import Mark
 from fame.engine.state import Trail
-from fame.log.naming import UNNAMED, Named
+from fame.log.elements import UNKNOWN, ElementInfo
 from fame.robot.events import Event, Observer
 
 COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
-"""Of a table, and the keys of a JSON line (where those without a value are left out)."""
+"""Columns of a table, and keys of a JSON line (which leaves out empty ones)."""
 
 _to_json = json.JSONEncoder(ensure_ascii=False, default=str).encode
 
@@ -32,22 +32,22 @@ def seconds(time: int) -> str:
 
 
 class _Lines:
-    """Writes a line for each event, joined from words for when, where and what that were found once for many lines.
+    """Writes one line per event, joined from three parts that are formatted once for many lines.
 
-    `when` gives those for a time (ns) and robot, `where` is a format for instance and scope, `what` gives those for a
-    mark. The last are found at the beginning, as far as it is known what will happen.
+    `when` formats time (ns) and robot, `where` is a format for instance and scope, `what` formats a mark. The usual
+    marks of all elements are formatted in advance.
     """
 
     def __init__(
         self,
         stream: BinaryIO,
-        named: Mapping[str, Named],
+        elements: Mapping[str, ElementInfo],
         when: Callable[[int, str], str],
         where: str,
-        what: Callable[[Mark, Named], str],
+        what: Callable[[Mark, ElementInfo], str],
     ) -> None:
-        self._stream, self._named, self._when, self._where, self._what = stream, named, when, encoded(where), what
-        self._known = {mark: encoded(what(mark, name)) for id, name in named.items() for mark in usual(id, name)}
+        self._stream, self._elements, self._when, self._where, self._what = stream, elements, when, encoded(where), what
+        self._known = {mark: encoded(what(mark, name)) for id, name in elements.items() for mark in usual(id, name)}
         self._now: tuple[tuple[int, str], bytes] = ((-1, ""), b"")
 
     def __call__(self, event: Event) -> None:
@@ -55,7 +55,7 @@ class _Lines:
         self._stream.write(start + self._find(event[4:]))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """What happened at one instant."""
+        """Write everything that happened at one instant."""
         start_of, known = self._at(time, robot), self._known
         lines: list[bytes] = []
         for scope, marks in trail:
@@ -68,29 +68,31 @@ class _Lines:
         self._stream.write(b"".join(lines))
 
     def _at(self, time: int, robot: str) -> bytes:
-        """The words for when and who, and the format for where."""
+        """The formatted time and robot, followed by the format for instance and scope."""
         if self._now[0] != (time, robot):
             self._now = (time, robot), encoded(self._when(time, robot)).replace(b"%", b"%%") + self._where
         return self._now[1]
 
     def _find(self, mark: Mark) -> bytes:
-        """The words for a mark."""
-        return encoded(self._what(mark, self._named.get(mark[0], UNNAMED)))
+        """The formatted mark."""
+        return encoded(self._what(mark, self._elements.get(mark[0], UNKNOWN)))
 
 
-def usual(id: str, name: Named) -> Iterator[Mark]:
-    """What is going to happen at an element if all goes well."""
-    for what in ("take",) if name.kind == "sequenceFlow" else ("enter", "leave"):
+def usual(id: str, name: ElementInfo) -> Iterator[Mark]:
+    """The marks of an element in a run without errors."""
+    for what in ("take",) if name.tag == "sequenceFlow" else ("enter", "leave"):
         yield id, what, None
 
 
 def encoded(text: str) -> bytes:
-    """As it stands in a file."""
+    """The text as bytes of the file."""
     return text.encode("utf-8", "backslashreplace")
 
 
 @contextmanager
-def jsonl(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+def jsonl(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> Iterator[Observer]:
+    """An observer that writes JSON Lines to `stream`."""
+
     def members(keys: Sequence[str], values: Sequence[Any]) -> str:
         present = {key: value for key, value in zip(keys, values, strict=True) if value not in ("", None)}
         return _to_json(present)[1:-1]
@@ -99,14 +101,16 @@ def jsonl(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
         # The time is put in as text: a float would lose nanoseconds.
         return f'{{"time": {seconds(time)}, ' + (f'"robot": {_to_json(robot)}, ' if robot else "")
 
-    def what(mark: Mark, name: Named) -> str:
+    def what(mark: Mark, name: ElementInfo) -> str:
         return f"{members(COLUMNS[4:], _cells(mark, name))}}}\n"
 
-    yield _Lines(stream, named, when, '"instance": %d, "scope": %d, ', what)
+    yield _Lines(stream, elements, when, '"instance": %d, "scope": %d, ', what)
 
 
 @contextmanager
-def table(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
+def table(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> Iterator[Observer]:
+    """An observer that writes CSV to `stream`."""
+
     def row(cells: Sequence[Any], end: str) -> str:
         text = StringIO()
         csv.writer(text, lineterminator=end).writerow(cells)
@@ -117,9 +121,9 @@ def table(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
     def when(time: int, robot: str) -> str:
         return row((seconds(time), robot), ",")
 
-    yield _Lines(stream, named, when, "%d,%d,", lambda mark, name: row(_cells(mark, name), "\n"))
+    yield _Lines(stream, elements, when, "%d,%d,", lambda mark, name: row(_cells(mark, name), "\n"))
 
 
-def _cells(mark: Mark, name: Named) -> tuple[Any, ...]:
-    """What the columns from the element on hold."""
-    return mark[0], name.name, name.kind, *mark[1:]
+def _cells(mark: Mark, name: ElementInfo) -> tuple[Any, ...]:
+    """The columns from the element on."""
+    return mark[0], name.name, name.tag, *mark[1:]

@@ -1,4 +1,4 @@
-"""Where a run went and what became of it, read back from its log."""
+"""Reads from the log of a run which elements were visited, and with which outcomes."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from fame.errors import ConfigError
 
 _Row = Mapping[str, Any]
 _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
-"""What an engine tells of its tokens; all else in a log is said by scripts and robots."""
+"""Marks of the engine; other events of a log come from scripts and robots."""
 
 
 def visits(path: str | Path) -> Counter[str]:
-    """How often a token came to each element and took each flow, from a .jsonl or .csv log.
+    """How often a token reached each element and each flow, from a .jsonl or .csv log.
 
-    Raises ConfigError if the file is no such log.
+    Raises ConfigError if the file is not such a log.
     """
     with _rows_of(path) as rows:
         return Counter(row["element"] for row in rows if row["what"] in ("enter", "take"))
 
 
 def outcomes(path: str | Path, definitions: Definitions) -> dict[str, Counter[Outcome]]:
-    """How often each outcome came about at each element of a model, from a .jsonl or .csv log; flows are completed.
+    """How often each element of a model had each outcome, from a .jsonl or .csv log. Flows are completed.
 
-    What had not ended with the log is waiting; what was under way when its process ended is cancelled. Raises
-    ConfigError if the file is no such log, or that of another model.
+    An execution is waiting if it had not ended when the log ended, and cancelled if its process ended first. Raises
+    ConfigError if the file is not such a log, or belongs to another model.
     """
     instances: dict[tuple[str, str], _Instance] = {}
     with _rows_of(path) as rows:
@@ -52,7 +52,7 @@ def outcomes(path: str | Path, definitions: Definitions) -> dict[str, Counter[Ou
 
 @dataclass(slots=True)
 class _Instance:
-    """What happened in one instance of a process: how often what, by element; `own`: in the process itself."""
+    """Counts of marks by element in one process instance. `own`: elements of the process itself, not of called ones."""
 
     process: str = ""
     root: str = ""
@@ -71,7 +71,7 @@ class _Instance:
                 self.own.add(element)
 
     def tally(self, counts: Counter[str]) -> Counter[Outcome]:
-        """The outcomes of one element. An end event that raises an error leaves, then fails: that is one failure."""
+        """The outcomes of one element. An error end event has the marks leave and fail, which count as one failure."""
         under_way = counts["enter"] - counts["leave"] - counts["cancel"] - counts["fail"]
         completed = counts["take"] + counts["leave"] + min(under_way, 0)
         tally: Counter[Outcome] = Counter(
@@ -82,7 +82,7 @@ class _Instance:
 
 
 def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, file: str) -> None:
-    """Raise ConfigError if a process has an element in the log that it has not in the model, or nothing is of it."""
+    """Raise ConfigError if the log has elements that the process does not have, or none that the model has."""
     known = {
         process.id: {part.id for part in (*process.body.nodes, *process.body.flows)}
         for process in definitions.processes
@@ -94,26 +94,29 @@ def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, 
         strange = sorted(instance.own - known.get(instance.process, instance.own))
         if strange:
             raise ConfigError(
-                f"is the log of another model: {definitions.file} has no {strange[0]} in {instance.process}", file=file
+                f"belongs to another model: {instance.process} in {definitions.file} has no element {strange[0]}",
+                file=file,
             )
     if seen and not seen & everything:
-        raise ConfigError(f"is the log of another model: it has no element of {definitions.file}", file=file)
+        raise ConfigError(f"belongs to another model: it mentions no element of {definitions.file}", file=file)
 
 
 @contextmanager
 def _rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
-    """The rows of a log as it is read, in a block that takes what is wrong with them for a file that is no log."""
+    """The rows of a log. Raises ConfigError if the file cannot be read, or if the block fails on malformed rows."""
     path = Path(path)
     rows = _ROWS.get(path.suffix.lower())
     if rows is None:
-        raise ConfigError(f"found the ending {path.suffix!r}; {' or '.join(_ROWS)} would be right", file=str(path))
+        raise ConfigError(
+            f"expected a file name that ends in {' or '.join(_ROWS)}, got {path.suffix!r}", file=str(path)
+        )
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             yield rows(stream)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
     except (ValueError, LookupError, TypeError, AttributeError, csv.Error):
-        raise ConfigError("is no log of a run, as fame run --log writes it", file=str(path)) from None
+        raise ConfigError("is not the log of a run, as written by fame run --log", file=str(path)) from None
 
 
 _ROWS: Mapping[str, Callable[[TextIO], Iterable[_Row]]] = {

@@ -1,4 +1,4 @@
-"""Files that the events of a run are written to."""
+"""Opens log files and writes the events of a run to them."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from typing import Any, BinaryIO, TypeAlias
 from fame.bpmn.model import Definitions
 from fame.engine.state import Trail
 from fame.errors import ConfigError
+from fame.log.elements import ElementInfo, element_info
 from fame.log.lines import jsonl, table
-from fame.log.naming import Named, names
 from fame.log.xes import xes
 from fame.robot.events import Event, Observer, trail_handler
 
 _BUFFER = 1 << 16
-"""Bytes that are written at a time."""
+"""Bytes written at a time."""
 
-_Form: TypeAlias = Callable[[BinaryIO, Mapping[str, Named]], AbstractContextManager[Observer]]
-"""Writes events in one form to a stream, with what elements are called."""
+_Form: TypeAlias = Callable[[BinaryIO, Mapping[str, ElementInfo]], AbstractContextManager[Observer]]
+"""Creates an observer that writes events to a stream in one format."""
 
 _FORMS: Mapping[str, _Form] = {
     ".jsonl": jsonl,
@@ -34,17 +34,19 @@ _FORMS: Mapping[str, _Form] = {
 
 @contextmanager
 def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Observer]:
-    """A function that writes an event to the log `path`. `files` are the models that name its elements.
+    """An observer that writes events to the log `path`. `files` are the models of the run.
 
-    What stood in the file is gone when the first event comes, or when the block ends as it should: a run that is
-    refused leaves it as it was. Raises ConfigError for an ending that is no log's, for a file that another run (or
-    another log of this one) writes, and for one that cannot be written, also later on.
+    An existing file is overwritten by the first event, or when the block ends without an error. A run that is refused
+    leaves it unchanged. Raises ConfigError for an unknown suffix, for a file that another log is being written to, and
+    for a file that cannot be written, also while events are written.
     """
     path = Path(path)
     is_new = not path.exists()
     form = _FORMS.get(path.suffix.lower())
     if form is None:
-        raise ConfigError(f"found the ending {path.suffix!r}; {', '.join(_FORMS)} would be right", file=str(path))
+        raise ConfigError(
+            f"expected a file name that ends in one of {', '.join(_FORMS)}, got {path.suffix!r}", file=str(path)
+        )
     with ExitStack() as stack:
         file = stack.enter_context(_opened(path))
         log = _Log(lambda: stack.enter_context(_written(file, form, files)))
@@ -58,7 +60,7 @@ def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Obser
 
 
 class _Log:
-    """An observer that is made when the first event comes."""
+    """An observer that opens its file at the first event."""
 
     def __init__(self, make: Callable[[], Observer]) -> None:
         self._make = make
@@ -66,11 +68,11 @@ class _Log:
 
     @property
     def begun(self) -> bool:
-        """Whether an event came."""
+        """Whether the file is being written."""
         return self._write is not None
 
     def begin(self) -> Observer:
-        """The observer, made if it was not yet."""
+        """Start writing, and return the observer."""
         if self._write is None:
             self._write = self._make()
             self._trail = trail_handler(self._write)
@@ -80,22 +82,22 @@ class _Log:
         self.begin()(event)
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """What happened at one instant."""
+        """Write everything that happened at one instant."""
         self.begin()
         self._trail(time, robot, trail)
 
 
 @contextmanager
 def _written(file: _File, form: _Form, files: Iterable[Definitions]) -> Iterator[Observer]:
-    """What writes to a file in place of what stood in it."""
+    """An observer that overwrites a file."""
     if S_ISREG(os.fstat(file.fileno()).st_mode):
         file.truncate(0)
-    with BufferedWriter(file, _BUFFER) as stream, form(stream, names(files)) as write:
+    with BufferedWriter(file, _BUFFER) as stream, form(stream, element_info(files)) as write:
         yield write
 
 
 class _File(FileIO):
-    """A file that says which one it is when it cannot be written."""
+    """A file whose write errors name the file."""
 
     def write(self, data: Any) -> int:
         try:
@@ -105,12 +107,12 @@ class _File(FileIO):
 
 
 def _opened(path: Path) -> _File:
-    """The file, kept from other runs as long as it is open, with what stands in it."""
+    """Open a file for appending, with its folders, and lock it."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         file = _File(path, "ab")
     except FileExistsError:
-        raise ConfigError(f"cannot be written: {path.parent} is no folder", file=str(path)) from None
+        raise ConfigError(f"cannot be written: {path.parent} is not a folder", file=str(path)) from None
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
     if S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -119,7 +121,7 @@ def _opened(path: Path) -> _File:
 
 
 def _claim(file: _File) -> None:
-    """Keep others from the file as long as it is open, where there are locks. Raises ConfigError if it is taken."""
+    """Lock the file until it is closed, where the system has locks. Raises ConfigError if it is locked already."""
     if sys.platform == "win32":
         return
     from fcntl import LOCK_EX, LOCK_NB, flock
@@ -128,7 +130,7 @@ def _claim(file: _File) -> None:
         flock(file, LOCK_EX | LOCK_NB)
     except BlockingIOError:
         file.close()
-        text = "is written already, by another run or as another log of this one"
+        text = "is already being written, by another run or by another log of this run"
         raise ConfigError(text, file=str(file.name)) from None
     except OSError:  # a file system without locks
         pass

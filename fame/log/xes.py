@@ -1,11 +1,11 @@
-"""Writes a run for process mining: XES, the standard IEEE 1849.
+"""Writes the events of a run as XES (IEEE 1849), for process mining.
 
-One trace per process instance, with what the called processes did in it. Of every activity (task, sub-process, call
-activity) each execution has a ``start`` and a ``complete``, or an ``ate_abort`` if it was cancelled or failed;
-``concept:instance`` tells executions apart. The resource is the robot. Times are dates, from the epoch that
-an event tells or else `EPOCH` on, in microseconds, which is as fine as readers take them.
+Each process instance, with the processes that it calls, is a trace. Each execution of an activity (task, sub-process,
+call activity) has a ``start`` and a ``complete``, or an ``ate_abort`` if it was cancelled or failed, and its own
+``concept:instance``. The resource is the robot. Times are dates in microseconds, counted from the epoch of the run or
+from `EPOCH`.
 
-A trace is written when its instance has ended; those still open are written at the end.
+A trace is written when its instance ends. The remaining ones are written at the end.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from fame.clock import EPOCH, date_at
 from fame.engine.program import Mark
 from fame.engine.state import Trail
 from fame.iso8601 import parse_datetime
-from fame.log.naming import Named
+from fame.log.elements import ElementInfo
 from fame.robot.events import Event, Observer
 
 _LIFECYCLE = {"enter": "start", "leave": "complete", "cancel": "ate_abort", "fail": "ate_abort"}
-"""Which transition of the standard life cycle an observation of an activity is (IEEE 1849, extension Lifecycle)."""
+"""Mark of an activity -> transition of the standard life cycle (IEEE 1849, extension Lifecycle)."""
 
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML cannot hold."""
+"""Characters that are not allowed in XML."""
 
 _HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -55,7 +55,7 @@ _HEAD = """\
 
 @dataclass(slots=True)
 class _Trace:
-    """A process instance so far: its events as XML, and which executions of each element are under way."""
+    """A process instance: its events as XML, and the running executions of each element."""
 
     process: str
     events: list[str] = field(default_factory=list)
@@ -63,7 +63,7 @@ class _Trace:
     count: int = 0
 
     def execution(self, scope: int, element: str, what: str) -> int:
-        """The number of the execution that an event belongs to, or 0; of several the first to start ends first."""
+        """The number of the execution that a mark belongs to, or 0. The execution that started first ends first."""
         runs = self.under_way.setdefault((scope, element), [])
         if what == "enter":
             self.count += 1
@@ -73,9 +73,9 @@ class _Trace:
 
 
 @contextmanager
-def xes(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
-    """What takes events and writes them to `stream` in their traces."""
-    traces = _Traces(stream, named)
+def xes(stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> Iterator[Observer]:
+    """An observer that writes events to `stream`, in traces."""
+    traces = _Traces(stream, elements)
     stream.write(_HEAD.encode())
     try:
         yield traces
@@ -85,10 +85,10 @@ def xes(stream: BinaryIO, named: Mapping[str, Named]) -> Iterator[Observer]:
 
 
 class _Traces:
-    """All traces that are open."""
+    """The traces of instances that have not ended."""
 
-    def __init__(self, stream: BinaryIO, named: Mapping[str, Named]) -> None:
-        self._stream, self._named, self._epoch = stream, named, EPOCH
+    def __init__(self, stream: BinaryIO, elements: Mapping[str, ElementInfo]) -> None:
+        self._stream, self._elements, self._epoch = stream, elements, EPOCH
         self._open: dict[tuple[str, int], _Trace] = {}
         self._known: dict[tuple[str, Mark], tuple[str, str] | None] = {}
 
@@ -98,7 +98,7 @@ class _Traces:
         self._add(event.robot, event.instance, event.scope, event[4:], _date(self._epoch, event.time))
 
     def trail(self, time: int, robot: str, trail: Trail) -> None:
-        """What happened at one instant."""
+        """Record everything that happened at one instant."""
         date = _date(self._epoch, time)
         for scope, marks in trail:
             for mark in marks:
@@ -107,7 +107,7 @@ class _Traces:
     def _add(self, robot: str, instance: int, scope: int, mark: Mark, date: str) -> None:
         element, what, detail = mark
         if what == "start":
-            name = self._named.get(element)
+            name = self._elements.get(element)
             self._open[robot, instance] = _Trace((name.name if name is not None else "") or element)
         elif what == "end":
             self._write((robot, instance), self._open.pop((robot, instance)), str(detail))
@@ -118,10 +118,10 @@ class _Traces:
                 trace.events.append(f"{words[0]}{trace.execution(scope, element, what)}{words[1]}{date}")
 
     def _words(self, robot: str, mark: Mark) -> tuple[str, str] | None:
-        """What is said of a mark before and after the number of the execution; None if it is of no activity."""
+        """The XML of a mark before and after the number of its execution; None if it does not belong to an activity."""
         key = (robot, mark)
         if key not in self._known:
-            name = self._named.get(mark[0])
+            name = self._elements.get(mark[0])
             self._known[key] = _event(robot, mark, name) if name is not None and name.activity else None
         return self._known[key]
 
@@ -129,7 +129,7 @@ class _Traces:
         self._stream.write(_trace(*key, trace, status).encode("utf-8", "backslashreplace"))
 
     def close(self) -> None:
-        """Write those whose instance has not ended."""
+        """Write the traces of instances that have not ended."""
         for key, trace in self._open.items():
             self._write(key, trace, "running")
 
@@ -140,14 +140,14 @@ def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:
     return f"  <trace>\n{attributes}{''.join(trace.events)}  </trace>\n"
 
 
-def _event(robot: str, mark: Mark, name: Named) -> tuple[str, str]:
-    """An event in two parts, between which the number of the execution belongs."""
+def _event(robot: str, mark: Mark, name: ElementInfo) -> tuple[str, str]:
+    """The XML of an event before and after the number of its execution."""
     element, what, detail = mark
     said = {
         "lifecycle:transition": _LIFECYCLE[what],
         "org:resource": robot,
         "element": element,
-        "kind": name.kind,
+        "kind": name.tag,
     }
     if what == "fail":
         said["error"] = str(detail)
@@ -157,7 +157,7 @@ def _event(robot: str, mark: Mark, name: Named) -> tuple[str, str]:
 
 
 def _date(epoch: datetime, time: int) -> str:
-    """The end of an event: its date."""
+    """The date of an event, and its end tag."""
     moment = date_at(epoch, time).isoformat(timespec="microseconds")
     return f"{_attribute(6, 'time:timestamp', moment, 'date')}    </event>\n"
 

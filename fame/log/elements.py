@@ -1,4 +1,4 @@
-"""What logs call the elements of a model."""
+"""Names and kinds of the elements that a log mentions."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from typing import NamedTuple
 from fame.bpmn.model import Activity, Definitions, Element, Event as BpmnEvent, Gateway, SubProcess, Task
 
 
-class Named(NamedTuple):
-    """What a log says of an element: its name on one line, its BPMN tag, and whether it is an activity."""
+class ElementInfo(NamedTuple):
+    """The name of an element (on one line), its BPMN tag, and whether it is an activity."""
 
     name: str
-    kind: str
+    tag: str
     activity: bool
 
 
-UNNAMED = Named("", "", False)
+UNKNOWN = ElementInfo("", "", False)
 
 
-def names(files: Iterable[Definitions]) -> dict[str, Named]:
-    """What to call every process, flow node and sequence flow, by id; of equal ids the first counts."""
-    found: dict[str, Named] = {}
+def element_info(files: Iterable[Definitions]) -> dict[str, ElementInfo]:
+    """All processes, flow nodes and sequence flows by id. The first of several elements with one id counts."""
+    found: dict[str, ElementInfo] = {}
     for process in (process for file in files for process in file.processes):
         inner = (node.body for node in process.body.walk() if isinstance(node, SubProcess))
         parts = [part for body in (process.body, *inner) for part in (*body.nodes, *body.flows)]
         for element in (process, *parts):
             found.setdefault(
-                element.id, Named(" ".join(element.name.split()), kind(element), isinstance(element, Activity))
+                element.id, ElementInfo(" ".join(element.name.split()), tag_of(element), isinstance(element, Activity))
             )
     return found
 
 
-def kind(element: Element) -> str:
-    """What an element is, by its BPMN tag: ``callActivity``, ``startEvent`` ..."""
+def tag_of(element: Element) -> str:
+    """The BPMN tag of an element: ``callActivity``, ``startEvent`` ..."""
     match element:
         case Task(kind=which):
             return {"plain": "task", "business_rule": "businessRuleTask"}.get(which, f"{which}Task")
