@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -37,3 +41,33 @@ def test_type_checkers_see_the_names_that_are_imported_on_first_use(path: Path) 
 def test_a_name_that_a_package_does_not_have_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match=r"module 'fame' has no attribute 'raed'"):
         fame.raed  # noqa: B018
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what a wheel puts into site-packages."""
+    hatchling = pytest.importorskip("hatchling.builders.wheel")
+    folder = tmp_path_factory.mktemp("wheel")
+    (wheel,) = hatchling.WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])
+    with ZipFile(wheel) as archive:
+        archive.extractall(folder / "site-packages")
+    return folder / "site-packages"
+
+
+def test_a_wheel_holds_fame_robots_and_sim2d_and_nothing_else(installed: Path) -> None:
+    about = f"fame_robots-{fame.__version__}.dist-info"
+    assert {path.name for path in installed.iterdir()} == {"fame", "robots", "sim2d", about}
+    assert all((installed / package / "py.typed").exists() for package in ("fame", "robots", "sim2d"))
+
+
+def test_the_models_are_data_of_the_installed_package(installed: Path) -> None:
+    def files(folder: Path) -> set[Path]:
+        return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+
+    assert files(installed / "fame" / "models") == files(ROOT / "models")
+    code = "from fame.bpmn.library import BUILT_IN; print(*BUILT_IN, sep='\\n')\nimport models"
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    command = [sys.executable, "-S", "-P", "-c", code]  # -S: an editable install would offer the source tree, too
+    done = subprocess.run(command, cwd=installed.parent, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == [str(installed / "fame" / "models" / name) for name in ("library", "monitoring")]
+    assert done.stderr.endswith("ModuleNotFoundError: No module named 'models'\n")
