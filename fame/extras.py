@@ -9,6 +9,7 @@ from fame.errors import UnavailableError
 _EXTRAS = {
     "PIL": ("animations need Pillow", "sim"),
     "matplotlib": ("pictures need matplotlib", "sim"),
+    "pandas": ("tables of events need pandas", "pandas"),
     "pymunk": ("the 2D world needs pymunk", "sim"),
     "scipy": ("paths and runs of arms need scipy", "ml"),
     "sklearn": ("training needs scikit-learn", "ml"),

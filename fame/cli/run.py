@@ -16,12 +16,11 @@ from fame.cli.arguments import Commands, add_json, add_library, command, epoch, 
 from fame.cli.colours import coloured
 from fame.cli.output import live_table, note, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
-from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.robot.events import Observer
-    from fame.scenario import Result, RobotResult, Scenario, Sight
+    from fame.scenario import Result, Scenario, Sight
 
 _EXAMPLES = (
     "fame run examples/ground_vehicles.yaml",
@@ -275,12 +274,13 @@ def _draw(arguments: Namespace, result: Result, line: ProgressLine | None) -> No
 
 def _tell(result: Result, *, quiet: bool, reports: bool) -> None:
     """The summary on stdout; what scripts and robots reported, and what went wrong, on stderr."""
+    from fame.scenario.result import HEADS
+
     if not quiet:
         for event in result.reports if reports else ():
             place = f"{event.robot}: {event.element}" if event.element else event.robot
             note(f"{event.time / 1e9:7.1f} s   {place}: {event.detail}")
-        rows = [(robot.name, robot.instances, robot.elements, printable(_standing(robot))) for robot in result.robots]
-        print(table(("robot", "instances", "elements", "status"), rows), end="\n\n")
+        print(table(HEADS, [robot.row for robot in result.robots]), end="\n\n")
         ended = f"{result.status}: {result.simulated:.1f} s simulated in {result.wall:.2f} s{_speed(result)}"
         print(coloured(ended, sys.stdout), flush=True)
     for message in result.messages:
@@ -291,12 +291,3 @@ def _speed(result: Result) -> str:
     """How fast it ran, if that can be told."""
     faster = result.simulated / result.wall if result.wall > 0 else 0
     return f", {faster:.0f} times real time" if faster >= 2 else ""
-
-
-def _standing(robot: RobotResult) -> str:
-    """How it is with one robot, in words."""
-    if not robot.instances:
-        return "; ".join(["never started", *(f"waits for {wait.text}" for wait in robot.waits)])
-    counts = ((robot.failed, "failed"), (robot.running, "running"), (robot.completed, "completed"))
-    said = [(count, word) for count, word in counts if count]
-    return said[0][1] if len(said) == 1 else ", ".join(f"{count} {word}" for count, word in said)

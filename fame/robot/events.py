@@ -11,10 +11,15 @@ event need be made of each: logs do that.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from fame.clock import SECOND
 from fame.engine.program import Mark
 from fame.engine.state import Trail
+from fame.extras import require
+
+if TYPE_CHECKING:
+    import pandas
 
 Observer = Callable[["Event"], object]
 OnTrail = Callable[[int, str, Trail], object]
@@ -71,6 +76,18 @@ class EventLog:
         for where, marks in self._kept:
             for mark in marks:
                 yield Event(*where, *mark)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a `pandas.DataFrame` with a row for each event: the fields of `Event`, with ``time`` in seconds.
+
+        Raises UnavailableError if pandas is not installed.
+        """
+        require("pandas")
+        import pandas
+
+        table = pandas.DataFrame(self, columns=Event._fields)
+        table["time"] /= SECOND
+        return table
 
 
 def combine_observers(observers: Sequence[Observer]) -> Observer | None:

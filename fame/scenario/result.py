@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 from fame.clock import EPOCH, SECOND, date_text
@@ -14,6 +15,9 @@ from fame.robot.waiting_tokens import SOMEBODY
 
 if TYPE_CHECKING:
     from sim2d.record import Record
+
+HEADS = ("robot", "instances", "elements", "status")
+"""Of a table of robots (`RobotResult.row`)."""
 
 Status = Literal["completed", "failed", "timeout", "interrupted"]
 
@@ -73,11 +77,26 @@ class RobotResult:
         """How many instances had not ended."""
         return self.instances - self.completed - self.failed
 
+    @property
+    def summary(self) -> str:
+        """How its instances ended: ``completed``, ``1 failed, 2 running``, or what it waited for before any started."""
+        if not self.instances:
+            return "; ".join(["never started", *(f"waits for {wait.text}" for wait in self.waits)])
+        counts = ((self.failed, "failed"), (self.running, "running"), (self.completed, "completed"))
+        present = [(count, word) for count, word in counts if count]
+        return present[0][1] if len(present) == 1 else ", ".join(f"{count} {word}" for count, word in present)
+
+    @property
+    def row(self) -> tuple[str, int, int, str]:
+        """Its cells in a table with the columns `HEADS`."""
+        return self.name, self.instances, self.elements, self.summary
+
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How a run went. `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
+    """How a run went. A notebook shows a table of its robots.
 
+    `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
     `ending` says why it was not over when it ended: its time was up, or nothing could move any more; else it is empty.
     `never_started` are the pools without which it is not completed, `problems` what went wrong with the processes of
     robots, or before the mission began. `epoch` is the date of second 0.
@@ -148,3 +167,14 @@ class Result:
             ],
             "messages": self.messages,
         }
+
+    def _repr_html_(self) -> str:
+        """Return a table with a row for each robot, for notebooks."""
+
+        def line(tag: str, cells: Iterable[object]) -> str:
+            return f"<tr>{''.join(f'<{tag}>{escape(str(cell))}</{tag}>' for cell in cells)}</tr>"
+
+        caption = f"<caption>{self.status}: {self.simulated:.1f} s simulated</caption>"
+        lines = [line("th", HEADS), *(line("td", robot.row) for robot in self.robots)]
+        messages = [f"<p>{escape(message)}</p>" for message in self.messages]
+        return "\n".join(["<table>", caption, *lines, "</table>", *messages])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from importlib import import_module
 from typing import Literal
 
 from fame.bpmn.model.elements import Element
@@ -151,9 +152,9 @@ class Note:
         return display_name(self.element, self.name)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Definitions:
-    """A .bpmn file.
+    """A .bpmn file. A notebook shows its diagram.
 
     source          the bytes of the file; `fame.write` writes them back, so that unknown content is kept
     collaboration   id of the collaboration; the parts of a split file share it
@@ -163,14 +164,14 @@ class Definitions:
     """
 
     file: str
-    source: bytes = field(repr=False)
+    source: bytes
     processes: tuple[Process, ...] = ()
     collaboration: str = ""
     participants: tuple[Participant, ...] = ()
     message_flows: tuple[MessageFlow, ...] = ()
-    shapes: tuple[Shape, ...] = field(default=(), repr=False)
-    edges: tuple[Edge, ...] = field(default=(), repr=False)
-    planes: tuple[str, ...] = field(default=(), repr=False)
+    shapes: tuple[Shape, ...] = ()
+    edges: tuple[Edge, ...] = ()
+    planes: tuple[str, ...] = ()
     artifacts: tuple[Artifact, ...] = ()
     notes: tuple[Note, ...] = ()
 
@@ -190,3 +191,13 @@ class Definitions:
     def display_name(self, id: str) -> str:
         """The element with this id as messages show it; the id itself if the file does not have the element."""
         return next((element.display_name for element in self.elements() if element.id == id), id)
+
+    def __repr__(self) -> str:
+        processes = ", ".join(process.id for process in self.processes)
+        return f"Definitions({self.file!r}, processes: {processes or 'none'})"
+
+    def _repr_svg_(self) -> str | None:
+        """Return the diagram as SVG, for notebooks; None if the file has none."""
+        # Imported by name, since drawing builds on this module.
+        drawing = import_module("fame.bpmn.draw.diagram")
+        return str(drawing.draw(self)) if self.shapes else None
