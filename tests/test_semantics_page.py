@@ -43,10 +43,14 @@ def test_every_conformance_test_is_linked() -> None:
 
 
 def test_every_rule_is_linked() -> None:
-    """A rule is an item of a list; what only explains stands in paragraphs. One may say how the others are meant."""
-    rules = re.findall(r"^- (.*?)(?=^- |^#|\Z|^$)", PAGE, re.MULTILINE | re.DOTALL)
-    assert len(rules) > 80
-    assert [rule for rule in rules if "#test_" not in rule and "*stimulus*" not in rule] == []
+    """A rule is an item of a list with a bold name; the end of its section lists the tests under the same names."""
+    sections = re.split(r"^## ", PAGE.partition("## What is executed")[0], flags=re.MULTILINE)[1:]
+    rules = [re.findall(r"^- \*\*(.+?)\.\*\*", section, re.MULTILINE) for section in sections]
+    assert sum(map(len, rules)) > 110
+    for section, named in zip(sections, rules, strict=True):
+        tests = re.findall(r"^- ([^*:]+): (.*)", section.partition("<details>")[2], re.MULTILINE)
+        assert [name for name, _ in tests] == named
+        assert [name for name, links in tests if "#test_" not in links and name != "Stimulus"] == []
 
 
 # ---- models ----------------------------------------------------------------------------------------------------------
