@@ -159,12 +159,10 @@ class Field:
         while not sent.done:
             self.scheduler.run()
         if sent.failed:
-            raise SystemExit(
-                f"not deployed: {[(each.robot, each.state, each.reason) for each in sent.standings.values()]}"
-            )
+            raise SystemExit(f"not deployed: {list(map(str, sent.robots.values()))}")
         self.scheduler.run(self.scheduler.now + SECOND // 100)
         sent.close()
-        return max(each.took for each in sent.standings.values())
+        return max(each.took for each in sent.robots.values())
 
     def close(self) -> None:
         for engine in self.engines.values():

@@ -1,6 +1,7 @@
 """A field of robots for the tests of deployment: engines, a sender, and what is said between them."""
 
 import json
+from dataclasses import replace
 
 from fame import deploy
 from fame.bpmn.reader import read_text
@@ -101,6 +102,13 @@ class Field:
 
     def variables(self, robot: str) -> dict:
         return self.engines[robot].running.instances[-1].variables
+
+
+def kill(deployment: Deployment) -> None:
+    """Let nothing happen at a sender's end any more."""
+    deployment._protocol.state = replace(deployment._protocol.state, phase="over")
+    for entry in (deployment._limit, deployment._timer):
+        entry.cancel()
 
 
 def made(field: Field, text: str, id: str, sequence: int) -> Deployment:

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("cryptography", reason="cryptography is not installed: pip install 'fame-robots[dds]'")
 
-from deployment_field import TEAM, Field, made, patrol
+from deployment_field import TEAM, Field, kill, made, patrol
 
 import fame
 from fame.bpmn.reader import read_text
@@ -87,7 +87,7 @@ def test_unsigned_answers_for_a_robot_that_is_not_there_deploy_nothing(keys):
     field.forge(Report(robot="B", state="waiting"))
     forged_answers(field, "B", None)
     sent = field.deploy(TEAM, robots=["A", "B"])
-    assert (sent.failed, sent.standings["B"].reason) == (True, "did not answer within 10 s")
+    assert (sent.failed, sent.robots["B"].reason) == (True, "did not answer within 10 s")
     assert field.engines["A"].running is None
 
 
@@ -102,8 +102,8 @@ def test_two_engines_that_say_that_they_are_one_robot_and_cannot_prove_it_are_se
     field.forge(Report(robot="B", state="waiting"), Identity.new())
     sent = field.deploy(TEAM)
     assert sent.failed
-    assert "two engines say that they are B" in sent.standings["B"].reason
-    assert sent.standings["A"].reason == "was not asked yet because of B"
+    assert "two engines say that they are B" in sent.robots["B"].reason
+    assert sent.robots["A"].reason == "was not asked yet because of B"
     assert field.engines["A"].running is None
 
 
@@ -191,9 +191,7 @@ def test_a_robot_that_holds_believes_the_engines_alone_for_which_its_deployment_
     made_by.begin()
     field.pass_time(0.5)
     assert field.engines["A"].state == "ready"
-    made_by.done = True
-    for entry in (made_by._limit, made_by._again):
-        entry.cancel()
+    kill(made_by)
     field.engines["B"].close()
     field.pass_time(6)
     field.forge(Report(robot="B", state="running", deployment="d1", answer=answer, deployed="d1", time=1e6), by)
@@ -212,9 +210,7 @@ def test_robots_that_trust_keys_decide_together_when_their_sender_is_gone(keys):
     sent._send = lambda robot, envelope: words.append(robot) if envelope.phase == "start" else send(robot, envelope)
     sent.begin()
     field.pass_time(0.5)
-    sent.done = True
-    for entry in (sent._limit, sent._again):
-        entry.cancel()
+    kill(sent)
     sent.node.close()
     assert {engine.state for engine in field.engines.values()} == {"ready"}
     send_to_a = made(field, TEAM, "x", 1).node.publisher("/A/bpmn_process", STRING)

@@ -59,7 +59,7 @@ def test_if_one_robot_stays_silent_nobody_starts():
     field = Field("A")
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert sent.failed
-    assert "did not answer" in sent.standings["B"].reason or "nobody came" in sent.standings["A"].reason
+    assert "did not answer" in sent.robots["B"].reason or "nobody came" in sent.robots["A"].reason
     assert field.engines["A"].running is None
     assert field.engines["A"].state == "waiting"
 
@@ -72,7 +72,7 @@ def test_an_engine_tells_whoever_looks_at_it_what_it_refused_and_the_others_why_
     sent = field.deploy(TEAM, robots=["A", "B"])
     assert sent.failed
     assert {event.detail for event in told} == {"refused: not signed; this robot runs only what a trusted key signed"}
-    assert sent.standings["B"].reason in ("had not answered yet", "called off because of A")
+    assert sent.robots["B"].reason in ("had not answered yet", "called off because of A")
 
 
 def test_what_it_refused_is_an_answer_if_somebody_waits_for_one():
@@ -93,7 +93,7 @@ def test_an_engine_tells_once_what_it_refused_though_it_answers_again():
     field.listen("A")
     asked = '<serviceTask id="g" xmlns:c="http://camunda.org/schema/1.0/bpmn" c:type="external" c:topic="grip"/>'
     sent = field.deploy(definitions(process("A", f'<startEvent id="s"/>{asked}', ("s", "g"))), robots=["A"])
-    assert sent.standings["A"].state == "refused"
+    assert sent.robots["A"].state == "refused"
     assert field.answers() == ["refused", "refused"]  # the second to the word that calls it off
     assert len(told) == 1
 
@@ -134,8 +134,8 @@ def test_a_sender_tells_what_a_robot_says_with_the_places_of_its_own_files(work,
     assert not sent.failed
     error = field.engines["B"].running.instances[-1].error
     assert "B.bpmn:" in str(error)
-    assert sent.in_own_files("B", str(error)) == said.format(folder=tmp_path)
-    assert sent.in_own_files("B", "B.bpmn: late, DB.bpmn:8, B.bpmn:999") == "team.bpmn: late, DB.bpmn:8, B.bpmn:999"
+    assert sent.source_map("B").line(str(error)) == said.format(folder=tmp_path)
+    assert sent.source_map("B").line("B.bpmn: late, DB.bpmn:8, B.bpmn:999") == "team.bpmn: late, DB.bpmn:8, B.bpmn:999"
 
 
 def test_a_topic_whose_other_end_does_not_come_is_named():
@@ -143,8 +143,8 @@ def test_a_topic_whose_other_end_does_not_come_is_named():
     field.send("A", patrol(1))
     field.pass_time(0.1)
     sent = field.deploy(TEAM, robots=["A", "B"])
-    assert "/go (subscriber)" in sent.standings["A"].reason
-    assert (sent.standings["B"].state, sent.standings["B"].reason) == ("silent", "had not answered yet")
+    assert "/go (subscriber)" in sent.robots["A"].reason
+    assert (sent.robots["B"].state, sent.robots["B"].reason) == ("silent", "had not answered yet")
     assert field.variables("A") == {"mark": 1}
 
 
@@ -187,7 +187,7 @@ def test_a_message_type_that_the_sender_does_not_know_is_for_the_robots_to_judge
     opening = '<intermediateThrowEvent id="throw">'
     sent = field.deploy(TEAM.replace(opening, opening + kind))
     assert sent.failed
-    reasons = [standing.reason for standing in sent.standings.values() if standing.state == "refused"]
+    reasons = [standing.reason for standing in sent.robots.values() if standing.state == "refused"]
     assert reasons
     assert all("my_robots/msg/Mood: there is no such message type" in reason for reason in reasons)
 
@@ -216,7 +216,7 @@ def test_the_same_deployment_again_is_acknowledged_without_effect():
     field = Field("A", "B")
     sent = field.deploy(TEAM)
     instance = field.engines["A"].running.instances[0]
-    field.send("A", sent.standings["A"].envelope.to_json())
+    field.send("A", sent.envelopes["A"].to_json())
     field.pass_time(0.1)
     assert field.said[-1].answer == "started"
     assert field.engines["A"].running.instances == [instance]
@@ -235,8 +235,8 @@ def test_an_older_sequence_is_stale():
     field = Field("A", "B")
     late = made(field, TEAM, "d1", 1)
     field.deploy(TEAM, "d2", 2)
-    for standing in late.standings.values():
-        field.send(standing.robot, standing.envelope.to_json())
+    for robot, envelope in late.envelopes.items():
+        field.send(robot, envelope.to_json())
     field.pass_time(0.1)
     assert [report.answer for report in field.said[-2:]] == ["stale", "stale"]
     assert {engine.deployed for engine in field.engines.values()} == {"d2"}
@@ -248,7 +248,7 @@ def test_only_some_robots_may_be_sent_to():
     kept = field.engines["B"].running
     sent = field.deploy(TEAM, "d2", 2, only=["A"])
     assert not sent.failed
-    assert list(sent.standings) == ["A"]
+    assert list(sent.robots) == ["A"]
     assert field.engines["B"].running is kept
     with pytest.raises(fame.DeploymentError, match="named Z"):
         field.deploy(TEAM, "d3", 3, only=["Z"])
@@ -257,8 +257,8 @@ def test_only_some_robots_may_be_sent_to():
 def test_an_envelope_for_another_robot_or_with_another_hash_is_refused():
     field = Field("A", "B")
     sent = field.deploy(TEAM)
-    field.send("B", sent.standings["A"].envelope.to_json())
-    changed = json.loads(sent.standings["A"].envelope.to_json()) | {"deployment": "d9", "sequence": 9, "hash": "0" * 64}
+    field.send("B", sent.envelopes["A"].to_json())
+    changed = json.loads(sent.envelopes["A"].to_json()) | {"deployment": "d9", "sequence": 9, "hash": "0" * 64}
     field.send("A", json.dumps(changed))
     field.pass_time(0.1)
     reasons = [report.reason for report in field.said if report.answer == "refused"]
@@ -405,14 +405,14 @@ def test_lost_messages_are_told_as_they_grow_and_counted_in_the_reports_and_in_f
 def test_a_robot_that_no_pool_wants_belongs_to_others_and_is_left_alone():
     field = Field("A", "B", "Z")
     sent = field.deploy(TEAM)
-    assert (sent.failed, list(sent.standings)) == (False, ["A", "B"])
+    assert (sent.failed, list(sent.robots)) == (False, ["A", "B"])
     assert field.engines["Z"].state == "waiting"
 
 
 def test_a_model_for_one_robot_goes_to_it_though_others_that_play_its_pools_are_not_there():
     field = Field("A")
     sent = field.deploy(TEAM.replace('name="go"', 'name="~/go"'), only=["A"])
-    assert (sent.failed, list(sent.standings)) == (False, ["A"])
+    assert (sent.failed, list(sent.robots)) == (False, ["A"])
 
 
 def test_after_a_thousand_redeployments_everything_is_as_after_ten():

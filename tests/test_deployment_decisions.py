@@ -12,8 +12,8 @@ def dead_after_loading(field: Field, id: str, sequence: int) -> Deployment:
     """A deployment whose sender sent every robot its part and then was no more."""
     sent = made(field, TEAM, id, sequence)
     sent.close()
-    for standing in sent.standings.values():
-        field.send(standing.robot, standing.envelope.to_json())
+    for robot, envelope in sent.envelopes.items():
+        field.send(robot, envelope.to_json())
     field.pass_time(0.5)
     return sent
 
@@ -46,7 +46,7 @@ def test_a_sender_that_is_alive_is_waited_for_however_long_the_others_take():
     assert (field.engines["A"].state, sent.done) == ("ready", False)
     field.pass_time(3)
     assert (field.engines["A"].state, sent.failed) == ("waiting", True)
-    assert sent.standings["B"].reason == "did not answer within 10 s"
+    assert sent.robots["B"].reason == "did not answer within 10 s"
 
 
 class HardOfHearing(Deployment):
@@ -54,12 +54,12 @@ class HardOfHearing(Deployment):
 
     lost: tuple[str, ...] = ()
 
-    def _heard(self, robot, message):
+    def _on_report(self, robot, message):
         report = Report.from_json(message.data)
         if report.answer and report.deployment == self.id and robot not in self.lost:
             self.lost = (*self.lost, robot)
         else:
-            super()._heard(robot, message)
+            super()._on_report(robot, message)
 
 
 @pytest.mark.parametrize("newer", [True, False])
@@ -74,7 +74,7 @@ def test_who_misses_an_answer_asks_again_and_ends_with_the_truth(newer):
         field.pass_time(12)
     assert older.lost == ("A", "B") or older.lost == ("B", "A")
     assert (older.done, older.failed) == (True, newer)
-    assert ("superseded" in {each.state for each in older.standings.values()}) is newer
+    assert ("superseded" in {each.state for each in older.robots.values()}) is newer
     assert {engine.deployed for engine in field.engines.values()} == {"d2" if newer else "d1"}
 
 
@@ -86,7 +86,7 @@ def test_a_robot_that_is_ready_takes_a_newer_one_only_when_the_older_is_decided(
     older = dead_after_loading(field, "d1", 1)
     newer = made(field, TEAM, "d2", 2)
     newer.close()
-    field.send("A", newer.standings["A"].envelope.to_json())
+    field.send("A", newer.envelopes["A"].to_json())
     field.pass_time(0.1)
     assert (field.said[-1].answer, field.said[-1].deployment) == ("superseded", "d1")
     for name in "AB":  # its sender had told them already: they keep their word
@@ -104,7 +104,7 @@ def test_a_sender_that_is_not_through_makes_room_for_a_newer_one_at_once():
     assert field.engines["A"].state == "ready"
     field.send("A", patrol(5))
     field.pass_time(0.1)
-    assert (older.failed, older.standings["A"].state) == (True, "superseded")
+    assert (older.failed, older.robots["A"].state) == (True, "superseded")
     assert field.variables("A") == {"mark": 5}
 
 
@@ -151,7 +151,7 @@ def test_a_robot_that_comes_back_in_between_without_its_process_does_not_keep_th
     field.engines["B_2"] = EngineNode("B_2", scheduler=field.scheduler, middleware=field.middleware)
     field.pass_time(3)
     assert [engine.deployed for engine in field.engines.values()] == ["d1", "d1", ""]
-    assert (sent.failed, sent.standings["B_2"].state) == (True, "refused")
+    assert (sent.failed, sent.robots["B_2"].state) == (True, "refused")
 
 
 class Stopped(Deployment):
@@ -159,17 +159,17 @@ class Stopped(Deployment):
 
     until = 0.0
 
-    def _ask(self):
-        if not self._stands(self._ask):
-            super()._ask()
+    def _on_timer(self):
+        if not self._stands(self._on_timer):
+            super()._on_timer()
 
-    def _heard(self, robot, message):
-        if not self._stands(lambda: self._heard(robot, message)):
-            super()._heard(robot, message)
+    def _on_report(self, robot, message):
+        if not self._stands(lambda: self._on_report(robot, message)):
+            super()._on_report(robot, message)
 
     def _stands(self, again) -> bool:
-        stands = self._phase == "load" and bool(self._spoke) and self.scheduler.now < self.until * SECOND
-        if stands and self.standings:
+        stands = self._protocol.state.phase == "load" and self.scheduler.now < self.until * SECOND
+        if stands:
             self.scheduler.at(round(self.until * SECOND), again)
         return stands
 
@@ -219,7 +219,7 @@ def test_an_older_model_does_not_take_the_turn_of_a_newer_one_that_waits():
 def made_for_one(field: Field, id: str, sequence: int) -> str:
     sent = made(field, TEAM.replace('name="go"', 'name="~/go"'), id, sequence)
     sent.close()
-    return sent.standings["A"].envelope.to_json()
+    return sent.envelopes["A"].to_json()
 
 
 def test_an_engine_that_ends_says_so_to_whoever_waits_for_it():

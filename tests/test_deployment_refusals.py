@@ -55,7 +55,7 @@ def test_of_two_engines_of_one_robot_the_younger_leaves():
 def test_an_envelope_that_is_not_as_it_has_to_be_is_refused_and_harms_nobody(change):
     field = Field("A", "B")
     sent = field.deploy(TEAM)
-    said = json.loads(sent.standings["A"].envelope.to_json()) | {"deployment": "d9", "sequence": 9} | change
+    said = json.loads(sent.envelopes["A"].to_json()) | {"deployment": "d9", "sequence": 9} | change
     field.send("A", json.dumps(said))
     field.pass_time(0.1)
     assert (field.said[-1].answer, field.said[-1].state) == ("refused", "running")
@@ -109,7 +109,7 @@ def test_a_model_that_nothing_can_be_made_of_is_refused_and_leaves_nothing_behin
 def test_a_sequence_far_ahead_of_the_clock_is_refused_and_takes_no_numbers_from_later_ones():
     field = Field("A", "B")
     field.deploy(TEAM)
-    said = json.loads(made(field, TEAM, "d9", 9).standings["A"].envelope.to_json())
+    said = json.loads(made(field, TEAM, "d9", 9).envelopes["A"].to_json())
     field.send("A", json.dumps(said | {"sequence": 2**53 - 1}))
     field.pass_time(0.1)
     assert (field.said[-1].answer, field.said[-1].state) == ("refused", "running")

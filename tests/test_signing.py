@@ -53,7 +53,7 @@ def test_what_nobody_signed_is_refused(keys):
     field = Guarded(keys[1], "A", "B")
     sent = field.deploy(TEAM)
     assert sent.failed
-    assert any("not signed" in standing.reason for standing in sent.standings.values())
+    assert any("not signed" in standing.reason for standing in sent.robots.values())
     field.send("A", patrol(1))
     field.pass_time(0.1)
     assert "not signed" in [report.reason for report in field.said if report.answer == "refused"][-1]
@@ -83,7 +83,7 @@ def test_an_old_signature_and_a_changed_envelope_are_refused(keys):
 def test_a_replayed_envelope_of_another_robot_is_refused(keys):
     field = Guarded(keys[1], "A", "B")
     sent = field.deploy(TEAM, key=keys[0], wall_time=lambda: NOW)
-    envelope = replace(sent.standings["A"].envelope, issued=NOW)
+    envelope = replace(sent.envelopes["A"], issued=NOW)
     field.send("B", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
     field.pass_time(0.1)
     assert "meant for robot 'A'" in field.said[-1].reason
@@ -116,7 +116,7 @@ def test_no_word_of_the_protocol_counts_that_was_not_signed(keys):
     field = Guarded(keys[1], "A")
     sent = made(field, TEAM.replace('name="go"', 'name="~/go"'), "d1", 1)
     engine = field.engines["A"]
-    envelope = replace(sent.standings["A"].envelope, issued=NOW, born=engine.born)
+    envelope = replace(sent.envelopes["A"], issued=NOW, born=engine.born)
     field.send("A", replace(envelope, signature=sign(asdict(envelope), keys[0])).to_json())
     field.pass_time(0.1)
     assert engine.state == "ready"

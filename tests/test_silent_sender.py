@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import pytest
-from deployment_field import TEAM, Field, definitions, made, patrol, process
+from deployment_field import TEAM, Field, definitions, kill, made, patrol, process
 
 from fame.bpmn.reader import read_text
 from fame.deploy import Deployment, EngineNode
@@ -31,10 +31,8 @@ class Killed(Deployment):
             super()._send(robot, envelope)
         self.words -= 1
         if self.words == 0:
-            self.done = True  # it hears nothing, and nothing happens at its end any more
+            kill(self)
             self.node.close()
-            for entry in (self._limit, self._again):
-                entry.cancel()
 
 
 def sent(field: Field, text: str, robots: Iterable[str], id: str, kind: type[Deployment] = Deployment) -> Deployment:
@@ -132,8 +130,8 @@ def ready_without_a_sender(monkeypatch, *told: str) -> Parted:
     """A and B are ready, the sender told some to start and is gone, and B is cut off."""
     field = Parted(monkeypatch, "A", "B")
     dead = made(field, TEAM, "d1", 1)
-    for standing in dead.standings.values():
-        field.send(standing.robot, standing.envelope.to_json())
+    for robot, envelope in dead.envelopes.items():
+        field.send(robot, envelope.to_json())
     field.pass_time(0.1)
     assert settled(field)[1] == {"ready"}
     field.islands = ("B",)
@@ -167,7 +165,7 @@ def test_a_robot_that_holds_refuses_a_newer_one_and_says_how_a_person_ends_that(
     field.islands = ()
     field.pass_time(20)
     assert field.engines["B"].state == "holding"
-    field.send("B", replace(made(field, TEAM, "d2", 2).standings["B"].envelope, deployment="d2").to_json())
+    field.send("B", replace(made(field, TEAM, "d2", 2).envelopes["B"], deployment="d2").to_json())
     field.pass_time(2)
     refused = [report for report in field.said if report.answer == "refused"][-1]
     assert refused.deployment == "d2"
@@ -180,8 +178,8 @@ def test_a_robot_that_holds_refuses_a_newer_one_and_says_how_a_person_ends_that(
 def test_an_engine_that_ends_while_it_is_ready_has_not_aborted_what_others_may_have_started():
     field = Field("A", "B_1", "B_2")
     dead = sent(field, THREE, ["A", "B_1", "B_2"], "d1")
-    for standing in dead.standings.values():
-        field.send(standing.robot, standing.envelope.to_json())
+    for robot, envelope in dead.envelopes.items():
+        field.send(robot, envelope.to_json())
     field.pass_time(4.9)
     field.engines["B_2"].close()
     field.pass_time(10)
@@ -224,8 +222,8 @@ def test_what_runs_is_suspended_in_the_safe_state_while_the_robot_holds_and_goes
     field.pass_time(3.5)
     assert (field.variables("B")["begun"], field.variables("B")["ticks"]) == (1, 3)
     dead = made(field, TEAM, "d1", 1)
-    for standing in dead.standings.values():
-        field.send(standing.robot, standing.envelope.to_json())
+    for robot, envelope in dead.envelopes.items():
+        field.send(robot, envelope.to_json())
     field.pass_time(1)
     field.islands = ("A",)
     field.pass_time(6)
@@ -245,8 +243,8 @@ def test_what_runs_is_not_touched_where_the_others_answer_at_once():
         field.send(name, DRIVES.replace("globals().get", "{**globals()}.get"))
     field.pass_time(1)
     dead = made(field, TEAM, "d1", 1)
-    for standing in dead.standings.values():
-        field.send(standing.robot, standing.envelope.to_json())
+    for robot, envelope in dead.envelopes.items():
+        field.send(robot, envelope.to_json())
     field.pass_time(10)
     assert [report.answer for report in field.said if report.answer][-2:] == ["aborted", "aborted"]
     assert [field.variables(name)["begun"] for name in "AB"] == [1, 1]
@@ -262,7 +260,7 @@ def test_the_safe_state_is_taken_up_when_the_robot_begins_to_hold():
     field.person.subscription("/A/stopped", "std_msgs/msg/Empty", stops.append)
     field.send("A", patrol(1))
     field.pass_time(1)
-    envelope = made(field, TEAM, "d1", 1).standings["A"].envelope
+    envelope = made(field, TEAM, "d1", 1).envelopes["A"]
     field.send("A", replace(envelope, promises={}).to_json())
     field.pass_time(4)
     assert (field.engines["A"].state, len(stops)) == ("ready", 0)

@@ -53,18 +53,18 @@ def run(arguments: Namespace) -> int:
         _tell(deployment, json=arguments.json)
         if arguments.stay and not deployment.failed:
             deployment.close()
-            sending.stay(deployment.standings, note)
+            sending.stay(deployment.robots, note)
     return 1 if deployment.failed else 0
 
 
 def _tell(deployment: Deployment, *, json: bool) -> None:
-    standings = deployment.standings.values()
+    robots = deployment.robots.values()
     if json:
-        robots = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in standings}
-        print_json({"status": "failed" if deployment.failed else "completed", "robots": robots})
+        results = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in robots}
+        print_json({"status": "failed" if deployment.failed else "completed", "robots": results})
     else:
         rows = [
             (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
-            for each in standings
+            for each in robots
         ]
         print(table(("robot", "state", "time", "reason"), rows), flush=True)

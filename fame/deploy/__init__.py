@@ -46,7 +46,8 @@ if TYPE_CHECKING:
         read_envelope as read_envelope,
     )
     from fame.deploy.late_joiners import Keeper as Keeper
-    from fame.deploy.sender import Deployment as Deployment, Standing as Standing
+    from fame.deploy.sender import Deployment as Deployment
+    from fame.deploy.sender_protocol import RobotProgress as RobotProgress
     from fame.deploy.splitter_node import SplitterNode as SplitterNode
 else:
     __getattr__, __dir__, __all__ = attach(
@@ -55,7 +56,8 @@ else:
             "envelope": ["Envelope", "Report", "STATUS_QOS", "STRING", "engines", "model_hash", "read_envelope"],
             "late_joiners": ["Keeper"],
             "engine_node": ["EngineNode"],
-            "sender": ["Deployment", "Standing"],
+            "sender": ["Deployment"],
+            "sender_protocol": ["RobotProgress"],
             "splitter_node": ["SplitterNode"],
         },
     )

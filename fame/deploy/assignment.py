@@ -11,7 +11,9 @@ from fame.errors import DeploymentError
 from fame.robot.endpoints import direct_topic
 
 
-def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]) -> dict[str, Pool]:
+def assign_robots(
+    definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]
+) -> dict[str, Pool]:
     """Who plays which pool. Robots that were `found`, not named, may belong to others; `only` some leave pools open.
 
     Raises DeploymentError and ConfigError for robots that are not there, ModelError for pools that cannot be played.
@@ -27,18 +29,18 @@ def cast_of(definitions: Definitions, robots: Sequence[str], *, found: bool, onl
         raise DeploymentError(text)
     if only:
         pools = [pool for pool in pools if any(matches(robot, pool) for robot in robots)]
-    cast = assign_pools(pools, robots, file=definitions.file)
-    if not cast:
+    assigned = assign_pools(pools, robots, file=definitions.file)
+    if not assigned:
         raise DeploymentError(f"no engine of a robot that the model wants: {wanted}")
-    return cast
+    return assigned
 
 
-def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Library) -> dict[str, dict[str, str]]:
+def promises(definitions: Definitions, assigned: Mapping[str, Pool], library: Library) -> dict[str, dict[str, str]]:
     """For each robot, the public topics whose opposite end another robot of the collaboration has."""
     ends: dict[str, tuple[set[str], set[str]]] = {}
     addressing: dict[str, set[str]] = {}
     taking: dict[str, set[str]] = {}
-    for robot, pool in cast.items():
+    for robot, pool in assigned.items():
         for name, use in shared_topics(definitions, [pool], library).items():
             if not name.startswith("~/"):
                 throws, catches = ends.setdefault(name, (set(), set()))
@@ -50,7 +52,7 @@ def promises(definitions: Definitions, cast: Mapping[str, Pool], library: Librar
                     addressing.setdefault(name, set()).add(robot)
                 if use.takes_messages:
                     taking.setdefault(name, set()).add(robot)
-    found: dict[str, dict[str, str]] = {robot: {} for robot in cast}
+    found: dict[str, dict[str, str]] = {robot: {} for robot in assigned}
     for name, senders in addressing.items():
         for robot in senders:
             others = taking.get(name, set()) - {robot}

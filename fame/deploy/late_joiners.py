@@ -109,12 +109,12 @@ class Keeper:
             self._say(f"{', '.join(late)}: {error}")
 
     def _ended(self, deployment: Deployment) -> None:
-        for standing in deployment.standings.values():
-            if standing.state == "started":
-                self.served.add(standing.robot)
-                self._states[standing.robot] = "running"
-                self._not_before.pop(standing.robot, None)
-            self._say(": ".join(filter(None, (standing.robot, standing.state, standing.reason))))
+        for robot, progress in deployment.robots.items():
+            if progress.state == "started":
+                self.served.add(robot)
+                self._states[robot] = "running"
+                self._not_before.pop(robot, None)
+            self._say(str(progress))
         self.scheduler.soon(self._close_current)
 
     def _close_current(self) -> None:

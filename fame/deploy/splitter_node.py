@@ -27,7 +27,8 @@ from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model
 from fame.deploy.late_joiners import Keeper
 from fame.deploy.leader_election import GONE, HEARTBEAT, Others, Role
 from fame.deploy.refusals import Digest
-from fame.deploy.sender import PATIENCE, REFUSALS, Deployment
+from fame.deploy.sender import PATIENCE, Deployment
+from fame.deploy.sender_protocol import REFUSALS
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware
@@ -200,9 +201,8 @@ class SplitterNode:
         return deployment
 
     def _ended(self, diagram: tuple[str, Definitions], deployment: Deployment) -> None:
-        standings = deployment.standings.values()
-        lines = [": ".join(filter(None, (each.robot, each.state, each.reason))) for each in standings]
-        self._report(("not deployed: " if deployment.failed else "deployed: ") + "; ".join(lines))
+        robots = "; ".join(map(str, deployment.robots.values()))
+        self._report(f"{'not deployed' if deployment.failed else 'deployed'}: {robots}")
         self.scheduler.soon(partial(self._after, diagram, deployment))
 
     def _after(self, diagram: tuple[str, Definitions], deployment: Deployment) -> None:
@@ -212,8 +212,8 @@ class SplitterNode:
             return
         self._deployment = None
         if not deployment.failed:
-            self._keep(diagram, served=deployment.standings)
-        elif self._diagram is diagram and any(each.state in REFUSALS for each in deployment.standings.values()):
+            self._keep(diagram, served=deployment.robots)
+        elif self._diagram is diagram and any(each.state in REFUSALS for each in deployment.robots.values()):
             self._diagram = None  # the team keeps what it had; who was silent may come back, and is asked again
         self._try()
 

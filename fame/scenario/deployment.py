@@ -10,7 +10,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, WallScheduler
 from fame.deploy import Deployment, Keeper, engines
-from fame.deploy.assignment import cast_of
+from fame.deploy.assignment import assign_robots
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
 from fame.scenario.process import run_until_told
@@ -67,7 +67,7 @@ class Sending:
         while True:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
             try:
-                cast_of(self.definitions, engines(self.middleware), found=True, only=only)
+                assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
             except (ConfigError, DeploymentError) as error:
                 if self.scheduler.now < until:
                     if not said and self.scheduler.now > begun + SECOND:

@@ -9,7 +9,6 @@ import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -66,7 +65,7 @@ class Team:
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
         self._children = Children(
-            lambda name, line: self.scheduler.soon(lambda: self._said(name, self._in_own_files(name, line)))
+            lambda name, line: self.scheduler.soon(lambda: self._said(name, self._with_own_files(name, line)))
         )
         self._hear = hear
         self._status: Status | None = None  # what it comes to, whatever robots say
@@ -124,10 +123,7 @@ class Team:
 
     def _robots(self) -> tuple[RobotResult, ...]:
         """How it goes for each robot, from what they said last."""
-        return tuple(
-            robot_result(robot, self.reports.get(robot), partial(self._in_own_files, robot))
-            for robot in self.scenario.cast
-        )
+        return tuple(robot_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
 
     def _said(self, name: str, line: str) -> None:
         """A process has said a line."""
@@ -193,15 +189,17 @@ class Team:
         if report is None:
             return
         robot = voice.robot
-        self.reports[robot] = replace(report, error=self._in_own_files(robot, report.error))
+        self.reports[robot] = report if self._deployment is None else self._deployment.source_map(robot).report(report)
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
             self._look_whether_over()
 
-    def _in_own_files(self, name: str, text: str) -> str:
-        """What a process says, with the places of the model that was deployed."""
-        return self._deployment.in_own_files(name, text) if self._deployment is not None else text
+    def _with_own_files(self, name: str, line: str) -> str:
+        """A line that a process printed, with the places of the model that was deployed."""
+        if self._deployment is None or name not in self._deployment.robots:
+            return line
+        return self._deployment.source_map(name).line(line)
 
     def _world_is_there(self) -> bool:
         return self.scenario.world is None or self.world is not None
@@ -222,7 +220,7 @@ class Team:
 
     def _deployed(self, deployment: Deployment) -> None:
         if deployment.failed:
-            self._fail(*(f"{each.robot}: {each.state}: {each.reason}" for each in deployment.standings.values()))
+            self._fail(*map(str, deployment.robots.values()))
             return
         self._until = self._time + self.scenario.duration
         if self._lockstep and self.scenario.world is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +26,8 @@ class Sight:
     pids: Mapping[str, int]
 
 
-def robot_result(robot: str, report: Report | None, in_own_files: Callable[[str], str]) -> RobotResult:
-    """How it went for one robot, from the last that it said. `in_own_files` gives places of the model as deployed."""
+def robot_result(robot: str, report: Report | None) -> RobotResult:
+    """The result of one robot, from its last report."""
     if report is None:
         return RobotResult(robot, 0, 0, 0, 0, (), ())
     return RobotResult(
@@ -36,20 +36,19 @@ def robot_result(robot: str, report: Report | None, in_own_files: Callable[[str]
         completed=report.completed,
         failed=report.failed,
         elements=report.elements,
-        errors=tuple(_error(robot, error, in_own_files) for error in report.errors),
+        errors=tuple(_error(robot, error) for error in report.errors),
         waits=tuple(_wait(robot, wait) for wait in report.waits),
         ahead=report.ahead,  # type: ignore[arg-type]
     )
 
 
-def _error(robot: str, said: Mapping[str, Any], in_own_files: Callable[[str], str]) -> MissionError:
-    file, _, line = in_own_files(f"{said.get('file', '')}:{said.get('line', 0)}").rpartition(":")
+def _error(robot: str, said: Mapping[str, Any]) -> MissionError:
     return MissionError(
-        in_own_files(said.get("text", "")),
+        said.get("text", ""),
         robot=robot,
         element=said.get("element", ""),
-        file=file,
-        line=int(line),
+        file=said.get("file", ""),
+        line=said.get("line", 0),
         code=said.get("code", ""),
     )
 

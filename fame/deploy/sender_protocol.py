@@ -1,0 +1,305 @@
+"""The sender's end of a deployment as a pure state machine: ``step(state, event) -> (state, actions)``.
+
+Theory of operation. One model goes to all its robots, and all of them start or none does::
+
+    discovery ──all were heard, or time is up──> load ──all are ready──> start ──all said how it ended──> over
+        │                                          │                       └──patience ends──> over, failed
+        └──────────────────────────────────────────┴──one refuses, patience ends, two engines of one name,
+                                                      the sender itself was stopped──> abort to all ──> over, failed
+
+``load``, ``hold`` and ``start`` are repeated every second: to receive one twice has no effect but the answer. A robot
+that is ready waits for its sender for `SILENCE` s and then decides with the others (`fame.deploy.termination`), so a
+sender that was stopped for longer must not start anybody.
+
+Invariants, checked for every reachable state in ``tests/test_sender_protocol.py``:
+
+- ``start`` is sent only after every robot has answered ``ready``; after the first one ``abort`` is never sent.
+- ``abort`` is sent to all or to none. After the end nothing is sent, and the end is told once.
+
+Nothing here sends, waits or looks at a clock: events carry the time (ns) where it matters, and `fame.deploy.sender`
+carries the actions out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from fame.clock import SECOND
+from fame.deploy.envelope import SILENCE
+
+SETTLE = 0.02
+"""Between the endpoints of a sender and its first message (s): DDS drops messages of a sender that it has not matched
+yet, and repeats them only 100 to 300 ms later."""
+DISCOVERY = 0.5
+"""How long a sender without keys waits for reports of all robots before it loads (s)."""
+REPEAT = 1.0
+"""After how long a robot that did not answer is asked again (s)."""
+REFUSALS = frozenset({"refused", "stale", "superseded", "aborted", "left"})
+"""Answers that end a deployment for all."""
+_VOTES = REFUSALS | {"ready", "asking"}
+_RESULTS = (REFUSALS - {"superseded"}) | {"started"}
+
+
+# ---- state -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class RobotProgress:
+    """How far one robot is: its last answer, or ``silent``; with the reason; `took` how long it was until then (s)."""
+
+    robot: str
+    state: str = "silent"
+    reason: str = ""
+    took: float = 0.0
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, (self.robot, self.state, self.reason)))
+
+
+@dataclass(frozen=True, slots=True)
+class SenderState:
+    """How far a deployment is.
+
+    sequence  above that of every report received during discovery, whatever the clocks of their senders said
+    signed    whether keys are used: then every robot has to be heard before it is loaded
+    heard     the robots that have reported anything
+    begun     when it began, `spoke` when all were last told something (ns)
+    """
+
+    robots: tuple[RobotProgress, ...]
+    sequence: int = 0
+    signed: bool = False
+    phase: Literal["discovery", "load", "start", "over"] = "discovery"
+    failed: bool = False
+    heard: frozenset[str] = frozenset()
+    begun: int = 0
+    spoke: int = 0
+
+
+# ---- events ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """The deployment begins."""
+
+    now: int
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A robot has reported, with the newest `sequence` that it has seen."""
+
+    robot: str
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """A robot has answered this deployment."""
+
+    robot: str
+    answer: str
+    reason: str
+    now: int
+
+
+@dataclass(frozen=True, slots=True)
+class RivalFound:
+    """Two engines say that they are this robot."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimerFired:
+    """The time of `StartTimer` is over."""
+
+    now: int
+
+
+@dataclass(frozen=True, slots=True)
+class PatienceEnded:
+    """The robots had `patience` s in all."""
+
+    patience: float
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """The sender leaves: what is not decided yet is aborted."""
+
+
+Event = Begun | Heard | Answered | RivalFound | TimerFired | PatienceEnded | Closed
+
+
+# ---- actions ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Prepare:
+    """Give all models that are to be loaded the `sequence`, and the engines that were heard."""
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Send an envelope of this phase to a robot. `begun`: one of the robots has started."""
+
+    robot: str
+    phase: str
+    begun: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StartTimer:
+    """Give `TimerFired` after so many seconds, instead of what was started before."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class CancelTimers:
+    """Wait for nothing any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """Tell whoever waits that the deployment is over."""
+
+
+Action = Prepare | Send | StartTimer | CancelTimers | End
+
+
+# ---- transitions -----------------------------------------------------------------------------------------------------
+
+
+def step(state: SenderState, event: Event) -> tuple[SenderState, tuple[Action, ...]]:
+    """The next state, and what is to be done in this order. After the end nothing changes."""
+    if state.phase == "over":
+        return state, ()
+    match event:
+        case Begun(now):
+            return replace(state, begun=now), (StartTimer(SETTLE),)
+        case Heard():
+            return _heard(state, event), ()
+        case Answered():
+            return _answered(state, event)
+        case RivalFound(robot) if state.phase != "start":
+            return _end(_map(state, lambda each: _rival(each, robot)), failed=True)
+        case TimerFired(now):
+            return _timer(state, now)
+        case PatienceEnded(patience):
+            return _end(_map(state, lambda each: _impatient(state, each, patience)), failed=True)
+        case Closed():
+            return _stop(state, failed=True)
+    return state, ()
+
+
+def _heard(state: SenderState, event: Heard) -> SenderState:
+    number = max(state.sequence, event.sequence + 1) if state.phase == "discovery" else state.sequence
+    return replace(state, heard=state.heard | {event.robot}, sequence=number)
+
+
+def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+    """Load when all were heard; then repeat what is wanted of each robot."""
+    if state.phase == "discovery":
+        waits = state.signed or now < state.begun + round(DISCOVERY * SECOND)
+        if waits and len(state.heard) < len(state.robots):
+            return state, (StartTimer(SETTLE),)
+        state, actions = _send_all(replace(state, phase="load"), now)
+        return state, (Prepare(), *actions)
+    if state.phase == "load" and _was_stopped(state, now):
+        return _end_stopped(state, now)
+    return _send_all(state, now)
+
+
+def _send_all(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+    if state.phase == "start":
+        begun = any(each.state == "started" for each in state.robots)
+        sent = [Send(each.robot, "start", begun) for each in state.robots if each.state == "ready"]
+    else:
+        sent = [Send(each.robot, "load" if each.state == "silent" else "hold") for each in state.robots]
+    return replace(state, spoke=now), (*sent, StartTimer(REPEAT))
+
+
+def _answered(state: SenderState, event: Answered) -> tuple[SenderState, tuple[Action, ...]]:
+    took = (event.now - state.begun) / SECOND
+    if state.phase == "load" and event.answer in _VOTES:
+        return _vote(_progress(state, event, took), event.now)
+    if state.phase == "start" and event.answer in _RESULTS:
+        state = _progress(state, event, took)
+        states = {each.state for each in state.robots}
+        return _end(state, failed=states != {"started"}) if "ready" not in states else (state, ())
+    return state, ()
+
+
+def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+    """One refusal ends it for all; when all are ready, all are told to start, and that is not taken back."""
+    states = {each.state for each in state.robots}
+    if states & (REFUSALS | {"asking"}):
+        return _end(state, failed=True)
+    if states != {"ready"}:
+        return state, ()
+    if _was_stopped(state, now):
+        return _end_stopped(state, now)
+    return _send_all(replace(state, phase="start"), now)
+
+
+def _was_stopped(state: SenderState, now: int) -> bool:
+    """Whether robots may have given this sender up, so that nobody may be told to start any more."""
+    return now - state.spoke > SILENCE * SECOND
+
+
+def _end_stopped(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
+    still = (now - state.spoke) / SECOND
+    reason = f"this command was stopped for {still:.0f} s, and starts nobody"
+    return _end(_map(state, lambda each: replace(each, reason=each.reason or reason)), failed=True)
+
+
+def _impatient(state: SenderState, each: RobotProgress, patience: float) -> RobotProgress:
+    if each.state == "silent" and (state.phase != "discovery" or each.robot not in state.heard):
+        return replace(each, reason=f"did not answer within {patience:g} s")
+    if state.phase == "start" and each.state == "ready":
+        return replace(each, reason="was ready, and did not answer when it was told to start")
+    return each
+
+
+def _rival(each: RobotProgress, robot: str) -> RobotProgress:
+    reason = f"two engines say that they are {robot}, and neither can prove it"
+    return replace(each, reason=reason) if each.robot == robot else each
+
+
+def _end(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Action, ...]]:
+    if failed and state.phase != "start":
+        state = _explain(state)
+    state, actions = _stop(state, failed=failed)
+    return state, (*actions, End())
+
+
+def _stop(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Action, ...]]:
+    aborted = [Send(each.robot, "abort") for each in state.robots] if failed and state.phase == "load" else []
+    return replace(state, phase="over", failed=failed), (CancelTimers(), *aborted)
+
+
+def _explain(state: SenderState) -> SenderState:
+    """Tell the robots on which it failed from the others."""
+    failing = {each.robot for each in state.robots if each.state in REFUSALS | {"asking"} or each.reason}
+    names = ", ".join(each.robot for each in state.robots if each.robot in failing)
+    silent = "had not answered yet" if state.phase == "load" else f"was not asked yet because of {names}"
+
+    def explained(each: RobotProgress) -> RobotProgress:
+        reason = silent if each.state == "silent" else f"called off because of {names}"
+        return each if each.robot in failing else replace(each, reason=reason)
+
+    return _map(state, explained)
+
+
+def _map(state: SenderState, change: Callable[[RobotProgress], RobotProgress]) -> SenderState:
+    return replace(state, robots=tuple(map(change, state.robots)))
+
+
+def _progress(state: SenderState, event: Answered, took: float) -> SenderState:
+    progress = RobotProgress(event.robot, event.answer, event.reason, took)
+    return _map(state, lambda each: progress if each.robot == event.robot else each)
