@@ -1,0 +1,209 @@
+"""The sender's end of a deployment decides as it should; together with the robots' ends all start or none does."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import pytest
+
+from fame.clock import SECOND
+from fame.deploy import robot_protocol, termination
+from fame.deploy.envelope import Envelope
+from fame.deploy.robot_protocol import RobotState
+from fame.deploy.sender_protocol import (
+    REFUSALS,
+    Action,
+    Answered,
+    Begun,
+    CancelTimers,
+    Closed,
+    End,
+    Event,
+    Heard,
+    PatienceEnded,
+    Prepare,
+    RivalFound,
+    RobotProgress,
+    Send,
+    SenderState,
+    StartTimer,
+    TimerFired,
+    step,
+)
+
+NEW = SenderState((RobotProgress("A"), RobotProgress("B")), sequence=7)
+LATE = 100 * SECOND
+
+
+def answered(robot: str, answer: str, now: int = 0) -> Answered:
+    return Answered(robot, answer, "", now)
+
+
+def after(*events: Event, state: SenderState = NEW) -> tuple[SenderState, list[Action]]:
+    """The state after some events, and what is to be done for the last one."""
+    actions: tuple[Action, ...] = ()
+    for event in events:
+        state, actions = step(state, event)
+    return state, list(actions)
+
+
+LOAD = (Begun(0), Heard("A", 3), Heard("B", 9), TimerFired(0))
+READY = (*LOAD, answered("A", "ready"), answered("B", "ready"))
+ABORT = [CancelTimers(), Send("A", "abort"), Send("B", "abort"), End()]
+
+
+@pytest.mark.parametrize(
+    ("events", "actions"),
+    [
+        ((Begun(0),), [StartTimer(0.02)]),
+        ((Begun(0), Heard("A", 3), TimerFired(0)), [StartTimer(0.02)]),
+        ((Begun(0), TimerFired(SECOND)), [Prepare(), Send("A", "load"), Send("B", "load"), StartTimer(1.0)]),
+        (LOAD, [Prepare(), Send("A", "load"), Send("B", "load"), StartTimer(1.0)]),
+        ((*LOAD, answered("A", "ready"), TimerFired(0)), [Send("A", "hold"), Send("B", "load"), StartTimer(1.0)]),
+        (READY, [Send("A", "start"), Send("B", "start"), StartTimer(1.0)]),
+        ((*READY, answered("A", "started"), TimerFired(0)), [Send("B", "start", begun=True), StartTimer(1.0)]),
+        ((*READY, answered("A", "started"), answered("B", "started")), [CancelTimers(), End()]),
+        ((*READY, answered("A", "superseded")), []),
+        ((*READY, Closed()), [CancelTimers()]),
+        ((*READY, PatienceEnded(10.0)), [CancelTimers(), End()]),
+        ((*LOAD, answered("A", "asking")), ABORT),
+        ((*LOAD, RivalFound("A")), ABORT),
+        ((*LOAD, PatienceEnded(10.0)), ABORT),
+        ((*LOAD, Closed()), ABORT[:-1]),
+        ((*LOAD, TimerFired(LATE)), ABORT),
+        ((*LOAD, answered("A", "ready"), answered("B", "ready", LATE)), ABORT),
+        ((Begun(0), PatienceEnded(10.0)), [CancelTimers(), End()]),
+        ((*LOAD, answered("A", "refused"), answered("B", "ready"), TimerFired(0)), []),
+    ],
+)
+def test_what_a_sender_does(events, actions):
+    assert after(*events)[1] == actions
+
+
+@pytest.mark.parametrize("answer", sorted(REFUSALS))
+def test_one_refusal_ends_it_for_all(answer):
+    state, actions = after(*LOAD, answered("A", "ready"), answered("B", answer))
+    assert actions == ABORT
+    assert (state.phase, state.failed, state.robots[0].reason) == ("over", True, "called off because of B")
+
+
+def test_the_number_of_a_deployment_is_above_all_that_its_robots_have_seen():
+    assert after(*LOAD)[0].sequence == 10
+    assert after(*LOAD, Heard("A", 99))[0].sequence == 10
+
+
+def test_with_keys_every_robot_is_heard_before_it_is_loaded():
+    signed = replace(NEW, signed=True)
+    assert after(Begun(0), Heard("A", 0), TimerFired(LATE), state=signed)[1] == [StartTimer(0.02)]
+
+
+@pytest.mark.parametrize(
+    ("events", "reasons"),
+    [
+        (
+            (Begun(0), Heard("A", 3), PatienceEnded(10.0)),
+            ("was not asked yet because of B", "did not answer within 10 s"),
+        ),
+        ((*LOAD, answered("A", "refused")), ("", "had not answered yet")),
+        (
+            (*READY, answered("A", "started"), PatienceEnded(10.0)),
+            ("", "was ready, and did not answer when it was told to start"),
+        ),
+        ((*LOAD, TimerFired(LATE)), ("this command was stopped for 100 s, and starts nobody",) * 2),
+    ],
+)
+def test_why_a_deployment_failed(events, reasons):
+    assert tuple(each.reason for each in after(*events)[0].robots) == reasons
+
+
+# ---- every state that a sender and its robots can reach ------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Team:
+    """A sender and its robots. Whatever one of them ever said may arrive at any later time, or never.
+
+    sent     the envelopes of the sender, and of robots that ask: robot, phase, whether one has started
+    reports  robot and answer
+    """
+
+    sender: SenderState
+    robots: tuple[RobotState, ...]
+    sent: frozenset[tuple[str, str, bool]] = frozenset()
+    reports: frozenset[tuple[str, str]] = frozenset()
+
+
+def successors(team: Team) -> Iterator[Team]:
+    for event in sender_events(team):
+        state, actions = step(team.sender, event)
+        assert not any(isinstance(action, End) for action in actions) or state.phase == "over"
+        sent = {(one.robot, one.phase, one.begun) for one in actions if isinstance(one, Send)}
+        state = replace(state, robots=tuple(RobotProgress(each.robot, each.state) for each in state.robots))
+        yield replace(team, sender=state, sent=team.sent | sent)
+    for number, robot in enumerate(team.robots):
+        for event in robot_events(team, robot):
+            yield moved(team, number, event)
+
+
+def sender_events(team: Team) -> Iterator[Event]:
+    yield TimerFired(0)
+    yield TimerFired(LATE)
+    yield PatienceEnded(10.0)
+    yield from (answered(robot, answer) for robot, answer in team.reports)
+
+
+def robot_events(team: Team, robot: RobotState) -> Iterator[robot_protocol.Event]:
+    for name, phase, begun in team.sent:
+        if name == robot.robot:
+            yield robot_protocol.Received(envelope(name, phase, begun=begun))
+    yield from (termination.Answered(other, answer) for other, answer in team.reports if other != robot.robot)
+    yield robot_protocol.LoadDue()
+    if robot.loading is not None:
+        yield from (robot_protocol.Loaded(), robot_protocol.Loaded("is wrong"))
+    stage = robot.candidate.stage if robot.candidate is not None else ""
+    results = {
+        "matching": robot_protocol.Matched(),
+        "ready": termination.Silence(),
+        "replacing": robot_protocol.Replaced(),
+    }
+    if stage:
+        yield results[stage]
+
+
+@cache
+def envelope(robot: str, phase: str, *, begun: bool = False) -> Envelope:
+    return Envelope(deployment="d1", sequence=1, robot=robot, phase=phase, team=["A", "B"], begun=begun)
+
+
+def moved(team: Team, number: int, event: robot_protocol.Event) -> Team:
+    """The team after an event at one robot."""
+    name = team.robots[number].robot
+    robot, actions = robot_protocol.step(team.robots[number], event)
+    robot = replace(robot, answers=tuple(robot_protocol.Reply(one.answer, one.deployment) for one in robot.answers))
+    sent = {(other, "ask", False) for other in "AB" if other != name and robot_protocol.AskOthers() in actions}
+    said = {(name, action.answer) for action in actions if isinstance(action, robot_protocol.Reply) and action.answer}
+    robots = (*team.robots[:number], robot, *team.robots[number + 1 :])
+    return replace(team, robots=robots, sent=team.sent | sent, reports=team.reports | said)
+
+
+def outcome(robot: RobotState) -> str:
+    return "started" if robot.deployed else "kept" if robot.candidate is None and robot.answers else "open"
+
+
+def test_in_no_reachable_state_has_one_robot_started_and_another_one_kept_what_it_had():
+    loading = after(*LOAD)[0]
+    first = Team(loading, (RobotState("A"), RobotState("B")), frozenset({("A", "load", False), ("B", "load", False)}))
+    seen, left = {first}, [first]
+    outcomes = set()
+    while left:
+        team = left.pop()
+        reached = {outcome(robot) for robot in team.robots}
+        assert reached != {"started", "kept"}, team
+        phases = {phase for _, phase, _ in team.sent}
+        assert not {"start", "abort"} <= phases, team
+        outcomes.add(tuple(sorted(reached)))
+        for following in successors(team):
+            if following not in seen:
+                seen.add(following)
+                left.append(following)
+    assert {("started",), ("kept",)} <= outcomes
