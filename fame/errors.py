@@ -17,12 +17,29 @@
 from __future__ import annotations
 
 import reprlib
+from typing import Protocol
 
 
 def display_name(id: str, name: str = "") -> str:
     """An element as messages show it: ``"Go To" (Activity_14nkpvd)``, or the id alone if it has no name."""
     name = " ".join(name.split())
     return f'"{name}" ({id})' if name and name != id else id
+
+
+class NamedElement(Protocol):
+    """The fields of `fame.bpmn.model.Element` that an error shows."""
+
+    @property
+    def id(self) -> str:
+        """Unique in its file."""
+
+    @property
+    def name(self) -> str:
+        """The label, or empty."""
+
+    @property
+    def line(self) -> int:
+        """1-based, 0 if unknown."""
 
 
 class FameError(Exception):
@@ -51,6 +68,11 @@ class ModelError(_Located):
 
     ``file``, ``line`` (1-based, 0 if unknown) and ``element`` (id) say where; ``name`` is what people call the element.
     """
+
+    @classmethod
+    def at(cls, element: NamedElement, text: str, *, file: str) -> ModelError:
+        """The error of an element of a file."""
+        return cls(text, file=file, line=element.line, element=element.id, name=element.name)
 
 
 class ConfigError(_Located):

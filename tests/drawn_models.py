@@ -73,7 +73,7 @@ FEATURES: dict[str, Feature] = {
     "a loop without an end": Feature(
         '<task id="t{n}"><standardLoopCharacteristics testBefore="false"/></task>', "a condition or a maximum"
     ),
-    "a call of nothing": Feature('<callActivity id="t{n}" name="Call"/>', "names no called element"),
+    "a call of nothing": Feature('<callActivity id="t{n}" name="Call"/>', "has no called element"),
     "a link without a name": Feature(
         '<intermediateThrowEvent id="l{n}"><linkEventDefinition/></intermediateThrowEvent>', "the link has no name"
     ),

@@ -146,12 +146,12 @@ def test_a_call_that_leads_nowhere_is_an_error_that_says_where_it_was_looked_for
     (error,) = (one for one in found if one.level == "error")
     assert error.element == "c"
     places = f"{tmp_path}, ., library, the built-in library"
-    assert error.text == f"called element 'Jump' is no process of this file, nor Jump.bpmn in {places}"
+    assert error.text == f"called element 'Jump': found neither a process of this file nor Jump.bpmn in {places}"
 
 
 def test_a_called_element_with_a_name_that_no_file_can_have_is_nowhere_too() -> None:
     (error,) = told(alone('<callActivity id="c" calledElement="' + 300 * "x" + '"/>'), "error")
-    assert "is no process of this file" in error
+    assert "found neither a process of this file" in error
 
 
 def test_folders_below_the_working_directory_are_told_from_there_on(tmp_path: Path, monkeypatch) -> None:

@@ -194,7 +194,7 @@ REQUESTS = {
     "splitting into a file": (["split", "mission.bpmn", "-o", "mission.bpmn"], ("mission.bpmn", "exists")),
     "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
     "no diagram to draw": (["draw", "mission.bpmn", "-o", "out.svg"], ("mission.bpmn", "no diagram")),
-    "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "no folder")),
+    "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "not a folder")),
     "checking a folder": (["check", "."], (".: is a folder", ".bpmn")),
     "checking what is not there": (["check", "mission.bpmn", "gone.bpmn"], ("gone.bpmn", "no such file")),
 }

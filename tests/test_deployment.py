@@ -51,7 +51,7 @@ def test_a_sender_says_whom_it_waits_for():
     sending = Sending(read_text(TEAM, file="t.bpmn"), scheduler, LocalMiddleware(scheduler))
     with pytest.raises(fame.DeploymentError, match=r"pool 'A' has no robot A.*; start an engine with"):
         sending.deploy([], 10.0, said.append)
-    assert said == ["waiting up to 10 s: t.bpmn: pool 'A' has no robot A; there are no robots at all"]
+    assert said == ["waiting up to 10 s: t.bpmn: pool 'A' has no robot A; there are no robots"]
     assert scheduler.now // SECOND == 10
 
 

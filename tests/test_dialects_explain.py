@@ -95,7 +95,7 @@ def test_it_says_where_each_called_process_was_found(tmp_path: Path) -> None:
     assert found["a"] == "calls process Q of this file"
     assert found["b"] == "calls process Turn, which is embedded in it"
     assert found["c"] == f"calls process P of {tmp_path / 'Fly.bpmn'}, the only one of Fly.bpmn"
-    assert found["d"].startswith("calls nothing: called element 'Swim' is no process of this file")
+    assert found["d"].startswith("calls nothing: called element 'Swim': found neither a process of this file")
 
 
 def test_it_says_in_which_language_a_text_is_written() -> None:

@@ -228,7 +228,7 @@ def test_a_called_element_that_is_nowhere_lists_where_it_was_looked_for() -> Non
     with pytest.raises(ModelError) as caught:
         Play("calls_nothing")
     assert caught.value.element == "Call"
-    for place in ("no process of this file", os.path.relpath(FORMATS), os.path.relpath(FORMATS / "library")):
+    for place in ("neither a process of this file", os.path.relpath(FORMATS), os.path.relpath(FORMATS / "library")):
         assert place in caught.value.text
 
 
@@ -237,7 +237,7 @@ def test_pools_are_robots_whatever_the_case() -> None:
     assert {robot: pool.name for robot, pool in assign_pools(pools_of(definitions), ["REX"]).items()} == {"REX": "rex"}
     result = Scenario.load(FORMATS / "robots.bpmn").run()
     assert result.status == "completed"
-    with pytest.raises(ConfigError, match="robots 'REX' and 'Rex' differ in case alone"):
+    with pytest.raises(ConfigError, match="'REX' and 'Rex' differ in case only"):
         assign_pools(pools_of(definitions), ["REX", "Rex"])
 
 

@@ -59,7 +59,7 @@ NOT_THERE = {
     "nope.bpmn: cannot be read": lambda: fame.read("nope.bpmn"),
     "nope.bpmn: cannot be read: ": lambda: fame.Simulation(Path("nope.bpmn")),
     "nope.yaml: cannot be read": lambda: fame.Scenario.load("nope.yaml"),
-    "nope: is no folder": lambda: dingo(library="nope"),
+    "nope: is not a folder": lambda: dingo(library="nope"),
     "has no process or pool 'TURTLE'; it has Process_REX, Process_DINGO": lambda: fame.Simulation(MODEL, "TURTLE"),
     "found no robot 'TURTLE' to be at fault; the robots are REX, DINGO": lambda: fame.Scenario.load(
         SCENARIO, faults=[Fault("TURTLE", 1.0, "engine")]

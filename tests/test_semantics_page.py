@@ -264,9 +264,9 @@ REFUSED = {
     "registered": START + "<serviceTask id='x' camunda:class='org.example.Grip'/>" + flow("s", "x"),
     "language 'groovy': accepted are python (meant if nothing is said), javascript, ${...} and =...":
         START + "<scriptTask id='x' scriptFormat='groovy'><script>1</script></scriptTask>" + flow("s", "x"),
-    "names no called element: give it the id of a process or a library file": START + "<callActivity id='x'/>"
+    "has no called element: give it the id of a process or the name of a library file": START + "<callActivity id='x'/>"
         + flow("s", "x"),
-    "the called element is computed at run time; name a process":
+    "the called element is computed at run time; give the id of a process":
         START + "<callActivity id='x' calledElement='${q}'/>" + flow("s", "x"),
     "the name '=topic' is computed: name the topic, since its endpoints are made before anything runs":
         START + "<endEvent id='x' name='=topic'><signalEventDefinition/></endEvent>" + flow("s", "x"),

@@ -1,7 +1,18 @@
-"""What a .bpmn file says: read it, write it, draw it. Knows nothing of how a model is run.
+"""BPMN 2.0 models: read, write, split, convert and draw .bpmn files. Independent of how a model is run.
 
-`read`, `read_bytes`, `read_text` give the neutral model of `fame.bpmn.model`; `write` and `extract_process` give XML
-back. They are imported when first used, so that whoever needs the dataclasses alone does not load an XML parser.
+`read`, `read_bytes` and `read_text` return the neutral model of `fame.bpmn.model`; `write` and `extract_process` return
+XML. They are imported on first use, so that the dataclasses alone do not load an XML parser.
+
+::
+
+    model        the neutral model: frozen dataclasses
+    reader       XML -> model, for all dialects
+    topics       the topics of a model and their message types
+    library      called processes, from library files
+    pools        the pools of a collaboration, and their robots
+    split        a collaboration -> one file per pool (with merging and extension_elements)
+    conversion   other dialects -> the current form
+    draw         a model -> SVG
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Where called processes come from: the file of the caller, then files of the library path.
+"""Finds called processes: in the file of the caller, then in files of the library path.
 
-`calledElement` names a process of the same file by id, else the file ``<name>.bpmn`` in a folder of the library path:
-its process of that id or, if it has just one, that. A file is read once.
+`calledElement` is the id of a process of the same file, or the name of a file ``<name>.bpmn`` in a folder of the
+library path, which has a process of that id or only one process. Each file is read once.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ def _models() -> Path:
 
 
 BUILT_IN = (_models() / "library", _models() / "monitoring")
-"""The behaviours and the monitoring units that come with FAME."""
+"""The folders of behaviours and monitoring units that come with FAME."""
 
 
 class Library:
-    """The library path: `folders` (or one), that of the calling file and ``library`` in it, then what is built in.
+    """The library path: `folders`, the folder of the calling file, its subfolder ``library``, the built-in library.
 
-    Raises ConfigError for a folder that there is not.
+    Raises ConfigError for a folder that does not exist.
     """
 
     def __init__(self, folders: str | Path | Sequence[str | Path] = ()) -> None:
         self.folders = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
         for folder in self.folders:
             if not folder.is_dir():
-                raise ConfigError("is no folder; the library path is of folders with .bpmn files", file=str(folder))
+                raise ConfigError("is not a folder; the library path has folders of .bpmn files", file=str(folder))
         self._files: dict[Path, Definitions] = {}
 
-    def path(self, file: str) -> Iterator[Path]:
-        """The folders to look in for what `file` calls."""
+    def folders_for(self, file: str) -> Iterator[Path]:
+        """The folders to search for the processes that `file` calls."""
         yield from self.folders
         if file and not file.startswith("<"):
             here = Path(file).parent
@@ -48,7 +48,7 @@ class Library:
         yield from BUILT_IN
 
     def read(self, path: Path) -> Definitions:
-        """A file, read once. Raises ModelError."""
+        """The model of a file, which is read once. Raises ModelError."""
         from fame.bpmn.reader import read
 
         key = path.resolve()
@@ -57,46 +57,45 @@ class Library:
         return self._files[key]
 
     def find(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
-        """The process that a call activity names. Raises ModelError, which lists where it was looked for."""
-        where = {"file": caller.file, "line": call.line, "element": call.id}
-        if call.called_expression is not None:
-            raise ModelError("the called element is computed at run time; name a process", **where)  # type: ignore[arg-type]
-        if call.refused:
-            raise ModelError(call.refused, **where)  # type: ignore[arg-type]
-        if not call.called:
-            raise ModelError("names no called element: give it the id of a process or a library file", **where)  # type: ignore[arg-type]
+        """The process that a call activity calls, with its file. Raises ModelError, with the folders searched."""
+        problem = _why_no_call(call)
+        if problem:
+            raise ModelError.at(call, problem, file=caller.file)
         process = caller.process(call.called)
-        if process is not None:
-            return caller, process
-        looked = []
-        for folder in self.path(caller.file):
+        return (caller, process) if process is not None else self._find_file(caller, call)
+
+    def _find_file(self, caller: Definitions, call: CallActivity) -> tuple[Definitions, Process]:
+        searched = []
+        for folder in self.folders_for(caller.file):
             path = folder / f"{call.called}.bpmn"
             if os.path.isfile(path) and "/" not in call.called:  # pathlib raises for a name that is too long
                 definitions = self.read(path)
-                found = definitions.process(call.called)
-                if found is None and len(definitions.processes) == 1:
-                    found = definitions.processes[0]
-                if found is not None:
-                    return definitions, found
+                process = definitions.process(call.called)
+                if process is None and len(definitions.processes) == 1:
+                    process = definitions.processes[0]
+                if process is not None:
+                    return definitions, process
                 has = ", ".join(item.id for item in definitions.processes)
-                raise ModelError(f"{_short(path)} has no process {call.called!r}: it has {has}", **where)  # type: ignore[arg-type]
-            looked.append("the built-in library" if folder in BUILT_IN else _short(folder))
-        text = f"called element {call.called!r} is no process of this file, nor {call.called}.bpmn in"
-        places = ", ".join(dict.fromkeys(looked))
-        raise ModelError(f"{text} {places}{self._similar(caller, call.called)}", **where)  # type: ignore[arg-type]
+                text = f"{_short(path)} has no process {call.called!r}: it has {has}"
+                raise ModelError.at(call, text, file=caller.file)
+            searched.append("the built-in library" if folder in BUILT_IN else _short(folder))
+        text = f"called element {call.called!r}: found neither a process of this file nor {call.called}.bpmn in"
+        folders = ", ".join(dict.fromkeys(searched))
+        raise ModelError.at(call, f"{text} {folders}{self._similar(caller, call.called)}", file=caller.file)
 
     def _similar(self, caller: Definitions, called: str) -> str:
-        """``; did you mean ...?`` with a name that differs in case, its ending, or a letter or two, if there is one."""
+        """``; did you mean ...?`` with a similar name of a process or library file, or an empty text."""
         known = {process.id for process in caller.processes}
-        known.update(path.stem for folder in self.path(caller.file) for path in folder.glob("*.bpmn"))
+        known.update(path.stem for folder in self.folders_for(caller.file) for path in folder.glob("*.bpmn"))
         plain = called.strip().removesuffix(".bpmn").replace(" ", "").lower()
         similar = difflib.get_close_matches(plain, sorted(name.lower() for name in known), 1)
         return "".join(f"; did you mean {name!r}?" for name in sorted(known) if [name.lower()] == similar)
 
     def closure(self, definitions: Definitions, process: Process) -> list[tuple[Definitions, Process]]:
-        """A process and all that it calls, at any depth, each once, in the order of meeting.
+        """A process and all processes that it calls, at any depth, each once.
 
-        A call that names nothing is for the compiler to refuse. Raises ModelError for one whose process is nowhere.
+        Calls without a called element are skipped, since the compiler refuses them. Raises ModelError for a called
+        process that is not found.
         """
         found = [(definitions, process)]
         keys = {(definitions.file, process.id)}
@@ -110,13 +109,22 @@ class Library:
         return found
 
     def called(self, definitions: Definitions, process: Process) -> dict[str, tuple[Definitions, str]]:
-        """What each call in a closure names: for `fame.bpmn.extract_process`."""
+        """Called element -> its file and process id, for all calls in the closure; see `fame.bpmn.extract_process`."""
         names: dict[str, tuple[Definitions, str]] = {}
         for home, item in self.closure(definitions, process):
             for node in _calls(item):
                 there, target = self.find(home, node)
                 names[node.called] = (there, target.id)
         return names
+
+
+def _why_no_call(call: CallActivity) -> str:
+    """Why a call activity cannot be resolved before the run, or empty."""
+    if call.called_expression is not None:
+        return "the called element is computed at run time; give the id of a process"
+    if not call.called and not call.refused:
+        return "has no called element: give it the id of a process or the name of a library file"
+    return call.refused
 
 
 def _calls(process: Process) -> Iterator[CallActivity]:

@@ -1,7 +1,7 @@
 """The pools of a collaboration, and which robot plays which pool.
 
-A pool is bound to the robot whose namespace has its name, without regard to case; a multi-instance pool to every
-namespace ``<Pool>_<digits>`` (paper section 3.3). A file without a collaboration is one robot, named after its process.
+A pool belongs to the robot whose namespace is its name, ignoring case; a multi-instance pool to every namespace
+``<Pool>_<digits>`` (FAME paper, section 3.3). A file without a collaboration is one pool, named after its process.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions, Participant, Process
+from fame.bpmn.model import Definitions, Process
 from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.errors import ConfigError, ModelError
@@ -19,7 +19,7 @@ from fame.errors import ConfigError, ModelError
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """A pool with a process: who is to run it. `minimum` and `maximum`: as of `fame.bpmn.model.Participant`."""
+    """A pool with a process. `minimum` and `maximum` are as in `fame.bpmn.model.Participant`."""
 
     name: str
     process: Process
@@ -30,10 +30,10 @@ class Pool:
 
 
 def pools_of(definitions: Definitions) -> list[Pool]:
-    """The pools that have a process, in document order; one without a name goes by its id.
+    """The pools that have a process, in document order. The name of an unnamed pool is its id.
 
-    Raises ModelError for a pool whose process the file does not have, two that differ in case alone, and a file with
-    nothing to execute.
+    Raises ModelError for a pool whose process the file does not have, for two pools whose names differ in case only,
+    and for a file without anything to execute.
     """
     pools: list[Pool] = []
     for participant in definitions.participants:
@@ -42,10 +42,12 @@ def pools_of(definitions: Definitions) -> list[Pool]:
         process, name = definitions.process(participant.process), participant.label
         if process is None:
             text = f"the pool's process is {participant.process!r}: the file has no such process"
-            raise _error(definitions, participant, text)
+            raise ModelError.at(participant, text, file=definitions.file)
         if any(pool.name.casefold() == name.casefold() for pool in pools):
-            raise _error(
-                definitions, participant, f"two pools have the name {name!r} (upper and lower case are the same)"
+            raise ModelError.at(
+                participant,
+                f"two pools have the name {name!r} (upper and lower case are the same)",
+                file=definitions.file,
             )
         numbers = participant.minimum, participant.maximum
         pools.append(Pool(name, process, participant.multi_instance, participant.line, *numbers))
@@ -61,12 +63,8 @@ def pools_of(definitions: Definitions) -> list[Pool]:
     return pools
 
 
-def _error(definitions: Definitions, pool: Participant, text: str) -> ModelError:
-    return ModelError(text, file=definitions.file, line=pool.line, element=pool.id, name=pool.name)
-
-
 def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Mapping[str, TopicUse]:
-    """The topics of a whole collaboration, called processes included. Raises ModelError for one with two types."""
+    """The topics of a collaboration, including called processes. Raises ModelError for a topic with two types."""
     files: dict[str, Definitions] = {definitions.file: definitions}
     processes: list[str] = []
     for pool in pools:
@@ -77,10 +75,11 @@ def shared_topics(definitions: Definitions, pools: Sequence[Pool], library: Libr
 
 
 def assign_pools(pools: Sequence[Pool], robots: Iterable[str], *, file: str = "") -> dict[str, Pool]:
-    """Which pool each robot (namespace) plays, in the order of the robots.
+    """Robot (namespace) -> its pool, in the order of the robots.
 
-    A multi-instance pool is as many robots as there are, also none. Raises ConfigError for a robot that no pool knows,
-    another pool without a robot, and two robots whose names fall together; ModelError for a pool that can have none.
+    A multi-instance pool may have any number of robots, also none. Raises ConfigError for a robot without a pool, for
+    another pool without a robot, and for two robots whose names differ in case only; ModelError for a pool whose name
+    is not a valid robot name.
     """
     bound: dict[str, Pool] = {}
     folded: dict[str, str] = {}
@@ -88,29 +87,29 @@ def assign_pools(pools: Sequence[Pool], robots: Iterable[str], *, file: str = ""
     for robot in names:
         twin = folded.setdefault(robot.casefold(), robot)
         if twin != robot:
-            raise ConfigError(f"robots {twin!r} and {robot!r} differ in case alone", file=file)
+            raise ConfigError(f"the names of robots {twin!r} and {robot!r} differ in case only", file=file)
         pool = next((pool for pool in pools if matches(robot, pool)), None)
         if pool is None:
             known = ", ".join(expected_robots(pool) for pool in pools)
-            raise ConfigError(f"no pool is named like robot {robot!r}; the pools want {known}", file=file)
+            raise ConfigError(f"no pool for robot {robot!r}; the pools expect robots {known}", file=file)
         bound[robot] = pool
     for pool in pools:
         if not pool.multi_instance and pool not in bound.values():
             if not is_ros_name(f"/{pool.name}"):
-                text = f"no robot can have the name of pool {pool.name!r}; {NAMES} would be right"
+                text = f"pool {pool.name!r} cannot name a robot: expected {NAMES}"
                 raise ModelError(text, file=file, line=pool.line)
-            have = f"the robots are {', '.join(names)}" if names else "there are no robots at all"
+            have = f"the robots are {', '.join(names)}" if names else "there are no robots"
             raise ConfigError(f"pool {pool.name!r} has no robot {expected_robots(pool)}; {have}", file=file)
     return bound
 
 
 def matches(robot: str, pool: Pool) -> bool:
-    """Whether a namespace is meant by a pool."""
+    """Whether the robot with this namespace belongs to a pool."""
     if pool.multi_instance:
         return re.fullmatch(re.escape(pool.name) + r"_\d+", robot, re.IGNORECASE) is not None
     return robot.casefold() == pool.name.casefold()
 
 
 def expected_robots(pool: Pool) -> str:
-    """The robots that a pool wants, in words."""
+    """The names of a pool's robots, for messages."""
     return f"{pool.name}_<number>" if pool.multi_instance else pool.name

@@ -1,7 +1,7 @@
-"""Topics of a collaboration: who throws and who catches each, and the one message type that all of them mean.
+"""The topics of a collaboration: the events that throw and catch each one, and its message type.
 
-A type may stand on any one event of a topic and holds for all of them (DESIGN section 3); so it is found by looking at
-every event of every process at once. A topic of which nobody says anything carries std_msgs/msg/Empty.
+One event of a topic may give the type for all of them, so the events of all processes are considered together. The
+default type is std_msgs/msg/Empty.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ EMPTY_TYPE = "std_msgs/msg/Empty"
 
 @dataclass(frozen=True, slots=True)
 class TopicEnd:
-    """One event or task at a topic, and what it says of it."""
+    """An event or task that throws or catches on a topic, with its own `fame.bpmn.model.Topic`."""
 
     file: str
     process: str
@@ -27,7 +27,7 @@ class TopicEnd:
 
     @property
     def is_message(self) -> bool:
-        """Whether it throws or catches a message, not a signal."""
+        """Whether it throws or catches a message rather than a signal."""
         if not isinstance(self.node, Event):
             return True
         return any(one.topic is self.topic for one in self.node.definitions if isinstance(one, MessageDefinition))
@@ -37,8 +37,8 @@ class TopicEnd:
 class TopicUse:
     """A topic by its qualified name (``/weed_found``, ``~/odom``).
 
-    `declared` is the type that the model says, None if it says none. `qos` holds what any of its ends asks for; where a
-    throw and a catch ask for different things, that of the throw: both ends then have the same, so they match.
+    `declared` is the type given in the model, or None. `qos` combines the policies of all its ends. Those of the throw
+    ends take precedence, so that publishers and subscribers match.
     """
 
     name: str
@@ -49,17 +49,17 @@ class TopicUse:
 
     @property
     def type(self) -> str:
-        """The message type that it carries."""
+        """The message type."""
         return self.declared or EMPTY_TYPE
 
     @property
     def addresses(self) -> bool:
-        """Whether one of its throws is for one robot."""
+        """Whether one of its throw ends addresses a single robot."""
         return any(end.topic.to is not None for end in self.throws)
 
     @property
     def takes_messages(self) -> bool:
-        """Whether one of its catches waits for a message."""
+        """Whether one of its catch ends waits for a message."""
         return any(end.is_message for end in self.catches)
 
 
@@ -75,13 +75,13 @@ def topic_table(
     *,
     types: Mapping[str, str] = MappingProxyType({}),
 ) -> Mapping[str, TopicUse]:
-    """Every topic of some files by qualified name, in the order of first use; of `processes` (ids) alone if given.
+    """The topics of some files by qualified name, in the order of first use; only those of `processes` (ids) if given.
 
-    `types` are said elsewhere, by qualified name: they hold for topics of which these processes say none.
+    `types`: types given elsewhere, by qualified name, for topics to which these processes give none.
 
-    A private topic (``~/odom``) is another one on each robot: where types matter, ask for the processes of one robot.
-    Raises ModelError if two events of a topic (of a private one: in one process) say different types, or if one sends a
-    payload and nobody says its type.
+    A private topic (``~/odom``) is a different one on each robot: where types matter, pass the processes of one robot.
+    Raises ModelError if two events of a topic (of a private one: in one process) give different types, or if an event
+    sends a payload and the topic has no type.
     """
     files = (definitions,) if isinstance(definitions, Definitions) else definitions
     wanted = None if processes is None else frozenset(processes)
@@ -94,7 +94,7 @@ def topic_table(
 
 
 def topics_of(node: FlowNode) -> Iterator[tuple[Topic, bool]]:
-    """(topic, whether it throws) for each topic that a flow node has to do with. ROS services are no topics."""
+    """(topic, whether it is thrown) for each topic of a flow node. ROS services are not topics."""
     if isinstance(node, Event):
         for definition in node.definitions:
             if isinstance(definition, SignalDefinition | MessageDefinition):
@@ -113,21 +113,25 @@ def _gather(file: Definitions, process: Process, found: dict[str, _Gathered]) ->
 
 def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
     everyone = [*ends.throws, *ends.catches]
-    said = [end for end in everyone if end.topic.type is not None]
-    for end in said[1:]:
-        if end.topic.type != said[0].topic.type and (name[0] == "/" or end.process == said[0].process):
-            there = f"{said[0].node.display_name} says {said[0].topic.type}"
-            raise _error(end, f"topic {name} has type {end.topic.type} here, but {there}: a topic has one type")
-    if not said and elsewhere is None:
+    typed = [end for end in everyone if end.topic.type is not None]
+    for end in typed[1:]:
+        if end.topic.type != typed[0].topic.type and (name[0] == "/" or end.process == typed[0].process):
+            there = f"{typed[0].node.display_name} says {typed[0].topic.type}"
+            raise ModelError.at(
+                end.node,
+                f"topic {name} has type {end.topic.type} here, but {there}: a topic has one type",
+                file=end.file,
+            )
+    if not typed and elsewhere is None:
         for end in ends.throws:
             if end.topic.payload is not None:
-                raise _error(end, f"topic {name} has a payload and no type: give one of its events property type")
+                raise ModelError.at(
+                    end.node,
+                    f"topic {name} has a payload and no type: give one of its events property type",
+                    file=end.file,
+                )
     qos: dict[str, str] = {}
     for end in reversed(everyone):
         qos.update(end.topic.qos)
-    declared = said[0].topic.type if said else elsewhere
+    declared = typed[0].topic.type if typed else elsewhere
     return TopicUse(name, declared, tuple(ends.throws), tuple(ends.catches), MappingProxyType(qos))
-
-
-def _error(end: TopicEnd, text: str) -> ModelError:
-    return ModelError(text, file=end.file, line=end.node.line, element=end.node.id, name=end.node.name)

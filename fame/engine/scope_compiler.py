@@ -154,7 +154,7 @@ class ScopeCompiler:
 
     def refuse(self, text: str, element: model.Element) -> NoReturn:
         """Raise ModelError for an element."""
-        raise ModelError(text, file=self.file, line=element.line, element=element.id, name=element.name)
+        raise ModelError.at(element, text, file=self.file)
 
     # ---- the body ------------------------------------------------------------------------------------
 
