@@ -76,7 +76,7 @@ class Entry:
     __slots__ = ("_queue", "action", "time")
 
     def __init__(self, time: int, action: Action, queue: Scheduler) -> None:
-        self.time = time
+        self.time: int = time
         self.action: Action | None = action
         self._queue = queue
 
@@ -91,7 +91,7 @@ class Scheduler:
     """Simulated time. `now` is nanoseconds since the start."""
 
     def __init__(self) -> None:
-        self.now = 0
+        self.now: int = 0
         self._heap: list[tuple[int, int, int, Entry]] = []
         self._line: deque[Entry] = deque()  # messages for the present instant
         self._sequence = count(1)

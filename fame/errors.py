@@ -45,7 +45,7 @@ class NamedElement(Protocol):
 class FameError(Exception):
     """What all errors of FAME have in common: a text for people and the exit code of the command that met it."""
 
-    exit_code = 2
+    exit_code: int = 2
 
     def __init__(self, text: str) -> None:
         super().__init__(" ".join(text.split()))
@@ -53,6 +53,11 @@ class FameError(Exception):
 
 class _Located(FameError):
     """An error that points into a file."""
+
+    text: str
+    file: str
+    line: int
+    element: str
 
     def __init__(self, text: str, *, file: str = "", line: int = 0, element: str = "", name: str = "") -> None:
         self.text, self.file, self.line, self.element = " ".join(text.split()), file, line, element
@@ -87,6 +92,13 @@ class MissionError(FameError):
     what people call the element.
     """
 
+    text: str
+    robot: str
+    element: str
+    file: str
+    line: int
+    code: str
+
     exit_code = 1
 
     def __init__(
@@ -116,6 +128,9 @@ class MissionError(FameError):
 
 class MessageError(FameError):
     """A type, field or value that does not fit a topic. ``type`` is the message type, ``field`` the path in it."""
+
+    type: str
+    field: str
 
     def __init__(self, text: str, *, type: str = "", field: str = "") -> None:
         self.type, self.field = type, field

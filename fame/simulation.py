@@ -63,11 +63,11 @@ class Simulation:
             "services", services, "a mapping of names to functions",
         )  # fmt: skip
         _expect_values("variables", variables)
-        self.scheduler = Scheduler()
-        self.middleware = LocalMiddleware(self.scheduler)
+        self.scheduler: Scheduler = Scheduler()
+        self.middleware: LocalMiddleware = LocalMiddleware(self.scheduler)
         self.reports: list[Event] = []
         chosen = choose_process(definitions, process, "; fame.Scenario.load(path).run() runs all of them")
-        self.node = RobotNode(
+        self.node: RobotNode = RobotNode(
             robot,
             make_mission(
                 definitions, chosen, library=Library(library), services=services, shared=_declared(definitions)

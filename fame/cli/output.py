@@ -67,7 +67,7 @@ class Notes:
     """
 
     def __init__(self) -> None:
-        self.lost = 0
+        self.lost: int = 0
 
     def __call__(self, text: str) -> None:
         """Write a line: printable, and at once."""
@@ -91,7 +91,7 @@ def _write_at_once(text: str) -> None:
         raise OSError("not written as a whole")
 
 
-note = Notes()
+note: Notes = Notes()
 """What the commands that go on until somebody ends them say."""
 
 

@@ -40,6 +40,10 @@ class EngineState:
     at_once         whether the host observes each mark by itself
     """
 
+    program: Program
+    host: Host
+    new_variables: Callable[[], dict[str, Any]]
+
     def __init__(self, program: Program, host: Host, new_variables: Callable[[], dict[str, Any]] = dict) -> None:
         self.program, self.host, self.new_variables = program, host, new_variables
         self.ready: deque[tuple[Node | None, Any]] = deque()
@@ -54,7 +58,7 @@ class EngineState:
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
         self.held: tuple[list[Scope], list[Wait]] | None = None
-        self.counter = 0
+        self.counter: int = 0
         self.at_once = False
         self._trail: Trail = []
         self.place: Scope | None = None
@@ -66,6 +70,13 @@ class EngineState:
         """Identities come from one counter."""
         self.counter += 1
         return self.counter
+
+    def forget_starts(self) -> None:
+        """Nothing begins any more, and nothing that was held goes on."""
+        self.armed_starts.clear()
+        self.held = None
+        self.waiting_starts.clear()
+        self.gathered.clear()
 
     def notify(self, scope: Scope, mark: Mark) -> None:
         """Note that something happened; observers are told when the stimulus has been worked off."""

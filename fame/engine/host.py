@@ -26,6 +26,9 @@ class BpmnError(Exception):
     message  text for people; the code if there is none
     """
 
+    code: str
+    message: str
+
     def __init__(self, code: str, message: str = "") -> None:
         super().__init__(message or code)
         self.code, self.message = code, message

@@ -35,6 +35,9 @@ class Engine(EngineState):
     moves          bound of the moves within one stimulus
     """
 
+    limit: int
+    portion: int
+
     def __init__(
         self, program: Program, host: Host, new_variables: Callable[[], dict[str, Any]] = dict, *, moves: int = MOVES
     ) -> None:
@@ -161,10 +164,7 @@ class Engine(EngineState):
         """Cancel all instances. They end at once; their scripts may still be leaving."""
         for key in self.armed_starts:
             self.host.cancel_timer(key)
-        self.armed_starts.clear()
-        self.held = None
-        self.waiting_starts.clear()
-        self.gathered.clear()
+        self.forget_starts()
         for instance in tuple(self.instances.values()):
             scopes.kill(self, instance.root)
             scopes.conclude(self, instance, "cancelled")
@@ -180,7 +180,7 @@ class Engine(EngineState):
         ready, pop = self.ready, self.ready.popleft
         left, portion = self.limit, self.portion
         moves = repeat(None, portion)
-        self.unsettled = bool(self.conditions)
+        self.unsettled: bool = bool(self.conditions)
         while True:
             while ready:
                 node, scope = pop()

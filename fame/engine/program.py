@@ -50,6 +50,17 @@ class Node:
         "part_of", "plain_step", "slot", "spec", "step",
     )  # fmt: skip
 
+    id: str
+    key: str
+    step: Step
+    spec: Any
+    line: int
+    file: str
+    entered: Mark
+    left: Mark
+    index: int
+    slot: int
+
     def __init__(self, id: str, key: str, step: Step, *, line: int = 0, file: str = "", spec: Any = None) -> None:
         self.id, self.key, self.step, self.spec = id, key, step, spec
         self.line, self.file = line, file
@@ -189,7 +200,7 @@ class Body:
     __slots__ = ("adhoc", "armed", "compensation", "errors", "escalations", "id", "opening", "queued", "transaction")
 
     def __init__(self, id: str) -> None:
-        self.id = id
+        self.id: str = id
         self.opening: Node
         self.armed: tuple[Node, ...] = ()
         self.errors: tuple[Node, ...] = ()
@@ -197,7 +208,7 @@ class Body:
         self.queued: tuple[Node, ...] = ()
         self.compensation: Node | None = None
         self.adhoc: Any = None
-        self.transaction = False
+        self.transaction: bool = False
 
 
 class Program:
@@ -210,6 +221,10 @@ class Program:
     instances  how many instances may run at a time; None: any number
     concluded  called with the engine when an instance is over and triggers wait for that
     """
+
+    process: str
+    name: str
+    observed: bool
 
     def __init__(self, process: str, name: str = "", observed: bool = False) -> None:
         self.process, self.name, self.observed = process, name, observed

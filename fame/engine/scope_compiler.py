@@ -37,11 +37,17 @@ class Compiler:
     unfilled  its variables that a caught message may fill by their names alone
     """
 
+    program: Program
+    host: Host
+    library: Library
+    make: Callable[[ScopeCompiler, model.FlowNode], None]
+    original: bool
+
     def __init__(
         self, program: Program, host: Host, library: Library, make: Callable[[ScopeCompiler, model.FlowNode], None]
     ) -> None:
         self.program, self.host, self.library, self.make = program, host, library, make
-        self.observed = program.observed
+        self.observed: bool = program.observed
         self.called: dict[tuple[str, str], Body] = {}
         self.original = False
         self.unfilled: tuple[str, ...] = ()
@@ -67,6 +73,11 @@ class ScopeCompiler:
     transaction     whether it stands in a transaction
     """
 
+    compiler: Compiler
+    file: str
+    owner: model.Process | model.SubProcess
+    content: model.Body
+
     def __init__(
         self,
         compiler: Compiler,
@@ -76,11 +87,11 @@ class ScopeCompiler:
         body: Body | None = None,
     ) -> None:
         self.compiler, self.file, self.owner, self.content = compiler, file, owner, owner.body
-        self.body = body or Body(owner.id)
+        self.body: Body = body or Body(owner.id)
         self.body.transaction = isinstance(owner, model.SubProcess) and owner.kind == "transaction"
         self.transaction: bool = self.body.transaction or (outer is not None and outer.transaction)
-        self.model = {node.id: node for node in self.content.nodes}
-        self.flows = {flow.id: flow for flow in self.content.flows}
+        self.model: dict[str, model.FlowNode] = {node.id: node for node in self.content.nodes}
+        self.flows: dict[str, model.SequenceFlow] = {flow.id: flow for flow in self.content.flows}
         self.objects: dict[str, model.DataObject] = {
             **(outer.objects if outer else {}),
             **{item.id: item for item in self.content.data_objects},

@@ -41,6 +41,15 @@ class Scope:
         "joins", "key", "mail", "mark", "node", "parent", "state", "suspender", "tokens", "variables",
     )  # fmt: skip
 
+    key: int
+    parent: Scope | None
+    node: Node | None
+    body: Body | None
+    variables: dict[str, Any]
+    tokens: int
+    state: int
+    depth: int
+
     def __init__(
         self, key: int, parent: Scope | None, node: Node | None, body: Body | None, variables: dict[str, Any]
     ) -> None:
@@ -53,7 +62,7 @@ class Scope:
         self.handles: tuple[Node, ...] = ()
         self.done: list[Record] | None = None
         self.suspender: Scope | None = None
-        self.mark = 0
+        self.mark: int = 0
         self.cancelling: tuple[int, ...] = ()
         self.held: tuple[Node, ...] = ()
         self.items: Any = None
@@ -77,6 +86,10 @@ class Record:
     """An activity that has completed, and what had completed in it (see `fame.engine.compensation`)."""
 
     __slots__ = ("inner", "node", "variables")
+
+    node: Node
+    variables: dict[str, Any]
+    inner: list[Record]
 
     def __init__(self, node: Node, variables: dict[str, Any], inner: list[Record]) -> None:
         self.node, self.variables, self.inner = node, variables, inner
@@ -111,6 +124,17 @@ class Wait:
         "true",
     )
 
+    key: int
+    node: Node
+    scope: Scope
+    token: bool
+    owner: Scope | Wait | None
+    alive: bool
+    true: bool
+    started: bool
+    paused: int
+    due: int
+
     def __init__(self, key: int, node: Node, scope: Scope, token: bool, owner: Scope | Wait | None = None) -> None:
         self.key, self.node, self.scope, self.token, self.owner = key, node, scope, token, owner
         self.catch: Catch = node.catch  # type: ignore[assignment]  # who waits here knows that there is one
@@ -124,6 +148,11 @@ class Mailbox:
     """Messages kept for one catching event in one activation of its scope, and the tokens that wait for them."""
 
     __slots__ = ("alive", "catch", "key", "messages", "node", "scope", "waits")
+
+    key: int
+    node: Node
+    scope: Scope
+    alive: bool
 
     def __init__(self, key: int, node: Node, scope: Scope) -> None:
         self.key, self.node, self.scope, self.alive = key, node, scope, True
@@ -150,11 +179,15 @@ class Instance:
     error         of a failed one: what went wrong
     """
 
+    key: int
+    program: Program
+    root_variables: dict[str, Any]
+
     def __init__(self, key: int, program: Program, variables: dict[str, Any]) -> None:
         self.key, self.program, self.root_variables = key, program, variables
         self.status: Status = "running"
         self.error: MissionError | None = None
-        self.counts = [0] * len(program.elements)
+        self.counts: list[int] = [0] * len(program.elements)
         self.scopes = 0
         """How many of its scopes live."""
         self.root: Scope
@@ -198,6 +231,10 @@ class Continuation:
     """What goes on when cancelled scripts have ended: a token at `node`. `pending`: how many have not."""
 
     __slots__ = ("node", "pending", "scope")
+
+    pending: int
+    node: Node
+    scope: Scope
 
     def __init__(self, pending: int, node: Node, scope: Scope) -> None:
         self.pending, self.node, self.scope = pending, node, scope

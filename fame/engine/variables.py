@@ -49,7 +49,7 @@ class Variables(dict[str, Any]):
 
     def __init__(self, outer: dict[str, Any], own: Mapping[str, Any] | None = None) -> None:
         super().__init__(own or {})
-        self.outer = outer
+        self.outer: dict[str, Any] = outer
         if BUILTINS in outer:
             super().__setitem__(BUILTINS, outer[BUILTINS])
         self._own = set(self)
