@@ -19,25 +19,27 @@ from joblib.externals.loky import get_reusable_executor
 
 from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make
 from fame.monitor.anomaly.learn import best, learn
-from fame.monitor.anomaly.learning_file import Entry, Learning, Source
+from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import Recording, read_csv
 
 ROOT = Path(__file__).resolve().parent.parent
-PATH = Entry("path", "PathDetector", {"chain": str(ROOT / "robots" / "arm" / "mh5.yaml")}, reduction=0, threshold=0.002)
+PATH = Candidate(
+    "path", "PathDetector", {"chain": str(ROOT / "robots" / "arm" / "mh5.yaml")}, reduction=0, threshold=0.002
+)
 COLUMNS = (0, 1, 2, 3, 4, 5)
 
 
-def model(entry: Entry, benign: Recording, both: Recording) -> Model:
+def model(candidate: Candidate, benign: Recording, both: Recording) -> Model:
     """A classifier fitted to all data: only its speed is of interest."""
-    estimator, process = make(entry, ROOT), DataProcess(entry.reduction or 0)
+    estimator, process = make(candidate, ROOT), DataProcess(candidate.reduction or 0)
     process.fit(benign.values)
     supervised = is_supervised(estimator)
-    fit(estimator, process, both if supervised else benign, supervised=supervised, unique=entry.unique)
+    fit(estimator, process, both if supervised else benign, supervised=supervised, unique=candidate.unique)
     kept = None if isinstance(estimator, PathDetector) else process
-    return Model(entry.name, benign.joints, estimator, kept, 0.0, 518, benign.select([0]).values)
+    return Model(candidate.name, benign.joints, estimator, kept, 0.0, 518, benign.select([0]).values)
 
 
 def microseconds(scorer: Any, runs: Recording) -> np.ndarray:
@@ -65,17 +67,17 @@ def main() -> None:
     arguments = parser.parse_args()
     files = [arguments.data / name for name in ("original_30.csv", "rbfsvm_train_30.csv")]
     benign, both = (read_csv(path) for path in files)
-    for entry in (*DEFAULTS, PATH):
-        scorer = model(entry, benign, both).scorer()
+    for candidate in (*DEFAULTS, PATH):
+        scorer = model(candidate, benign, both).scorer()
         taken = microseconds(scorer, benign.select(range(10)))
-        line = {"case": f"score, {entry.name}", "us_median": np.median(taken), "us_99": np.quantile(taken, 0.99)}
+        line = {"case": f"score, {candidate.name}", "us_median": np.median(taken), "us_99": np.quantile(taken, 0.99)}
         print(
             json.dumps(
                 {key: value if isinstance(value, str) else round(float(value), 1) for key, value in line.items()}
             )
         )
     if arguments.learn:
-        first, second = (Source(path, COLUMNS, 6) for path in files)
+        first, second = (DataFile(path, COLUMNS, 6) for path in files)
         learning = Learning(ROOT / "learning.yaml", first, first, second, ())
         began = time.perf_counter()
         before = cpu_seconds()
@@ -83,7 +85,7 @@ def main() -> None:
         taken = time.perf_counter() - began
         get_reusable_executor().shutdown(wait=True)  # processor time of a process counts once it has ended
         line = {"case": "learn", "s": round(taken, 1), "cpu_s": round(cpu_seconds() - before, 1)}
-        print(json.dumps({**line, "best": chosen.entry.name}))
+        print(json.dumps({**line, "best": chosen.candidate.name}))
 
 
 if __name__ == "__main__":

@@ -17,8 +17,8 @@ import numpy as np
 
 from fame.errors import FameError
 from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make, predict
-from fame.monitor.anomaly.evaluation import Matrix, by_run, render, run_scores
-from fame.monitor.anomaly.learning_file import Entry
+from fame.monitor.anomaly.evaluation import ConfusionMatrix, by_run, render, run_scores
+from fame.monitor.anomaly.learning_file import Candidate
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
@@ -32,7 +32,7 @@ from robots.arm.task import TRIANGLE
 HELD_OUT = range(24, 30)
 """Benign runs that nothing is learned from in the tables of attacks and of simulated sets."""
 
-PATH = Entry("path", "PathDetector", {"chain": str(FILE)}, reduction=0, threshold=0.002)
+PATH = Candidate("path", "PathDetector", {"chain": str(FILE)}, reduction=0, threshold=0.002)
 ENTRIES = (*DEFAULTS, PATH)
 TABLE_1 = {
     "OC train": ("15528", "15528", "30", "0", "0"),
@@ -55,21 +55,21 @@ TABLE_4 = {
 class Trained:
     """A classifier and how it scores."""
 
-    def __init__(self, entry: Entry, benign: Recording, both: Recording) -> None:
-        self.entry = entry
-        self.estimator = make(entry, Path())
+    def __init__(self, candidate: Candidate, benign: Recording, both: Recording) -> None:
+        self.candidate = candidate
+        self.estimator = make(candidate, Path())
         self.process = None
         supervised = is_supervised(self.estimator)
-        process = DataProcess(entry.reduction or 0)
+        process = DataProcess(candidate.reduction or 0)
         if not isinstance(self.estimator, PathDetector):
             self.process = process.fit(benign.values)
-        fit(self.estimator, process, both if supervised else benign, supervised=supervised, unique=entry.unique)
+        fit(self.estimator, process, both if supervised else benign, supervised=supervised, unique=candidate.unique)
 
     def scores(self, data: Recording) -> list[float]:
         return run_scores(data, predict(self.estimator, self.process, data))
 
-    def matrix(self, data: Recording) -> Matrix:
-        return by_run(data.run_labels(), self.scores(data), float(self.entry.threshold or 0))
+    def matrix(self, data: Recording) -> ConfusionMatrix:
+        return by_run(data.run_labels(), self.scores(data), float(self.candidate.threshold or 0))
 
 
 def table_1(sets: dict[str, Recording]) -> Iterator[Sequence[str]]:
@@ -87,7 +87,7 @@ def table_2(trained: dict[str, list[Trained]], sets: dict[str, Recording]) -> It
         for item in trained["all" if short == "train" else "held out"]:
             m = item.matrix(data)
             ratios = f"{m.accuracy:.2f} {m.recall:.2f} {m.precision:.2f} {m.f1:.2f}"
-            yield item.entry.name, name, *map(str, m), ratios, TABLE_2.get((item.entry.name, short), "-")
+            yield item.candidate.name, name, *map(str, m), ratios, TABLE_2.get((item.candidate.name, short), "-")
 
 
 def attacks(trained: list[Trained], carrier: Recording) -> Iterator[tuple[str, str, str]]:
@@ -114,7 +114,7 @@ def seen(trained: list[Trained], runs: Recording) -> list[str]:
     told = []
     for item in trained:
         scores = item.scores(runs)
-        above = sum(score > (item.entry.threshold or 0) for score in scores)
+        above = sum(score > (item.candidate.threshold or 0) for score in scores)
         told.append(f"{np.mean(scores):.4f} ({above}/{len(scores)})")
     return told
 
@@ -124,7 +124,7 @@ def plot(folder: Path, trained: list[Trained], benign: Recording, held: Recordin
     joint_space(folder / "fig10_benign.png", benign, title="Benign points in joint space (cf. Fig. 10)")
     told = []
     for item in trained:
-        name = item.entry.name
+        name = item.candidate.name
         predicted = predict(item.estimator, item.process, test)
         joint_space(
             folder / f"fig13_{name}.png", test, predicted, title=f"{name} on the simulated test set (cf. Fig. 13)"
@@ -163,8 +163,8 @@ def main() -> None:
     print("Table I: points, benign points and runs, anomalous points and runs: ours (paper's)")
     sets = {"OC train": benign, "RBF train": both, "validate (simulated)": validation, "test (simulated)": test}
     print(render(list(table_1(sets)), ("set", "points", "benign", "runs", "anomalous", "runs")), end="\n\n")
-    trained = {"all": [Trained(entry, benign, both) for entry in ENTRIES]}
-    trained["held out"] = [Trained(entry, learned_from, part) for entry in ENTRIES]
+    trained = {"all": [Trained(candidate, benign, both) for candidate in ENTRIES]}
+    trained["held out"] = [Trained(candidate, learned_from, part) for candidate in ENTRIES]
     print("Table II: runs, with accuracy, recall, precision, F1")
     sets = {"train (learned from)": both, "validation (simulated)": validation, "test (simulated)": test}
     heads = ("classifier", "set", "TP", "FP", "TN", "FN", "ours", "paper")

@@ -78,17 +78,17 @@ def test_merging_keeps_labels_and_numbers_the_runs_on(tmp_path: Path):
 def test_files_of_different_joints_are_not_merged(tmp_path: Path):
     write_csv(tmp_path / "a.csv", made())
     write_csv(tmp_path / "b.csv", of_runs([np.ones((2, 2))], 1, ("u", "r")))
-    with pytest.raises(ConfigError, match=r"b\.csv: has the 2 joints u, r; the 2 of .*a\.csv \(s, l\)"):
+    with pytest.raises(ConfigError, match=r"b\.csv: has the 2 joints u, r; expected the 2 of .*a\.csv \(s, l\)"):
         merge([tmp_path / "a.csv", tmp_path / "b.csv"])
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("1,2,1\n1,nan,1\n", r"x\.csv:2: found a value that is not finite"),
-        ("1,2,1\n1,2\n", r"x\.csv:2: found '2 columns'; 3 numbers"),
-        ("s,l,label\n1,2,x\n", r"x\.csv:2: found '1,2,x'"),
-        ("1,2,7\n", r"x\.csv:1: found the label 7 in column 2"),
+        ("1,2,1\n1,nan,1\n", r"x\.csv:2: expected a finite number"),
+        ("1,2,1\n1,2\n", r"x\.csv:2: expected 3 numbers, got '2 columns'"),
+        ("s,l,label\n1,2,x\n", r"x\.csv:2: expected 3 numbers, got '1,2,x'"),
+        ("1,2,7\n", r"x\.csv:1: expected the label 1 \(benign\) or -1 \(anomalous\) in column 2, got 7"),
         ("", "has no rows"),
     ],
 )
@@ -115,8 +115,8 @@ def test_a_byte_order_mark_makes_no_header_of_the_first_row(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("stamp,run,s,label\nnan,0,1,1\n", ":2: found a value that is not finite"),
-        ("stamp,run,s,label\n0,nan,1,1\n", ":2: found a value that is not finite"),
+        ("stamp,run,s,label\nnan,0,1,1\n", ":2: expected a finite number"),
+        ("stamp,run,s,label\n0,nan,1,1\n", ":2: expected a finite number"),
         ("s,s,label\n0,1,1\n", "several columns 's'"),
         ("s,label\n" + "1" * 200_000 + ",1\n", ":2: is no row of a table"),
     ],

@@ -15,7 +15,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import _HOMES, candidates
+from fame.monitor.anomaly.classifiers import _HOMES, expand_candidates
 from fame.monitor.anomaly.evaluation import TRAIN, VALIDATION, OutputMatrix, render, rows
 from fame.monitor.anomaly.interface import Interface
 from fame.monitor.anomaly.learn import best, learn
@@ -73,18 +73,18 @@ def test_a_positive_is_an_anomaly():
 
 def test_every_classifier_is_judged_on_train_validation_and_test(folder: Path):
     one, two = learn(load(folder / "learning.yaml"))
-    assert [judged.data.split(":")[0] for judged in two.judged] == ["train", "validation", "test"]
+    assert [evaluation.data.split(":")[0] for evaluation in two.evaluations] == ["train", "validation", "test"]
     assert tuple(two.on(VALIDATION).runs) == (6, 0, 6, 0)
-    assert tuple(two.judged[2].runs) == (1, 0, 2, 0)
+    assert tuple(two.evaluations[2].runs) == (1, 0, 2, 0)
     assert one.model.threshold == 0.5
     assert best([one, two]).on(VALIDATION).runs.f1 == 1.0
 
 
 def test_automatic_threshold_lies_between_benign_and_anomalous_runs(folder: Path):
     _, two = learn(load(folder / "learning.yaml"))
-    judged = two.on(VALIDATION)
-    benign = [score for score, label in zip(judged.scores, judged.labels, strict=True) if label == 1]
-    anomalous = [score for score, label in zip(judged.scores, judged.labels, strict=True) if label == -1]
+    evaluations = two.on(VALIDATION)
+    benign = [score for score, label in zip(evaluations.scores, evaluations.labels, strict=True) if label == 1]
+    anomalous = [score for score, label in zip(evaluations.scores, evaluations.labels, strict=True) if label == -1]
     assert max(benign) <= two.model.threshold < min(anomalous)
 
 
@@ -99,7 +99,8 @@ def test_a_testing_file_that_was_learned_from_is_no_test(folder: Path):
     text = (folder / "learning.yaml").read_text().replace("test.csv", "both.csv")
     (folder / "learning.yaml").write_text(text)
     assert all(
-        judged.data.startswith((TRAIN, VALIDATION)) for judged in learn(load(folder / "learning.yaml"))[1].judged
+        evaluation.data.startswith((TRAIN, VALIDATION))
+        for evaluation in learn(load(folder / "learning.yaml"))[1].evaluations
     )
 
 
@@ -109,7 +110,7 @@ def test_the_grid_multiplies_parameters_and_reductions(folder: Path):
         FILES + CLASSIFIERS.replace("Split: {folds: 3}", "Split: {folds: 0}\n" + grid)
     )
     (folder / "learning.yaml").write_text((folder / "learning.yaml").read_text() + "Threshold: 0.2\n")
-    names = [item.entry.name for item in learn(load(folder / "learning.yaml"))]
+    names = [item.candidate.name for item in learn(load(folder / "learning.yaml"))]
     assert names == ["one pca 0", "one pca 2", *(f"two gamma {g} pca {n}" for n in (0, 2) for g in (5, 20))]
 
 
@@ -119,16 +120,16 @@ def test_a_name_that_is_null_means_no_such_training(folder: Path):
         text.replace("unsupervised_train: {name: Null", "unsupervised_train: {name: benign.csv")
     )
     found = learn(load(folder / "published.yaml"))
-    assert [item.entry.name for item in found] == ["ocsvm"]
+    assert [item.candidate.name for item in found] == ["ocsvm"]
 
 
 def test_a_reduction_that_is_asked_for_holds_for_the_classifiers_of_the_paper(folder: Path):
     learning = load(folder / "published.yaml")
-    assert [entry.reduction for entry in candidates(learning)] == [2, 2]
+    assert [candidate.reduction for candidate in expand_candidates(learning)] == [2, 2]
     (folder / "published.yaml").write_text(FILES.replace("reduction: 2", "reduction: 0"))
-    assert [entry.reduction for entry in candidates(load(folder / "published.yaml"))] == [0, 3]
+    assert [candidate.reduction for candidate in expand_candidates(load(folder / "published.yaml"))] == [0, 3]
     (folder / "published.yaml").write_text(FILES + "Grid: {reduction: [0, 5, 4, 3, 2]}")
-    tried = [entry.reduction for entry in candidates(load(folder / "published.yaml"))]
+    tried = [candidate.reduction for candidate in expand_candidates(load(folder / "published.yaml"))]
     assert tried == [0, 5, 4, 3, 2] * 2
 
 
@@ -138,7 +139,7 @@ def test_files_with_other_joints_are_refused(folder: Path):
     write_csv(folder / "test.csv", of_runs([np.ones((9, 3))], 1, ("a", "b", "other")))
     text = (folder / "learning.yaml").read_text().replace("fit_file: {name: benign.csv", "fit_file: {name: plain.csv")
     (folder / "learning.yaml").write_text(text)
-    with pytest.raises(ConfigError, match=r"test\.csv: has the 3 joints a, b, other; the 3 of .*benign\.csv"):
+    with pytest.raises(ConfigError, match=r"test\.csv: has the 3 joints a, b, other; expected the 3 of .*benign\.csv"):
         learn(load(folder / "learning.yaml"))
 
 
@@ -228,7 +229,7 @@ def test_a_model_of_another_version_is_refused(folder: Path):
 
 
 def test_a_model_of_another_format_is_refused(folder: Path):
-    with pytest.raises(ConfigError, match="found format 'other'"):
+    with pytest.raises(ConfigError, match="got 'other'"):
         load_model(stored(folder, format="other"))
 
 
@@ -282,22 +283,26 @@ def test_a_corrupt_file_and_a_missing_one_are_refused(folder: Path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("reduction: 2", "reductoin: 2", r"learning\.yaml: Operations: found the key 'reductoin'; known are reduction"),
-        ("reduction: 2", "reduction: 9", "reduction: found 9; 0"),
-        ("class: SVC", "class: Magic", "two: found the class 'Magic'; known are"),
+        (
+            "reduction: 2",
+            "reductoin: 2",
+            r"learning\.yaml:\d+: Operations.reductoin: unknown key; did you mean 'reduction'",
+        ),
+        ("reduction: 2", "reduction: 9", r"reduction: expected 0 \(none\) or 1 to"),
+        ("class: SVC", "class: Magic", "two: expected a class of .*, got 'Magic'"),
         ("{gamma: 20, C: 100}", "{gama: 20}", "SVC does not take that: .*gama"),
-        ("threshold: 0.5", "threshold: 5", r"Classifiers\[0\].threshold: found 5"),
+        ("threshold: 0.5", "threshold: 5", r"Classifiers\[0\].threshold: expected a number from 0 to 1, got 5"),
         ("both.csv", "benign.csv", "has benign points only"),
         ("folds: 3", "folds: 9", "at least 9 are needed"),
-        ("folds: 3", "folds: 1", r"Split\.folds: found 1; 0 \(no validation\) or 2"),
-        ("reduction: 2", "scaling: log", r"Operations\.scaling: found 'log'; one of minmax"),
+        ("folds: 3", "folds: 1", r"Split\.folds: expected 0 \(no validation\) or at least 2, got 1"),
+        ("reduction: 2", "scaling: log", r"Operations\.scaling: expected a scaling, got 'log'; .*minmax"),
         ("nu: 0.1", "nu: 7", r"benign\.csv: OneClassSVM does not learn from that: .*'nu'"),
-        ("Split: {folds: 3}", "Grid: {reduction: 2}", r"Grid\.reduction: found 2; a list such as"),
-        ("Split: {folds: 3}", "Grid: {two: {gamma: 5}}", r"Grid\.two\.gamma: found 5; a list of values"),
+        ("Split: {folds: 3}", "Grid: {reduction: 2}", r"Grid\.reduction: expected a list of values to try such as"),
+        ("Split: {folds: 3}", "Grid: {two: {gamma: 5}}", r"Grid\.two\.gamma: expected a list of values to try, got 5"),
         (
             "test.csv, input_col: [0, 1, 2]",
             "test.csv, input_col: [0, 1]",
-            r"test\.csv: has the 2 joints a, b; the 3 of",
+            r"test\.csv: has the 2 joints a, b; expected the 3 of",
         ),
     ],
 )
@@ -326,8 +331,8 @@ def test_the_one_class_svm_of_the_paper_by_resubstitution():
     from fame.monitor.anomaly.classifiers import DEFAULTS, fit, make, predict
     from fame.monitor.anomaly.evaluation import by_run, run_scores
 
-    entry, benign, both = DEFAULTS[0], recording(BENIGN), recording(BOTH)
-    estimator, process = make(entry, Path()), DataProcess().fit(benign.values)
+    candidate, benign, both = DEFAULTS[0], recording(BENIGN), recording(BOTH)
+    estimator, process = make(candidate, Path()), DataProcess().fit(benign.values)
     fit(estimator, process, benign, supervised=False, unique=True)
     scores = run_scores(both, predict(estimator, process, both))
     assert tuple(by_run(both.run_labels(), scores, 0.22)) == (20, 2, 28, 0)
@@ -340,20 +345,23 @@ CHAIN = "{joints: [{name: a, origin: [0, 0, %s], axis: [0, 0, 1]%s}]}"
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (LEARNING + "Classifiers: 5", "Classifiers: found 5; a list"),
-        (LEARNING + "Classifiers: [{name: x, class: SVC, unique: 'no'}]", "unique: found 'no'; true or false"),
-        (LEARNING + "Classifiers: [{name: x, class: None}]", "x: found the class 'None'"),
-        (LEARNING + "Operations: {reduction: 7}\nThreshold: 0.1", "reduction: found 7"),
-        (LEARNING.replace("[0, 1]", "[0, 2]"), "supervised_train.input_col: found [0, 2], of which 2 is the label"),
-        (LEARNING.replace("[0, 1]", "[0, 0]"), "input_col: found [0, 0]; each column once"),
-        (LEARNING.replace("[2]", "[2, 3]"), "output_col: found [2, 3]; one column"),
+        (LEARNING + "Classifiers: 5", "Classifiers: expected a list, got 5"),
+        (LEARNING + "Classifiers: [{name: x, class: SVC, unique: 'no'}]", "unique: expected true or false, got 'no'"),
+        (LEARNING + "Classifiers: [{name: x, class: None}]", "got 'None'"),
+        (LEARNING + "Operations: {reduction: 7}\nThreshold: 0.1", "components, got 7"),
+        (
+            LEARNING.replace("[0, 1]", "[0, 2]"),
+            "input_col: expected columns without the label (output_col 2), got [0, 2]",
+        ),
+        (LEARNING.replace("[0, 1]", "[0, 0]"), "input_col: expected each column once, got [0, 0]"),
+        (LEARNING.replace("[2]", "[2, 3]"), "output_col: expected one column, got [2, 3]"),
         *(
             (LEARNING + f"Classifiers: [{{name: x, class: PathDetector, parameters: {{chain: {chain}}}}}]", why)
             for chain, why in (
                 (CHAIN % (".nan", ""), "not finite"),
-                (CHAIN % (0, ", steps: 0"), "found 0 steps"),
-                (CHAIN % ("9" * 400, ""), "is no arm"),
-                (CHAIN % (0, "") + ", margin: wide", "x: found the margin 'wide'"),
+                (CHAIN % (0, ", steps: 0"), "expected a number of steps per revolution, got 0"),
+                (CHAIN % ("9" * 400, ""), "is not an arm"),
+                (CHAIN % (0, "") + ", margin: wide", "x: expected a margin above 0, got 'wide'"),
                 (CHAIN % (0, ""), "has 2 joints; the chain of the PathDetector has 1"),
             )
         ),
@@ -370,7 +378,7 @@ def test_every_wrong_learning_file_is_one_line_that_names_a_file(text: str, why:
 
 def test_a_grid_may_vary_the_classifiers_that_are_tried_without_any_named(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text(LEARNING + "Grid: {rbfsvm: {gamma: [1, 2]}}")
-    assert [entry.parameters["gamma"] for entry in candidates(load(tmp_path / "a.yaml"))] == [1, 2]
+    assert [candidate.parameters["gamma"] for candidate in expand_candidates(load(tmp_path / "a.yaml"))] == [1, 2]
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -389,10 +397,10 @@ def test_every_classifier_that_may_be_named_is_the_same_each_time_and_comes_back
     (tmp_path / "a.yaml").write_text(both + f"Classifiers: [{', '.join(named)}]\nSplit: {{folds: 0}}\nThreshold: 0.4\n")
     first, second = learn(load(tmp_path / "a.yaml")), learn(load(tmp_path / "a.yaml"))
     for one, other in zip(first, second, strict=True):
-        assert one.judged == other.judged, one.entry.name
+        assert one.evaluations == other.evaluations, one.candidate.name
         save_model(one.model, tmp_path / "one.skops")
         save_model(other.model, tmp_path / "other.skops")
-        assert (tmp_path / "one.skops").read_bytes() == (tmp_path / "other.skops").read_bytes(), one.entry.name
+        assert (tmp_path / "one.skops").read_bytes() == (tmp_path / "other.skops").read_bytes(), one.candidate.name
         points = of_runs(runs, 1, ("a", "b"))
         np.testing.assert_array_equal(load_model(tmp_path / "one.skops").predict(points), one.model.predict(points))
 

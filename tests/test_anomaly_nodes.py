@@ -199,7 +199,7 @@ def test_an_arm_that_never_comes_home_is_said():
 
 
 def test_counting_without_a_count_is_refused():
-    with pytest.raises(ConfigError, match="found 0 points of a run"):
+    with pytest.raises(ConfigError, match="expected 1 or more points of a run with the rule count, got 0"):
         Collector(1, "count")
 
 

@@ -1,4 +1,4 @@
-"""The detector in task space: what it sees, and what it lets pass. Every run judged here was held out of learning."""
+"""The detector in task space: what it sees, and what it lets pass. Every run evaluated was held out of learning."""
 
 from dataclasses import replace
 from functools import cache

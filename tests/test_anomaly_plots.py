@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.evaluation import Matrix
+from fame.monitor.anomaly.evaluation import ConfusionMatrix
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import of_runs
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, joint_space, matrices
@@ -72,7 +72,7 @@ def test_an_attack_stands_out_along_the_path(tmp_path: Path) -> None:
 
 
 def test_a_matrix_is_drawn_for_each_classifier(tmp_path: Path) -> None:
-    one = Matrix(20, 0, 30, 0)
+    one = ConfusionMatrix(20, 0, 30, 0)
     matrices(tmp_path / "one.png", [("svm", one)])
     matrices(tmp_path / "four.png", [("svm", one)] * 4)
     sizes = []
@@ -87,4 +87,4 @@ def test_a_matrix_is_drawn_for_each_classifier(tmp_path: Path) -> None:
 def test_a_plot_that_cannot_be_written_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot be written"):
-        matrices(tmp_path / "file" / "x.png", [("svm", Matrix(1, 0, 1, 0))])
+        matrices(tmp_path / "file" / "x.png", [("svm", ConfusionMatrix(1, 0, 1, 0))])

@@ -78,7 +78,7 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
     ("arguments", "said"),
     [
         (["process", "none.yaml"], "none.yaml: cannot be read: No such file or directory"),
-        (["process", "{low_pass}", "--processor", "Lowpass"], "no processor 'Lowpass'; there are LowPass"),
+        (["process", "{low_pass}", "--processor", "Lowpass"], "--processor[0]: expected a processor (LowPass"),
         (["process", "{low_pass}", "--set", "cutoff"], "found 'cutoff', NAME=VALUE as in cutoff=5 would be right"),
         (["process", "{low_pass}", "--frequency", "0"], "found '0', a number above 0 would be right"),
         (["record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is no bag that can be read"),
@@ -184,7 +184,7 @@ def test_a_node_in_another_process_filters_and_its_parameters_change_from_a_thir
             ("param", "list", "/low_pass", "--json"), ("param", "set", "/low_pass", "cutoff", "-1")
         )
         assert (listed[0], json.loads(listed[1])["parameters"]) == (0, {"cutoff": 5.0, "rate": 0.0})
-        assert (refused[0], "found -1.0; a number of 1e-06 or more Hz" in refused[2]) == (2, True)
+        assert (refused[0], "expected a number of 1e-06 or more Hz, got -1.0" in refused[2]) == (2, True)
     finally:
         node.send_signal(signal.SIGINT)
         _, said = node.communicate(timeout=20)
@@ -220,10 +220,16 @@ def test_topics_of_another_process_are_listed_recorded_and_drawn(arm: Arm, low_p
         (["param", "set", "/low_pass", "cutoff", "2026-13-45"], "month must be in 1..12"),
         (["process", "x.yaml", "--set", "cutoff=["], "which is not valid YAML"),
         (["process", "x.yaml", "--set", "cutoff=2026-13-45"], "which is not valid YAML"),
-        (["process", "x.yaml", "--frequency", "1e12"], "--frequency: found 1000000000000.0"),
-        (["process", "x.yaml", "--frequency", "1e-300"], "--frequency: found 1e-300"),
+        (
+            ["process", "x.yaml", "--frequency", "1e12"],
+            "--frequency: expected a number from",
+        ),
+        (
+            ["process", "x.yaml", "--frequency", "1e-300"],
+            "--frequency: expected a number from",
+        ),
         (["topic", "list", "--duration", "1e300"], "--duration: found '1e300'"),
-        (["record", "x.yaml", "-o", "http://localhost:abc/robots"], "http://host:8086/database would be right"),
+        (["record", "x.yaml", "-o", "http://localhost:abc/robots"], "expected http://host:8086/database"),
     ],
 )
 def test_numbers_and_words_that_cannot_be_meant_are_a_wrong_request(

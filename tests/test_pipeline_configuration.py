@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fame.config.values import ConfigValue
 from fame.errors import ConfigError, FameError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
@@ -71,7 +72,7 @@ def test_a_published_configuration_is_read_with_message_files_beside_it(tmp_path
     assert (given.name, given.topic, given.type) == ("Effort0", "effort_split_lp", "ros_m1_messages/msg/SplitEfforts")
     assert (told.path, told.description, found.stages) == (("loss",), "Encoder Loss", ())
     assert (found.name, found.frequency, given.qos, told.qos) == ("encoder_0", 50.0, INPUT, SIGNAL)
-    with pytest.raises(ConfigError, match="names no Processor, and none was given"):
+    with pytest.raises(ConfigError, match="expected a processor, got none"):
         make_processors(found)
 
 
@@ -104,43 +105,43 @@ def test_a_message_file_is_imported_by_its_path(tmp_path: Path) -> None:
     [
         ({"Inputs": {"X": {**JOINTS, "Field": ["efort"]}}}, "Inputs.X.Field: sensor_msgs/msg/JointState: there is no "
          "field efort; it has header, name, position, velocity, effort"),
-        ({"Inputs": {"X": {**JOINTS, "Field": ["effort", -1]}}}, "found the index -1; 0 or more would be right"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["effort", -1]}}}, "expected an index from 0 on, got -1"),
         ({"Inputs": {"X": {**JOINTS, "Field": ["effort", 1, 2]}}}, "effort.1 is a number; nothing may follow"),
-        ({"Inputs": {"X": {**JOINTS, "Field": ["name"]}}}, "name holds texts; numbers would be right"),
-        ({"Inputs": {"X": {**JOINTS, "Field": ["header"]}}}, "the path ends at a message; one of its fields"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["name"]}}}, "name holds texts; expected numbers"),
+        ({"Inputs": {"X": {**JOINTS, "Field": ["header"]}}}, "the path ends at a message; expected one of its fields"),
         ({"Inputs": {"X": {**JOINTS, "Field": []}}}, "the path ends at a message"),
         ({"Inputs": {"X": {**FLOAT, "Field": ["data", "x"]}}}, "data is a float64; nothing may follow, found x"),
-        ({"Inputs": {"X": {**JOINTS, "MessageType": "JointStates"}}}, "Inputs.X.MessageType: Imports has nothing, and"),
-        ({"Inputs": {"X": {"Topic": "a", "Field": ["data"]}}}, "Inputs.X.MessageType: found None"),
-        ({"Inputs": {"X": {**JOINTS, "Topic": "joint states"}}}, "found 'joint states', which is no name of a topic"),
-        ({"Inputs": {"X": {**JOINTS, "Rate": -3}}}, "Inputs.X.Rate: found -3; a number of Hz from"),
-        ({"Inputs": {"X": {**JOINTS, "Feild": 1}}}, "Inputs.X: found the key 'Feild'; known are Topic, Field"),
+        ({"Inputs": {"X": {**JOINTS, "MessageType": "JointStates"}}}, "X.MessageType: JointStates: there is no such"),
+        ({"Inputs": {"X": {"Topic": "a", "Field": ["data"]}}}, "Inputs.X: expected the key MessageType"),
+        ({"Inputs": {"X": {**JOINTS, "Topic": "joint states"}}}, "expected the name of a topic, got 'joint states'"),
+        ({"Inputs": {"X": {**JOINTS, "Rate": -3}}}, "Inputs.X.Rate: expected a number from 1e-06 to 1e+06, got -3"),
+        ({"Inputs": {"X": {**JOINTS, "Feild": 1}}}, "Inputs.X.Feild: unknown key; did you mean 'Field'?"),
         ({"Inputs": {"X": JOINTS, "x": JOINTS}}, "X and x differ in capitals only"),
-        ({"Inputs": {"X": JOINTS, "Y": {**FLOAT, "Topic": "joint_states"}}}, "a topic has one type"),
-        ({"Inputs": {}, "Outputs": {}}, "has neither Inputs nor Outputs"),
+        ({"Inputs": {"X": JOINTS, "Y": {**FLOAT, "Topic": "joint_states"}}}, "expected one type"),
+        ({"Inputs": {}, "Outputs": {}}, "expected the key Inputs or Outputs with at least one entry"),
         ({"Outputs": {"Y": {**FLOAT, "Field": ["value"]}}}, "Outputs.Y.Field: std_msgs/msg/Float64: there is no field"),
-        ({"Outputs": {"Y": {**JOINTS, "Field": ["effort", 1]}}}, "outputs fill the places [1]; each from 0 on, once"),
+        ({"Outputs": {"Y": {**JOINTS, "Field": ["effort", 1]}}}, "outputs for the places 0, 1, ... once each, got [1]"),
         ({"Outputs": {"Y": FLOAT, "Z": FLOAT}}, "data: two outputs go to one place"),
         ({"Outputs": {"Y": FLOAT}, "Processor": "Threshold"}, "needs a threshold, or a model that has some"),
         ({"Outputs": {"Y": FLOAT}, "Processor": {"Class": "Expression", "Parameters": {"formula": "Efforts"}},
-          "Frequency": 0}, "Frequency: found 0"),
+          "Frequency": 0}, "Frequency: expected a number from 1e-06 to 1e+06, got 0"),
         ({"Outputs": {"Y": FLOAT, "Z": {**FLOAT, "Topic": "z"}}, "Processor": "LowPass"},
-         "Outputs.Y: nobody computes it; LowPass computes Efforts"),
-        ({"Processor": "LowPas"}, "Processor.Class: no processor 'LowPas'; there are LowPass, Resample"),
+         "Outputs.Y: no processor computes it; LowPass computes Efforts"),
+        ({"Processor": "LowPas"}, "Processor: expected a processor (LowPass, Resample"),
         ({"Processor": "no_such_module:Class"}, "no_such_module cannot be imported: ModuleNotFoundError"),
-        ({"Processor": "math:sqrt"}, "math:sqrt is no processor: a class with a method execute(inputs)"),
+        ({"Processor": "math:sqrt"}, "expected a class with a method execute(inputs), got math:sqrt"),
         ({"Processor": "user.py:Power"}, "there is no file"),
-        ({"Processor": {"Class": "LowPass", "Parameters": {"cutof": 1}}}, "Parameters.cutof: there is no such"),
-        ({"Processor": {"Class": "LowPass", "Parameters": {"cutoff": -1}}}, "Processor.Parameters.cutoff: found -1.0; "
-         "a number of 1e-06 or more Hz would be right"),
+        ({"Processor": {"Class": "LowPass", "Parameters": {"cutof": 1}}}, "cutof: unknown parameter; known are"),
+        ({"Processor": {"Class": "LowPass", "Parameters": {"cutoff": -1}}}, "Processor.Parameters.cutoff: expected "
+         "a number of 1e-06 or more Hz, got -1.0"),
         ({"Processor": ["LowPass", {"Class": "Autoencoder", "Parameters": {"model": "none.skops"}}]},
          "none.skops: there is no such file"),
-        ({"Processor": {"Parameters": {}}}, "Processor: needs a Class"),
+        ({"Processor": {"Parameters": {}}}, "Processor: expected the key Class"),
         ({"QoS": {"reliabilty": 1}}, "QoS: qos.reliabilty: there is no such policy"),
         ({"Imports": {"A": {"Package": "no_msgs.msg", "Module": "Nothing"}}}, "Imports.A: no_msgs/msg/Nothing: there "
-         "is no such message type; a file Nothing.msg beside the configuration, or the key File, would give it"),
-        ({"Name": "a-b"}, "Name: found 'a-b'"),
-        ({"Filters": 1}, "found the key 'Filters'; known are Inputs, Outputs"),
+         "is no such message type; put a file Nothing.msg beside the configuration, or use the key File"),
+        ({"Name": "a-b"}, "Name: expected a name of letters, digits and _, got 'a-b'"),
+        ({"Filters": 1}, "Filters: unknown key; known are: Inputs, Outputs"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line_with_the_path_of_the_key(tmp_path: Path, sections, reason: str) -> None:
@@ -148,11 +149,34 @@ def test_what_is_wrong_is_said_in_one_line_with_the_path_of_the_key(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
+    ("sections", "reason"),
+    [
+        ("Frequency: fast", "p.yaml:6: Frequency: expected a number from 1e-06 to 1e+06, got 'fast'"),
+        ("Frequency: 5\nProcessor:\n  Class: LowPass\n  Parameters:\n    cutoff: low",
+         "p.yaml:10: Processor.Parameters.cutoff: expected a number of 1e-06 or more Hz, got 'low'"),
+        ("Processor: Spectrum\nTraining:\n  Held back: 2",
+         "p.yaml:8: Training.Held back: expected a number above 0 and at most 1, got 2"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_told_with_its_line(tmp_path: Path, sections: str, reason: str) -> None:
+    port = "    Topic: joint_states\n    Field: [effort]\n    MessageType: sensor_msgs/msg/JointState\n"
+    (tmp_path / "p.yaml").write_text(f"Inputs:\n  Efforts:\n{port}{sections}")
+
+    def use() -> None:
+        configuration = load(tmp_path / "p.yaml")
+        make_processors(configuration)
+        training_of(configuration.training or ConfigValue({}), tmp_path)
+
+    with pytest.raises(ConfigError, match=re.escape(reason)):
+        use()
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
         (": a\n b", "is not valid YAML"),
-        ("- a", "a mapping with Inputs"),
-        ("", "a mapping with Inputs"),
+        ("- a", "expected a mapping"),
+        ("", "expected a mapping"),
         (None, "cannot be read"),
     ],
 )
@@ -195,7 +219,7 @@ def test_what_the_page_shows_is_true(tmp_path: Path) -> None:
     assert power.execute(given)["power"].values.tolist() == [9.0, 24.0]
     training = next(block for block in blocks if block.startswith("yaml\nTraining")).removeprefix("yaml\n")
     section = {**yaml.safe_load(training)["Training"], "Files": []}
-    assert training_of(section, tmp_path).held_back == 0.25
+    assert training_of(ConfigValue(section, "Training"), tmp_path).held_back == 0.25
     names = {name for line in page.splitlines() if line.startswith("| `") for name in re.findall(r"`(\w+)`", line)}
     assert names >= PROCESSORS.keys()
 
@@ -235,7 +259,7 @@ def test_a_path_goes_through_lists_of_messages_and_fixed_arrays() -> None:
     assert reader("geometry_msgs/msg/PoseArray", ("poses", 1, "position", "y"))(markers) == (4.0, ())
     with pytest.raises(Unusable, match="poses has 2 entries, not 3"):
         reader("geometry_msgs/msg/PoseArray", ("poses", 2, "position", "y"))(markers)
-    with pytest.raises(MessageError, match="found the index 36; 0 to 35 would be right"):
+    with pytest.raises(MessageError, match="expected an index from 0 to 35, got 36"):
         reader("geometry_msgs/msg/PoseWithCovariance", ("covariance", 36))
 
 

@@ -135,7 +135,7 @@ def test_what_a_published_processor_does_not_declare_is_given_by_name(bench: Ben
     bench.node([Wrong()], Name="wrong")
     bench.move(0.1)
     assert len(heard) == 49
-    assert "wrong: Outputs.Filtered: nobody computes it; Wrong computes a, b" in bench.said
+    assert "wrong: Outputs.Filtered: no processor computes it; Wrong computes a, b" in bench.said
 
 
 # ---- bad data --------------------------------------------------------------------------------------------------------
@@ -398,9 +398,9 @@ def test_parameters_are_listed_described_and_changed_from_another_node(bench: Be
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
-        ("gain", 11.0, "gain: found 11.0; a number from 0 to 10 Nm would be right"),
-        ("gain", "much", "found 'much'"),
-        ("mode", "medium", "a text: fast, slow would be right"),
+        ("gain", 11.0, "gain: expected a number from 0 to 10 Nm, got 11.0"),
+        ("gain", "much", "got 'much'"),
+        ("mode", "medium", "expected a text: fast, slow, got 'medium'"),
         ("model", "other.skops", "model: cannot be changed while it runs"),
         ("gian", 1.0, "gian: there is no such parameter; there are gain, delay"),
     ],
@@ -453,5 +453,5 @@ def test_a_node_outlives_whatever_its_processor_gives(bench: Bench, wrong: Calla
 
 def test_a_parameter_that_no_message_could_tell_is_refused_before_anything_runs(bench: Bench) -> None:
     for sections in ({"Frequency": 1e-300}, {"Processor": {"Class": "Window", "Parameters": {"stride": 10**30}}}):
-        with pytest.raises(ConfigError, match="would be right"):
+        with pytest.raises(ConfigError, match="expected"):
             bench.node(**sections)

@@ -164,11 +164,11 @@ def test_expressions(formula: str, expected: list[float]) -> None:
 @pytest.mark.parametrize(
     ("formula", "reason"),
     [
-        ("__import__('os')", "there is no function __import__"),
+        ("__import__('os')", "unknown function __import__"),
         ("left.values", "is not allowed"),
         ("(lambda: 1)()", "is not allowed"),
-        ("left[open]", "found"),
-        ("left +", "no formula"),
+        ("left[open]", "expected a formula"),
+        ("left +", "expected a formula"),
         ("", "needs a formula"),
     ],
 )
@@ -203,7 +203,7 @@ def test_an_estimator_of_scikit_learn_judges_samples_and_windows(tmp_path) -> No
     assert run([windows], {"x": data})["value"].values.shape == (10, 2)
     with pytest.raises(ValueError, match="trained on 30 features; the data are 6"):
         run([Estimator(model=str(tmp_path / "pca.skops"), method="transform", window=2)], {"x": data})
-    with pytest.raises(ConfigError, match="LinearRegression can predict"):
+    with pytest.raises(ConfigError, match="expected a method of LinearRegression \\(predict\\)"):
         Estimator(model=str(tmp_path / "slope.skops"), method="transform")
 
 
@@ -252,7 +252,7 @@ def test_parameters_change_while_it_runs() -> None:
 
 def test_numbers_beyond_every_float_are_refused_as_any_other_that_does_not_fit() -> None:
     for make in (lambda: LowPass(cutoff=10**400), lambda: Window(stride=10**30), lambda: Scale(factor=[])):
-        with pytest.raises(ConfigError, match="would be right"):
+        with pytest.raises(ConfigError, match="expected"):
             make()
 
 
@@ -260,7 +260,7 @@ def test_numbers_beyond_every_float_are_refused_as_any_other_that_does_not_fit()
     "formula", ["x + " + "9" * 400, "-" * 20_000 + "1", "abs()", "abs(x, x)", "max(x, 1)", "where(x)"]
 )
 def test_what_is_no_formula_is_refused_before_anything_runs(formula: str) -> None:
-    with pytest.raises(ConfigError, match="is no formula"):
+    with pytest.raises(ConfigError, match="expected a formula"):
         Expression(formula=formula)
 
 
@@ -298,7 +298,7 @@ def test_a_formula_that_takes_a_sample_for_a_channel_gives_nothing() -> None:
 
 def test_a_threshold_of_zero_or_less_of_which_no_part_is_below_is_refused() -> None:
     for wrong in ([0.0], [-5.0], [1.0, 0.0]):
-        with pytest.raises(ConfigError, match="or more would be right"):
+        with pytest.raises(ConfigError, match="or more, got"):
             Threshold(threshold=wrong)
     alarms = Threshold(threshold=[1.0])
     with pytest.raises(ConfigError, match="empty"):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.offline import run
@@ -198,8 +199,8 @@ def test_rows_without_a_value_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("stamp,x\n0.1,1\n0.2,two\n", "a.csv:3: found 'two'; a number would be right"),
-        ("stamp,x\n0.1,1\n0.2\n", "a.csv:3: found 1 cells; 2 would be right"),
+        ("stamp,x\n0.1,1\n0.2,two\n", "a.csv:3: expected a number, got 'two'"),
+        ("stamp,x\n0.1,1\n0.2\n", "a.csv:3: expected 2 cells, got 1"),
         ("0.1,1\n", "a.csv:1: has no header"),
         ("stamp,x\n", "a.csv: has no rows"),
         ("time,x\n1,2\n", "a.csv: has no column 'stamp'; it has time, x"),
@@ -217,15 +218,15 @@ def test_a_file_that_is_no_table_is_refused_with_its_line(tmp_path: Path, text: 
     ("section", "reason"),
     [
         ({"Files": ["no*.csv"]}, "no file matches"),
-        ({"Files": [], "Windw": 3}, "found the key 'windw'"),
-        ({"Window": "fifty"}, "Training.window: found 'fifty'; a whole number would be right"),
-        ({"Hidden": [16, "4"]}, "Training.hidden"),
-        ("runs.csv", "a mapping with Files would be right"),
+        ({"Files": [], "Windw": 3}, "Training.Windw: unknown key; did you mean 'window'?"),
+        ({"Window": "fifty"}, "Training.Window: expected a whole number of at least 2, got 'fifty'"),
+        ({"Hidden": [16, "4"]}, "Training.Hidden[1]: expected a whole number of at least 1, got '4'"),
+        ("runs.csv", "Training: expected a mapping"),
     ],
 )
 def test_a_wrong_training_section_is_refused(tmp_path: Path, section: object, reason: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        training_of(section, tmp_path)
+        training_of(ConfigValue(section, "Training"), tmp_path)
     assert reason in str(caught.value)
 
 
@@ -238,7 +239,7 @@ def test_one_run_is_not_enough_to_train_and_validate() -> None:
     "wrong", [{"seed": -1}, {"seed": 2**32}, {"before": np.inf}, {"cutoff": np.nan}, {"margin": np.inf}]
 )
 def test_settings_out_of_range_are_refused_by_name(wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=f"Training.{next(iter(wrong))}: found"):
+    with pytest.raises(ConfigError, match=f"Training.{next(iter(wrong))}: expected"):
         fit([motion(0), motion(1)], replace(QUICK, **wrong))
 
 
@@ -246,13 +247,17 @@ def test_of_two_runs_one_trains_however_much_is_held_back() -> None:
     assert fit([motion(0), motion(1)], replace(QUICK, held_back=0.9, epochs=1)).metrics["training_max"]
 
 
+def files(pattern: str) -> ConfigValue:
+    return ConfigValue({"Files": [pattern]}, "Training")
+
+
 def test_the_files_of_a_training_may_be_a_pattern_anywhere(tmp_path: Path) -> None:
     (tmp_path / "[1]").mkdir()
     file = write(tmp_path / "[1]" / "runs.csv", [motion(0)])
-    assert training_of({"Files": [str(tmp_path / "[[]1]" / "*.csv")]}, Path("elsewhere")).files == (str(file),)
-    assert training_of({"Files": ["*.csv"]}, tmp_path / "[1]").files == (str(file),)
+    assert training_of(files(str(tmp_path / "[[]1]" / "*.csv")), Path("elsewhere")).files == (str(file),)
+    assert training_of(files("*.csv"), tmp_path / "[1]").files == (str(file),)
     with pytest.raises(ConfigError, match="no file matches"):
-        training_of({"Files": ["a**b"]}, tmp_path)
+        training_of(files("a**b"), tmp_path)
 
 
 @pytest.mark.parametrize("change", [{"window": float("inf")}, {"rate": float("nan")}, {"rate": 0.0}, {"cutoff": -1.0}])
@@ -289,7 +294,7 @@ def test_tables_of_other_programs_are_read_as_they_are_meant(
     ("text", "why"),
     [
         ("stamp,a,a\n0,1,2\n", "several columns 'a'"),
-        ("stamp,a\n0,1#2\n", ":2: found '1#2'"),
+        ("stamp,a\n0,1#2\n", ":2: expected a number, got '1#2'"),
         ("stamp\n0\n", "no columns but stamp"),
         ("stamp,a\n\n\n", "no rows"),
         ("stamp," + "a" * 200_000 + "\n0,1\n", ":1: has no header"),

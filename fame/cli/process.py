@@ -113,15 +113,16 @@ def _configured(path: Path, arguments: Namespace) -> Configuration:
     """A configuration, with what the command line says instead."""
     from dataclasses import replace
 
+    from fame.config.values import ConfigValue
     from fame.monitor.pipeline.configuration import hertz, load, stages_of
 
     configuration = load(path)
     if arguments.processor:
-        stages = stages_of(list(arguments.processor))
+        stages = stages_of(ConfigValue(list(arguments.processor), "--processor"))
         own = configuration.stages
         if len(own) == len(stages):  # another class, with the parameters that the file has for it
             stages = tuple(replace(stage, parameters=old.parameters) for stage, old in zip(stages, own, strict=True))
         configuration = replace(configuration, stages=stages)
     if arguments.frequency is not None:
-        configuration = replace(configuration, frequency=hertz(arguments.frequency, "--frequency"))
+        configuration = replace(configuration, frequency=hertz(ConfigValue(arguments.frequency, "--frequency")))
     return configuration

@@ -40,10 +40,7 @@ def run(arguments: Namespace) -> int:
     if configuration.training is None:
         text = "has no section Training; Training: {Files: [runs.csv], Model: model.skops} would be right"
         raise ConfigError(text, file=file)
-    try:
-        training = training_of(configuration.training, configuration.folder)
-    except ConfigError as error:
-        raise ConfigError(error.text, file=error.file or file, element=error.element) from None
+    training = training_of(configuration.training, configuration.folder)
     path = arguments.output or Path(training.model)
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(training.files))

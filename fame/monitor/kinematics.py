@@ -99,7 +99,7 @@ def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
         names = tuple(str(joint["name"]) for joint in joints)
         tool = _vector(text.get("tool", (0, 0, 0)))
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
-        text = f"is no arm ({error!r}): joints, each with name, origin [x, y, z] and axis [x, y, z], would be right"
+        text = f"is not an arm ({error!r}): expected joints, each with name, origin [x, y, z] and axis [x, y, z]"
         raise ConfigError(text, file=file) from None
     return Chain(names, origins, axes, steps if len(steps) == len(joints) else (), tool)
 
@@ -114,7 +114,7 @@ def _vector(value: Any) -> Vector:
 def _steps(value: Any) -> float:
     steps = float(value)
     if not 0 < steps < math.inf:
-        raise ValueError(f"found {value!r} steps of a revolution")
+        raise ValueError(f"expected a number of steps per revolution, got {value!r}")
     return steps
 
 

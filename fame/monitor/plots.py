@@ -16,7 +16,7 @@ import numpy as np
 
 from fame.errors import ConfigError
 from fame.extras import require
-from fame.monitor.anomaly.evaluation import Matrix
+from fame.monitor.anomaly.evaluation import ConfusionMatrix
 from fame.monitor.anomaly.paths import BIN, PathDetector, Reading
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 from fame.monitor.arrays import Floats
@@ -115,8 +115,8 @@ def deviations(path: Path, detector: PathDetector, runs: Iterable[tuple[str, Rec
     _save(figure, path)
 
 
-def matrices(path: Path, told: Sequence[tuple[str, Matrix]], *, unit: str = "runs") -> None:
-    """A confusion matrix for each entry: its title and counts."""
+def matrices(path: Path, told: Sequence[tuple[str, ConfusionMatrix]], *, unit: str = "runs") -> None:
+    """A confusion matrix for each candidate: its title and counts."""
     columns = min(3, max(1, len(told)))
     rows = -(-len(told) // columns) or 1
     figure = _figure((2.6 * columns + 0.4, 2.5 * rows + 0.4))

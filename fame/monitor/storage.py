@@ -44,7 +44,7 @@ def write_artefact(content: Any, path: str | Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     data = io.BytesIO(_skops().dumps(content))
     if unknown := _unknown(data):
-        text = f"is not stored: {', '.join(unknown)} could not be read back as data; another classifier would be right"
+        text = f"is not stored: {', '.join(unknown)} could not be read back as data; choose another classifier"
         raise ConfigError(text, file=str(path))
     whole = path.with_name(f".{path.name}.part")
     _write_settled(data, whole)

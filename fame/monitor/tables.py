@@ -27,7 +27,7 @@ def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[
     `columns` by default are all but stamp, run and label, of the first file. Raises ConfigError.
     """
     if not paths:
-        raise ConfigError("no files to read; Files: [runs.csv] would be right", element="Files")
+        raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
     runs: list[Samples] = []
     for path in map(Path, paths):
         names, cells = _read(path)
@@ -85,16 +85,14 @@ def _read(path: Path) -> tuple[list[str], Floats]:
     except csv.Error as error:
         raise ConfigError(f"has no header: {error}", file=str(path), line=1) from None
     if not names or any(_is_number(name) for name in names):
-        raise ConfigError("has no header; stamp,effort_0,... would be right", file=str(path), line=1)
+        raise ConfigError("has no header; expected stamp,effort_0,...", file=str(path), line=1)
     if names[:2] == [STAMP, RUN] and not text.endswith("\n"):
         lines.pop()
     while lines and not lines[-1].strip():
         lines.pop()
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise ConfigError(
-            f"has several columns {twice[0]!r}; names of their own would be right", file=str(path), line=1
-        )
+        raise ConfigError(f"has several columns {twice[0]!r}; expected unique names", file=str(path), line=1)
     if len(lines) < 2:
         raise ConfigError("has no rows", file=str(path))
     try:
@@ -115,10 +113,10 @@ def _cell_by_cell(path: Path, names: list[str], lines: list[str]) -> Floats:
         except csv.Error as error:
             raise ConfigError(f"is no row of numbers: {error}", file=str(path), line=number) from None
         except ValueError as error:
-            text = f"found {str(error).rpartition(':')[2].strip()}; a number would be right"
+            text = f"expected a number, got {str(error).rpartition(':')[2].strip()}"
             raise ConfigError(text, file=str(path), line=number) from None
         if len(row) != len(names):
-            text = f"found {len(row)} cells; {len(names)} would be right"
+            text = f"expected {len(names)} cells, got {len(row)}"
             raise ConfigError(text, file=str(path), line=number)
     return np.array(rows, dtype=np.float64)
 

@@ -1,4 +1,4 @@
-"""``fame adm learn``: classifiers fitted and judged on recorded runs, the best of them stored."""
+"""``fame adm learn``: classifiers fitted and evaluated on recorded runs, the best of them stored."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from fame.cli.adm.sources import say, writable
 from fame.cli.arguments import Commands, add_json, command
 
 if TYPE_CHECKING:
-    from fame.monitor.anomaly.evaluation import Learned
-    from fame.monitor.anomaly.learn import Data, Progress
+    from fame.monitor.anomaly.evaluation import TrainedClassifier
+    from fame.monitor.anomaly.learn import LearningData, Progress
 
 
 def add(parts: Commands) -> None:
@@ -54,14 +54,14 @@ def run(arguments: Namespace) -> int:
     print(render(rows(learned, chosen)))
     for item in learned:
         if item.note:
-            print(f"{item.entry.name}: {item.note}")
-    print(f"* {chosen.entry.name} is the best; stored in {arguments.output}")
+            print(f"{item.candidate.name}: {item.note}")
+    print(f"* {chosen.candidate.name} is the best; stored in {arguments.output}")
     if learning.folds == 0:
         print("  (chosen by the data that it learned from: Split.folds is 0)")
     return 0
 
 
-def _plot(folder: Path, learned: list[Learned], chosen: Learned, data: Data) -> None:
+def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassifier, data: LearningData) -> None:
     """What `fame.monitor.plots` can draw of it."""
     from fame.monitor.anomaly.evaluation import data_name
     from fame.monitor.anomaly.paths import PathDetector
@@ -72,12 +72,12 @@ def _plot(folder: Path, learned: list[Learned], chosen: Learned, data: Data) -> 
     assert whole is not None
     if data.benign is not None:
         joint_space(folder / "benign.png", data.benign, title="Benign points in joint space")
-    judged = {"train": whole} | {f"test_{number}": item for number, item in enumerate(data.testing, start=1)}
-    for name, recording in judged.items():
+    recordings = {"train": whole} | {f"test_{number}": item for number, item in enumerate(data.testing, start=1)}
+    for name, recording in recordings.items():
         of = "data that it learned from" if name == "train" else Path(recording.source).name
-        title = f"Verdicts of {chosen.entry.name} on {of}"
+        title = f"Verdicts of {chosen.candidate.name} on {of}"
         joint_space(folder / f"{name}.png", recording, chosen.model.predict(recording), title=title)
-    told = [(f"{item.entry.name}, {data_name(said)}", said.runs) for item in learned for said in item.judged]
+    told = [(f"{item.candidate.name}, {data_name(said)}", said.runs) for item in learned for said in item.evaluations]
     matrices(folder / "confusion.png", told)
     for item in learned:
         if isinstance(item.model.estimator, PathDetector):
@@ -88,7 +88,7 @@ def _plot(folder: Path, learned: list[Learned], chosen: Learned, data: Data) -> 
                 for numbers in some
                 for number in numbers
             ]
-            deviations(folder / f"{item.entry.name}.png", item.model.estimator, named)
+            deviations(folder / f"{item.candidate.name}.png", item.model.estimator, named)
 
 
 def _by_label(labels: list[int]) -> list[list[int]]:

@@ -1,4 +1,4 @@
-"""``fame adm operate``: runs judged by a learned model as they happen."""
+"""``fame adm operate``: runs evaluated by a learned model as they happen."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add(parts: Commands) -> None:
 
 
 def run(arguments: Namespace) -> int:
-    """Judge until all runs are judged, the bag is over, or somebody interrupts. 1 if one was anomalous."""
+    """Judge until all runs are evaluated, the bag is over, or somebody interrupts. 1 if one was anomalous."""
     settle(arguments, "model")
     from fame.monitor.anomaly.model import load_model
     from fame.monitor.anomaly.nodes import Operate
@@ -70,7 +70,7 @@ def run(arguments: Namespace) -> int:
     drive(arguments, make, enough)
     runs = nodes[0].runs[: arguments.runs or None]
     if not runs and arguments.bag is not None:
-        raise MissionError(f"{arguments.bag}: no run was judged: none began that the model fits (--rule, --topic)")
+        raise MissionError(f"{arguments.bag}: no run was evaluated: none began that the model fits (--rule, --topic)")
     return _tell(runs, arguments.json)
 
 

@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fame.errors import ConfigError, UnavailableError
-from fame.monitor.anomaly.evaluation import Matrix, by_point
-from fame.monitor.anomaly.learning_file import Entry, Learning
+from fame.monitor.anomaly.evaluation import ConfusionMatrix, by_point
+from fame.monitor.anomaly.learning_file import Candidate, Learning
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording
@@ -35,77 +35,79 @@ _MODULES = {
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 DEFAULTS = (
-    Entry("ocsvm", "OneClassSVM", {"nu": 0.05, "gamma": 1000}, reduction=0, threshold=0.22, unique=True),
-    Entry("rbfsvm", "SVC", {"gamma": 20000, "C": 1000, "tol": 0.01, "cache_size": 400}, reduction=3, threshold=0.01),
+    Candidate("ocsvm", "OneClassSVM", {"nu": 0.05, "gamma": 1000}, reduction=0, threshold=0.22, unique=True),
+    Candidate(
+        "rbfsvm", "SVC", {"gamma": 20000, "C": 1000, "tol": 0.01, "cache_size": 400}, reduction=3, threshold=0.01
+    ),
 )
 """Gamma is per squared unit of columns scaled to 0 ... 1."""
 
 
-def make(entry: Entry, folder: Path) -> Any:
-    """The estimator of an entry. Raises ConfigError for a class that is not known, or parameters it does not take."""
-    if entry.cls == "PathDetector":
-        parameters = dict(entry.parameters)
+def make(candidate: Candidate, folder: Path) -> Any:
+    """Make the estimator of a candidate. Raises ConfigError for an unknown class or parameter."""
+    if candidate.cls == "PathDetector":
+        parameters = dict(candidate.parameters)
         chain = parameters.pop("chain", None)
         if chain is None:
-            raise ConfigError("PathDetector needs the parameter chain: the arm's kinematics", element=entry.name)
+            raise ConfigError("PathDetector needs the parameter chain: the arm's kinematics", element=candidate.name)
         margin = parameters.get("margin", 1.0)
         if type(margin) not in (int, float) or not 0 < margin < inf:
-            raise ConfigError(f"found the margin {margin!r}; a number above 0 would be right", element=entry.name)
+            raise ConfigError(f"expected a margin above 0, got {margin!r}", element=candidate.name)
         chain = chain if isinstance(chain, dict) else folder / str(chain)
-        return _build(PathDetector, entry, {"chain": load_chain(chain), **parameters})
-    module = _HOMES.get(entry.cls.rpartition(".")[2])
+        return _build(PathDetector, candidate, {"chain": load_chain(chain), **parameters})
+    module = _HOMES.get(candidate.cls.rpartition(".")[2])
     if module is None:
         known = ", ".join(sorted([*_HOMES, "PathDetector"]))
-        raise ConfigError(f"found the class {entry.cls!r}; known are {known}", element=entry.name)
+        raise ConfigError(f"expected a class of {known}, got {candidate.cls!r}", element=candidate.name)
     try:
-        cls = getattr(import_module(f"sklearn.{module}"), entry.cls.rpartition(".")[2])
+        cls = getattr(import_module(f"sklearn.{module}"), candidate.cls.rpartition(".")[2])
     except ImportError:
         raise UnavailableError("learning needs scikit-learn: pip install 'fame-robots[ml]'") from None
-    defaults: dict[str, Any] = {"novelty": True} if entry.cls.endswith("LocalOutlierFactor") else {}
+    defaults: dict[str, Any] = {"novelty": True} if candidate.cls.endswith("LocalOutlierFactor") else {}
     if "random_state" in inspect.signature(cls).parameters:
         defaults["random_state"] = 0  # the same data, the same model
-    return _build(cls, entry, {**defaults, **entry.parameters})
+    return _build(cls, candidate, {**defaults, **candidate.parameters})
 
 
-def _build(cls: Any, entry: Entry, parameters: dict[str, Any]) -> Any:
+def _build(cls: Any, candidate: Candidate, parameters: dict[str, Any]) -> Any:
     try:
         return cls(**parameters)
     except TypeError as error:
-        raise ConfigError(f"{entry.cls} does not take that: {error}", element=entry.name) from None
+        raise ConfigError(f"{candidate.cls} does not take that: {error}", element=candidate.name) from None
 
 
-def candidates(learning: Learning) -> Iterator[Entry]:
-    """Every classifier to try, each with its parameters and reduction: the entries, multiplied by the grid."""
-    for entry in learning.classifiers or _defaults(learning):
-        own = dict(learning.grid.get(entry.name, {}))
+def expand_candidates(learning: Learning) -> Iterator[Candidate]:
+    """Every classifier to try, each with its parameters and reduction: the candidates, multiplied by the grid."""
+    for candidate in learning.classifiers or _defaults(learning):
+        own = dict(learning.grid.get(candidate.name, {}))
         reductions = own.pop("reduction", None)
         if reductions is None:
-            fixed = learning.reduction if entry.reduction is None else entry.reduction
-            reductions = learning.grid.get("reduction", [fixed]) if entry.reduction is None else [fixed]
-        reductions = [0] if entry.cls == "PathDetector" else reductions
+            fixed = learning.reduction if candidate.reduction is None else candidate.reduction
+            reductions = learning.grid.get("reduction", [fixed]) if candidate.reduction is None else [fixed]
+        reductions = [0] if candidate.cls == "PathDetector" else reductions
         names = sorted(own)
         for reduction, *values in product(reductions, *(own[name] for name in names)):
             chosen = dict(zip(names, values, strict=True))
             label = ", ".join([f"{name} {value}" for name, value in chosen.items()])
             several = len(reductions) > 1
-            name = " ".join(part for part in (entry.name, label, f"pca {reduction}" if several else "") if part)
-            yield Entry(
-                name, entry.cls, {**entry.parameters, **chosen}, reduction,
-                entry.scaling or learning.scaling, _threshold(entry, learning), entry.unique,
+            name = " ".join(part for part in (candidate.name, label, f"pca {reduction}" if several else "") if part)
+            yield Candidate(
+                name, candidate.cls, {**candidate.parameters, **chosen}, reduction,
+                candidate.scaling or learning.scaling, _threshold(candidate, learning), candidate.unique,
             )  # fmt: skip
 
 
-def _defaults(learning: Learning) -> Iterator[Entry]:
+def _defaults(learning: Learning) -> Iterator[Candidate]:
     """Those that the learning file names data for (no ``name: Null``); a reduction that it asks for holds for them."""
     named = {"ocsvm": learning.unsupervised, "rbfsvm": learning.supervised}
     asked = learning.reduction or "reduction" in learning.grid
-    for entry in DEFAULTS:
-        if named[entry.name] is not None:
-            yield replace(entry, reduction=None) if asked else entry
+    for candidate in DEFAULTS:
+        if named[candidate.name] is not None:
+            yield replace(candidate, reduction=None) if asked else candidate
 
 
-def _threshold(entry: Entry, learning: Learning) -> Any:
-    return learning.threshold if entry.threshold is None else entry.threshold
+def _threshold(candidate: Candidate, learning: Learning) -> Any:
+    return learning.threshold if candidate.threshold is None else candidate.threshold
 
 
 Named: TypeAlias = tuple[str, Any]
@@ -136,7 +138,7 @@ class AnomalyDetector:
         """Labels (points,) by each."""
         return {name: predict(estimator, self.process, data) for name, estimator in self.supervised}
 
-    def evaluate(self, data: Recording) -> dict[str, Matrix]:
+    def evaluate(self, data: Recording) -> dict[str, ConfusionMatrix]:
         """The confusion matrix of points of each."""
         found = {**self.classify_unsupervised(data), **self.classify_supervised(data)}
         return {name: by_point(data, predicted) for name, predicted in found.items()}

@@ -1,18 +1,8 @@
-"""OutputMatrix: the confusion matrix and what follows from it. Positive means anomalous (label -1).
+"""Evaluation of classifiers: confusion matrices of points and runs, and the table of a learning run.
 
-Learning: every classifier of a learning file fitted and judged; the best of them as a model to store.
-
-Each is judged three ways. *train*: on the very data that it learned from, which flatters, and says so. *validation*:
-runs are put into contiguous folds, and each fold is judged by a classifier that never saw it; scaling and components
-are learned anew without it too. *test*: the testing files, unless one holds training runs, which makes it train.
-
-The threshold on the score of a run is the given number. ``auto`` is the lowest score over the held-out anomalous runs
-(the largest value just below it), and must exceed the highest score of held-out benign ones.
-The best is the one with the highest F1 of validation runs, then of validation points, then (without anomalous runs F1
-is 0) with the highest accuracy; the first among equals.
-
-
-What learning tells: a line per classifier and data, the best one marked."""
+Positive means anomalous (label -1). A run is anomalous if its anomaly score, its anomalous points divided by all its
+points, exceeds the threshold. The classifier that was chosen is marked in the table.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fame.monitor.anomaly.learning_file import Entry
+from fame.monitor.anomaly.learning_file import Candidate
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 
 
-class Matrix(NamedTuple):
+class ConfusionMatrix(NamedTuple):
     """Counts of points or runs."""
 
     tp: int
@@ -51,19 +41,19 @@ class Matrix(NamedTuple):
     def f1(self) -> float:
         return _ratio(2 * self.tp, 2 * self.tp + self.fp + self.fn)
 
-    def plus(self, other: Matrix) -> Matrix:
+    def plus(self, other: ConfusionMatrix) -> ConfusionMatrix:
         """Both counts together."""
-        return Matrix(*(mine + its for mine, its in zip(self, other, strict=True)))
+        return ConfusionMatrix(*(mine + its for mine, its in zip(self, other, strict=True)))
 
 
 class OutputMatrix:
     """The published role."""
 
-    def output_matrix(self, true_y: Any, pred_y: Any) -> Matrix:
+    def output_matrix(self, true_y: Any, pred_y: Any) -> ConfusionMatrix:
         """The matrix of true and predicted labels (+1 benign, -1 anomalous), of points or of runs."""
         true, found = (np.asarray(labels).ravel() == ANOMALOUS for labels in (true_y, pred_y))
         counts = ((true & found), (~true & found), (~true & ~found), (true & ~found))
-        return Matrix(*(int(part.sum()) for part in counts))
+        return ConfusionMatrix(*(int(part.sum()) for part in counts))
 
 
 def run_scores(recording: Recording, predicted: Any) -> list[float]:
@@ -71,11 +61,11 @@ def run_scores(recording: Recording, predicted: Any) -> list[float]:
     return [float(np.mean(predicted[rows] == ANOMALOUS)) for rows in recording.slices()]
 
 
-def by_point(recording: Recording, predicted: Any) -> Matrix:
+def by_point(recording: Recording, predicted: Any) -> ConfusionMatrix:
     return OutputMatrix().output_matrix(recording.labels, predicted)
 
 
-def by_run(labels: list[int], scores: list[float], threshold: float) -> Matrix:
+def by_run(labels: list[int], scores: list[float], threshold: float) -> ConfusionMatrix:
     """A run is anomalous if its score exceeds the threshold."""
     return OutputMatrix().output_matrix(labels, [-1 if score > threshold else 1 for score in scores])
 
@@ -88,47 +78,47 @@ TRAIN, VALIDATION, TEST = "train", "validation", "test"
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class Evaluation:
     """How a classifier did on some data: matrices of points and runs, and the score and label of each run."""
 
     data: str
-    points: Matrix
-    runs: Matrix
+    points: ConfusionMatrix
+    runs: ConfusionMatrix
     scores: tuple[float, ...]
     labels: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Learned:
+class TrainedClassifier:
     """One classifier: its model and how it did. `note` says what is doubtful about it."""
 
-    entry: Entry
+    candidate: Candidate
     model: Model
-    judged: tuple[Judged, ...]
+    evaluations: tuple[Evaluation, ...]
     note: str = ""
 
-    def on(self, data: str) -> Judged | None:
-        return next((item for item in self.judged if item.data == data), None)
+    def on(self, data: str) -> Evaluation | None:
+        return next((item for item in self.evaluations if item.data == data), None)
 
 
 HEADS = ("", "classifier", "data", "of", "TP", "FP", "TN", "FN", "accuracy", "recall", "precision", "F1", "threshold")
 LEARNED_FROM = "train (learned from)"
 
 
-def rows(learned: Sequence[Learned], chosen: Learned | None = None) -> list[tuple[str, ...]]:
-    """The cells of the table, under `HEADS`. Data that was learned from says so."""
+def rows(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier | None = None) -> list[tuple[str, ...]]:
+    """The cells of the table, under `HEADS`. LearningData that was learned from says so."""
     return [
         (
             "*" if item is chosen else "",
-            item.entry.name,
-            data_name(judged),
+            item.candidate.name,
+            data_name(evaluation),
             kind,
             *_cells(matrix),
             f"{item.model.threshold:.4g}",
         )
         for item in learned
-        for judged in item.judged
-        for kind, matrix in (("points", judged.points), ("runs", judged.runs))
+        for evaluation in item.evaluations
+        for kind, matrix in (("points", evaluation.points), ("runs", evaluation.runs))
     ]
 
 
@@ -141,35 +131,35 @@ def render(lines: Sequence[Sequence[str]], heads: Sequence[str] = HEADS) -> str:
     )
 
 
-def plain(learned: Sequence[Learned], chosen: Learned) -> list[dict[str, Any]]:
+def plain(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier) -> list[dict[str, Any]]:
     """The same as plain data for JSON."""
     return [
         {
-            "name": item.entry.name,
-            "class": item.entry.cls,
-            "parameters": dict(item.entry.parameters),
-            "reduction": item.entry.reduction,
+            "name": item.candidate.name,
+            "class": item.candidate.cls,
+            "parameters": dict(item.candidate.parameters),
+            "reduction": item.candidate.reduction,
             "threshold": item.model.threshold,
             "best": item is chosen,
             "note": item.note,
             "results": [
-                {"data": data_name(judged), "points": _plain(judged.points), "runs": _plain(judged.runs)}
-                for judged in item.judged
+                {"data": data_name(evaluation), "points": _plain(evaluation.points), "runs": _plain(evaluation.runs)}
+                for evaluation in item.evaluations
             ],
         }
         for item in learned
     ]
 
 
-def data_name(judged: Judged) -> str:
-    return judged.data.replace(TRAIN, LEARNED_FROM, 1) if judged.data.startswith(TRAIN) else judged.data
+def data_name(evaluation: Evaluation) -> str:
+    return evaluation.data.replace(TRAIN, LEARNED_FROM, 1) if evaluation.data.startswith(TRAIN) else evaluation.data
 
 
-def _cells(matrix: Matrix) -> tuple[str, ...]:
+def _cells(matrix: ConfusionMatrix) -> tuple[str, ...]:
     ratios = (matrix.accuracy, matrix.recall, matrix.precision, matrix.f1)
     return (*map(str, matrix), *(f"{ratio:.4f}" for ratio in ratios))
 
 
-def _plain(matrix: Matrix) -> dict[str, float]:
+def _plain(matrix: ConfusionMatrix) -> dict[str, float]:
     ratios = {name: getattr(matrix, name) for name in ("accuracy", "recall", "precision", "f1")}
     return {**matrix._asdict(), **ratios}

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import AnomalyDetector, Named
-from fame.monitor.anomaly.evaluation import HEADS, Matrix, by_point, render
+from fame.monitor.anomaly.evaluation import HEADS, ConfusionMatrix, by_point, render
 from fame.monitor.anomaly.learn import read_data
 from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.model import DataPersist, data_hash
@@ -83,7 +83,7 @@ class Interface:
             self.persist.save("process", [process.scaler, process.pca], origin)
             return process
 
-    def _show(self, source: str, found: dict[str, Matrix], kind: str) -> None:
+    def _show(self, source: str, found: dict[str, ConfusionMatrix], kind: str) -> None:
         lines = [
             (name, kind, source, *map(str, matrix), *(f"{part:.4f}" for part in _ratios(matrix)))
             for name, matrix in found.items()
@@ -92,5 +92,5 @@ class Interface:
             print(render(lines, ("classifier", "data", "file", *HEADS[4:12])), file=self._out)
 
 
-def _ratios(matrix: Matrix) -> tuple[float, float, float, float]:
+def _ratios(matrix: ConfusionMatrix) -> tuple[float, float, float, float]:
     return matrix.accuracy, matrix.recall, matrix.precision, matrix.f1

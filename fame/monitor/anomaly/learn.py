@@ -1,13 +1,14 @@
-"""Learning: every classifier of a learning file fitted and judged; the best of them as a model to store.
+"""Learning: fit and evaluate every classifier of a learning file, and choose the best one.
 
-Each is judged three ways. *train*: on the very data that it learned from, which flatters, and says so. *validation*:
-runs are put into contiguous folds, and each fold is judged by a classifier that never saw it; scaling and components
-are learned anew without it too. *test*: the testing files, unless one holds training runs, which makes it train.
+Each classifier is evaluated on three kinds of data. *train*: the data that it learned from, which is optimistic and
+labelled so. *validation*: runs are divided into contiguous folds, and each fold is evaluated by a classifier that was
+fitted without it, scaling and components included. *test*: the testing files, unless one contains training runs, which
+makes it train.
 
-The threshold on the score of a run is the given number. ``auto`` is the lowest score over the held-out anomalous runs
-(the largest value just below it), and must exceed the highest score of held-out benign ones.
-The best is the one with the highest F1 of validation runs, then of validation points, then (without anomalous runs F1
-is 0) with the highest accuracy; the first among equals.
+The threshold on the score of a run is the given number. ``auto`` is the largest value below the lowest score of the
+held-out anomalous runs; it must exceed the highest score of the held-out benign ones. The best classifier has the
+highest F1 of validation runs, then of validation points, then (without anomalous runs F1 is 0) the highest accuracy;
+among equals the first one.
 """
 
 from __future__ import annotations
@@ -20,9 +21,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import candidates, fit, is_supervised, make, predict
-from fame.monitor.anomaly.evaluation import TEST, TRAIN, VALIDATION, Judged, Learned, by_point, by_run, run_scores
-from fame.monitor.anomaly.learning_file import Entry, Learning, Source
+from fame.monitor.anomaly.classifiers import expand_candidates, fit, is_supervised, make, predict
+from fame.monitor.anomaly.evaluation import (
+    TEST,
+    TRAIN,
+    VALIDATION,
+    Evaluation,
+    TrainedClassifier,
+    by_point,
+    by_run,
+    run_scores,
+)
+from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
 from fame.monitor.anomaly.model import Model, data_hash
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.preprocessing import DataProcess
@@ -42,7 +52,7 @@ class Progress(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Data:
+class LearningData:
     """What a learning file names. `process` is what scaling and components are learned from."""
 
     process: Recording | None
@@ -64,21 +74,21 @@ class Data:
 class _Task(NamedTuple):
     """One fit: of a candidate, without one fold (or with all, fold -1)."""
 
-    entry: int
+    candidate: int
     fold: int
 
 
-def read_data(learning: Learning) -> Data:
+def read_data(learning: Learning) -> LearningData:
     """Read all files. Raises ConfigError, also if they are not of the same joints, or hold too few points."""
-    cache: dict[Source, Recording] = {}
+    cache: dict[DataFile, Recording] = {}
 
-    def read(source: Source | None) -> Recording | None:
+    def read(source: DataFile | None) -> Recording | None:
         if source is not None and source not in cache:
             cache[source] = read_csv(source.path, source.inputs, source.output)
         return None if source is None else cache[source]
 
     testing = [read(source) for source in learning.testing]
-    data = Data(
+    data = LearningData(
         read(learning.fit), read(learning.unsupervised), read(learning.supervised),
         tuple(item for item in testing if item is not None),
     )  # fmt: skip
@@ -92,11 +102,11 @@ def read_data(learning: Learning) -> Data:
 
 def learn(
     learning: Learning,
-    data: Data | None = None,
+    data: LearningData | None = None,
     *,
     jobs: int = 1,
     progress: Callable[[Progress], object] | None = None,
-) -> list[Learned]:
+) -> list[TrainedClassifier]:
     """Fit and judge every classifier, `jobs` at a time. Raises ConfigError for data that cannot be learned from."""
     try:
         return _learn(learning, data or read_data(learning), jobs, progress)
@@ -106,26 +116,30 @@ def learn(
         ) from None
 
 
-def _learn(learning: Learning, data: Data, jobs: int, progress: Callable[[Progress], object] | None) -> list[Learned]:
-    entries = list(candidates(learning))
-    tasks = [_Task(number, fold) for number in range(len(entries)) for fold in _folds(entries[number], learning, data)]
+def _learn(
+    learning: Learning, data: LearningData, jobs: int, progress: Callable[[Progress], object] | None
+) -> list[TrainedClassifier]:
+    candidates = list(expand_candidates(learning))
+    tasks = [
+        _Task(number, fold) for number in range(len(candidates)) for fold in _folds(candidates[number], learning, data)
+    ]
     began, results = time.monotonic(), {}
-    for done, (task, result) in enumerate(_run(tasks, entries, learning, data, jobs), start=1):
+    for done, (task, result) in enumerate(_run(tasks, candidates, learning, data, jobs), start=1):
         results[task] = result
         if progress is not None:
             left = (time.monotonic() - began) / done * (len(tasks) - done)
-            progress(Progress(done, len(tasks), entries[task.entry].name, left))
-    return [_learned(number, entries[number], results, learning, data) for number in range(len(entries))]
+            progress(Progress(done, len(tasks), candidates[task.candidate].name, left))
+    return [_learned(number, candidates[number], results, learning, data) for number in range(len(candidates))]
 
 
-def best(learned: Sequence[Learned]) -> Learned:
+def best(learned: Sequence[TrainedClassifier]) -> TrainedClassifier:
     """By the rule above; without validation by the training data, which the caller has to say."""
 
-    def rank(item: Learned) -> tuple[float, ...]:
-        judged = item.on(VALIDATION) or item.on(TRAIN)
-        if judged is None:
+    def rank(item: TrainedClassifier) -> tuple[float, ...]:
+        result = item.on(VALIDATION) or item.on(TRAIN)
+        if result is None:
             return (0.0,)
-        return judged.runs.f1, judged.points.f1, judged.runs.accuracy, judged.points.accuracy
+        return result.runs.f1, result.points.f1, result.runs.accuracy, result.points.accuracy
 
     return max((item for item in learned if not item.note), key=rank, default=max(learned, key=rank))
 
@@ -134,7 +148,7 @@ def best(learned: Sequence[Learned]) -> Learned:
 
 
 class _Fitted(NamedTuple):
-    """What a fit gives: the classifier (of the one with all data), and labels found in what was to be judged."""
+    """Result of a fit: the classifier (kept of the fit with all data), and the labels that it predicts."""
 
     estimator: Any
     process: DataProcess | None
@@ -142,38 +156,38 @@ class _Fitted(NamedTuple):
 
 
 def _run(
-    tasks: Sequence[_Task], entries: Sequence[Entry], learning: Learning, data: Data, jobs: int
+    tasks: Sequence[_Task], candidates: Sequence[Candidate], learning: Learning, data: LearningData, jobs: int
 ) -> Iterator[tuple[_Task, _Fitted]]:
     """All fits, in order, `jobs` at a time in processes of their own."""
     if jobs == 1:
-        yield from ((task, _fit(entries[task.entry], task.fold, learning, data)) for task in tasks)
+        yield from ((task, _fit(candidates[task.candidate], task.fold, learning, data)) for task in tasks)
         return
     from joblib import Parallel, delayed
 
-    work = (delayed(_fit)(entries[task.entry], task.fold, learning, data) for task in tasks)
+    work = (delayed(_fit)(candidates[task.candidate], task.fold, learning, data) for task in tasks)
     yield from zip(tasks, Parallel(n_jobs=jobs, return_as="generator")(work), strict=True)
 
 
-def _fit(entry: Entry, fold: int, learning: Learning, data: Data) -> _Fitted:
+def _fit(candidate: Candidate, fold: int, learning: Learning, data: LearningData) -> _Fitted:
     """Fit without a fold and judge it; with all (fold -1) judge what was learned from."""
-    estimator = make(entry, learning.file.parent)
+    estimator = make(candidate, learning.file.parent)
     supervised = is_supervised(estimator)
     source = data.both if supervised else data.benign or data.both
     if source is None:
         missing = "supervised_train" if supervised else "unsupervised_train"
-        raise ConfigError(f"the classifier {entry.name} needs Files.{missing}", file=str(learning.file))
-    judged = data.both or source
+        raise ConfigError(f"the classifier {candidate.name} needs Files.{missing}", file=str(learning.file))
+    target = data.both or source
     if fold >= 0:
-        held = fold_numbers(judged, learning.folds) == fold
-        source = _without(source, judged.select(np.flatnonzero(held).tolist()))
-        judged = judged.select(np.flatnonzero(held).tolist())
-    process = DataProcess(entry.reduction or 0, entry.scaling or learning.scaling)
+        held = fold_numbers(target, learning.folds) == fold
+        source = _without(source, target.select(np.flatnonzero(held).tolist()))
+        target = target.select(np.flatnonzero(held).tolist())
+    process = DataProcess(candidate.reduction or 0, candidate.scaling or learning.scaling)
     basis = source if fold >= 0 or data.process is None else data.process
     if not isinstance(estimator, PathDetector):
         process.fit(basis.values)
-    fit(estimator, process, source, supervised=supervised, unique=entry.unique)
+    fit(estimator, process, source, supervised=supervised, unique=candidate.unique)
     kept = None if isinstance(estimator, PathDetector) else process
-    return _Fitted(estimator if fold < 0 else None, kept, predict(estimator, kept, judged))
+    return _Fitted(estimator if fold < 0 else None, kept, predict(estimator, kept, target))
 
 
 def fold_numbers(recording: Recording, folds: int) -> Any:
@@ -197,36 +211,38 @@ def data_hash_of_run(run: Recording) -> str:
     return data_hash(replace(run, runs=run.runs[:0], labels=run.labels[:0]))
 
 
-def _folds(entry: Entry, learning: Learning, data: Data) -> list[int]:
-    judged = data.both or data.benign
-    count = 0 if judged is None else min(judged.run_labels().count(label) for label in set(judged.run_labels()))
+def _folds(candidate: Candidate, learning: Learning, data: LearningData) -> list[int]:
+    target = data.both or data.benign
+    count = 0 if target is None else min(target.run_labels().count(label) for label in set(target.run_labels()))
     if 0 < count < learning.folds:
         text = f"has {count} runs of one class; at least {learning.folds} are needed for Split.folds {learning.folds}"
-        raise ConfigError(text, file=judged.source if judged is not None else "")
+        raise ConfigError(text, file=target.source if target is not None else "")
     return [*range(learning.folds), -1]
 
 
-# ---- judging ---------------------------------------------------------------------------------------------------------
+# ---- evaluation ------------------------------------------------------------------------------------------------------
 
 
-def _learned(number: int, entry: Entry, results: dict[_Task, _Fitted], learning: Learning, data: Data) -> Learned:
+def _learned(
+    number: int, candidate: Candidate, results: dict[_Task, _Fitted], learning: Learning, data: LearningData
+) -> TrainedClassifier:
     final = results[_Task(number, -1)]
     whole = data.both or data.benign
     assert whole is not None
     held = _held_out([results[_Task(number, fold)].predicted for fold in range(learning.folds)], whole, learning.folds)
-    threshold, note = _threshold(entry, whole, held)
+    threshold, note = _threshold(candidate, whole, held)
     estimator, process = final.estimator, final.process
-    judged = [_judge(TRAIN, whole, final.predicted, threshold)]
+    evaluations = [_evaluate(TRAIN, whole, final.predicted, threshold)]
     if held is not None:
-        judged.append(_judge(VALIDATION, whole, held, threshold))
+        evaluations.append(_evaluate(VALIDATION, whole, held, threshold))
     known = {data_hash_of_run(run) for source in (data.both, data.benign) if source is not None for run in source}
     for item in data.testing:
         seen = any(data_hash_of_run(run) in known for run in item)
         label = f"{TRAIN if seen else TEST}: {item.source}"
-        judged.append(_judge(label, item, predict(estimator, process, item), threshold))
+        evaluations.append(_evaluate(label, item, predict(estimator, process, item), threshold))
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
     model = Model(
-        name=entry.name,
+        name=candidate.name,
         joints=whole.joints,
         estimator=estimator,
         process=process,
@@ -236,11 +252,11 @@ def _learned(number: int, entry: Entry, results: dict[_Task, _Fitted], learning:
         data=data_hash(*(item for item in (data.benign, data.both) if item is not None)),
         versions=versions(),
     )
-    return Learned(entry, model, tuple(judged), note)
+    return TrainedClassifier(candidate, model, tuple(evaluations), note)
 
 
 def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:
-    """What was found in the folds, put back in the order of the recording; None without folds."""
+    """Put the predictions of the folds back in the order of the recording; None without folds."""
     if not parts:
         return None
     point_folds = fold_numbers(whole, folds)[whole.runs]
@@ -250,15 +266,17 @@ def _held_out(parts: Sequence[Any], whole: Recording, folds: int) -> Any:
     return found
 
 
-def _judge(name: str, recording: Recording, predicted: Any, threshold: float) -> Judged:
+def _evaluate(name: str, recording: Recording, predicted: Any, threshold: float) -> Evaluation:
     scores, labels = run_scores(recording, predicted), recording.run_labels()
-    return Judged(name, by_point(recording, predicted), by_run(labels, scores, threshold), tuple(scores), tuple(labels))
+    return Evaluation(
+        name, by_point(recording, predicted), by_run(labels, scores, threshold), tuple(scores), tuple(labels)
+    )
 
 
-def _threshold(entry: Entry, whole: Recording, held: Any) -> tuple[float, str]:
+def _threshold(candidate: Candidate, whole: Recording, held: Any) -> tuple[float, str]:
     """The threshold, and what is wrong with it."""
-    if entry.threshold != "auto":
-        return float(entry.threshold or 0.0), ""
+    if candidate.threshold != "auto":
+        return float(candidate.threshold or 0.0), ""
     labels = whole.run_labels()
     if held is None or len(set(labels)) < 2:
         text = "Threshold: auto needs anomalous runs and Split.folds: give a number, or runs with label -1"

@@ -1,17 +1,10 @@
-"""Runs while they go on: where each begins and ends, and its anomaly score.
+"""Runs while they go on: begin, end and anomaly score, and their recording.
 
-Three ways delimit a run. *signal*: somebody says begin and end. *home*: the arm comes near its home posture and leaves
-it; the boundary is the nearest point, known as soon as the arm is on its way again, so the points since then move over
-to the new run, and no alarm is raised on them before. *count*: every so many points. All state of scoring is reset at
-each boundary.
+A `RunSegmenter` finds where runs begin. All state of scoring is reset at each boundary. With the rule *home* nothing is
+scored before the arm has been seen at rest near home or passing it, because the phase of a run under way is unknown.
 
-With the rule *home* nothing is judged before the arm has been seen at rest near home, or passing it: of a run that is
-under way already it is not known how far it is.
-
-During a run its score is the anomalous points divided by the points of a nominal run, at its end by its own points.
-
-
-Collect: the node that records joint states of runs of a task, each with one label."""
+During a run its score is its anomalous points divided by the points of a nominal run, at its end by its own points.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +19,12 @@ import numpy as np
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.model import Model, Verdict
 from fame.monitor.anomaly.recording import Recording
-from fame.monitor.anomaly.segmentation import NEAR, STILL, WHOLE, Cutter, Rule
+from fame.monitor.anomaly.segmentation import NEAR, STILL, WHOLE, Rule, RunSegmenter
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A point as it was scored: its run and number in it (from 0), what it was found to be, the score so far, and
+    """A point as it was scored: its run and number in it (from 0), the verdict, the score so far, and
     whether it raised the alarm of its run."""
 
     run: int
@@ -66,7 +59,7 @@ class RunMonitor:
     """Scores points as they come, run by run.
 
     `ended` collects the reports of runs, `run` is the number of this one; `waiting` until the first begins, `late`
-    if the arm was found under way meanwhile.
+    if the arm was moving away from home meanwhile.
     """
 
     def __init__(self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0) -> None:
@@ -74,7 +67,7 @@ class RunMonitor:
         self.threshold = model.threshold if threshold is None else threshold
         self.ended: list[RunReport] = []
         self._scorer = model.scorer()
-        self._cutter = Cutter(rule, cycle or model.nominal)
+        self._segmenter = RunSegmenter(rule, cycle or model.nominal)
         self._recent: deque[tuple[float, Sequence[float]]] = deque(maxlen=2 * model.nominal)
         self.run = 0
         self._running = rule != "signal"
@@ -102,7 +95,7 @@ class RunMonitor:
         report = RunReport(self.run, len(points), count, score, score > self.threshold, whole, first, alarm)
         self.ended.append(report)
         self.run += 1
-        if self._cutter.rule == "signal":
+        if self._segmenter.rule == "signal":
             self._running = False
         self._clear()
         return report
@@ -111,7 +104,7 @@ class RunMonitor:
         """One more point: its time (s) and the joints in the model's order. None between runs and before the first."""
         if not self._running:
             return None
-        own = self._cutter.feed(values)
+        own = self._segmenter.feed(values)
         self._recent.append((stamp, values))
         if self.waiting and own is None:
             before, self._before = self._before, (stamp, values)
@@ -131,7 +124,7 @@ class RunMonitor:
         verdict = self._scorer.step(values, stamp)
         self._anomalous += verdict.anomalous
         score = self._anomalous / self.model.nominal
-        alarm = not self._alarmed and score > self.threshold and not self._cutter.undecided
+        alarm = not self._alarmed and score > self.threshold and not self._segmenter.undecided
         self._alarmed |= alarm
         point = Point(self.run, len(self._points), stamp, verdict, score, alarm)
         self._points.append(point)
@@ -158,13 +151,13 @@ class Collector:
 
     def __init__(self, label: int, rule: Rule = "home", *, cycle: int = 0, limit: int = 0) -> None:
         if rule == "count" and cycle < 1:
-            raise ConfigError(f"found {cycle} points of a run; with the rule count 1 or more are needed")
+            raise ConfigError(f"expected 1 or more points of a run with the rule count, got {cycle}")
         self.label, self.limit = label, limit
         self.late: bool | None = None if rule == "home" else False
         self.joints: tuple[str, ...] = ()
         self.done = False
         self.complete = 0
-        self._rule, self._cutter = rule, Cutter(rule, cycle)
+        self._rule, self._segmenter = rule, RunSegmenter(rule, cycle)
         self._running = rule != "signal"
         self._rows: list[tuple[float, int, list[float]]] = []
 
@@ -184,7 +177,7 @@ class Collector:
             return
         if self.late is None:
             self.late = math.hypot(*values) >= NEAR
-        own = self._cutter.feed(values)
+        own = self._segmenter.feed(values)
         if own is not None:
             keep = len(self._rows) - (own - 1)
             moved = [*self._rows[keep:], (stamp, 0, values)]

@@ -33,7 +33,7 @@ from fame.monitor.storage import read_artefact, versions, write_artefact
 
 
 class Verdict(NamedTuple):
-    """What a point is found to be. `magnitude` is in `unit` (``mm`` across the path, ``samples`` late, ``rad``);
+    """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``samples`` late, ``rad``);
     `joint` is the one that is farthest from where it should be. Both only tell of anomalous points."""
 
     anomalous: bool
@@ -191,7 +191,7 @@ def load_model(path: str | Path) -> Model:
     found = content.get("format") if isinstance(content, dict) else None
     if found != FORMAT:
         raise ConfigError(
-            f"is no model of fame adm learn: found format {found!r}, {FORMAT!r} would be right", file=str(path)
+            f"is not a model of fame adm learn: expected format {FORMAT!r}, got {found!r}", file=str(path)
         )
     stated = content.get("versions")
     made = stated.get("scikit-learn", "unknown") if isinstance(stated, dict) else "unknown"

@@ -122,7 +122,7 @@ class Operate:
         return self.monitor.ended
 
     def close(self) -> None:
-        """Leave; the run that goes on is judged as far as it got."""
+        """Leave; the run that goes on is evaluated as far as it got."""
         self._watch.close()
         self._told(self.monitor.end)
         self.node.close()
@@ -140,7 +140,7 @@ class Operate:
         if point is not None:
             self._publish(point)
         elif self.monitor.late:
-            self._once(f"{self.topic}: the arm is under way; what it does is judged from its next rest at home on")
+            self._once(f"{self.topic}: the arm is under way; what it does is evaluated from its next rest at home on")
 
     def _publish(self, point: Point) -> None:
         self._score.publish(messages.create("std_msgs/msg/Float64", point.score))

@@ -15,7 +15,7 @@ Threshold rule. The benign runs are put into `BLOCKS` contiguous blocks, and eac
 blocks: single runs would resemble their neighbours more than they resemble what comes later, since arms drift. The
 limit of a score is `MARGIN` times the largest value that any of them reached within the neighbourhood (`BIN` samples
 on either side at least) of the same time along the path, but never below `FLOOR`. A row of zeros only is no reading,
-and is not judged.
+and is not evaluated.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Reading(NamedTuple):
     anomalous: bool
 
 
-NOTHING = Reading(0.0, 0.0, 0.0, 0.0, False, False)
+NO_READING = Reading(0.0, 0.0, 0.0, 0.0, False, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,7 @@ class Tracker:
         """One more point: angles (rad), and its time (s) if there is one."""
         self._count += 1
         if not any(values):
-            return NOTHING
+            return NO_READING
         place = self._chain.place(values)
         time = stamp / self._period if stamp is not None and self._period else float(self._count)
         clock = 0.0 if self._offset is None else time + self._offset

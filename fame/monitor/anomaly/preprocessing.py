@@ -23,7 +23,7 @@ class DataProcess:
 
     def __init__(self, reduction: int = 0, scaling: str = "minmax", scaler: Any = None, pca: Any = None) -> None:
         if scaling not in SCALINGS:
-            raise ConfigError(f"found the scaling {scaling!r}; one of {', '.join(SCALINGS)} would be right")
+            raise ConfigError(f"expected a scaling of {', '.join(SCALINGS)}, got {scaling!r}")
         self.reduction, self.scaling = reduction, scaling
         self.scaler, self.pca = scaler, pca
 
@@ -41,7 +41,7 @@ class DataProcess:
         if points <= inputs:
             raise ConfigError(f"has {points} points of {inputs} columns: more points than columns are needed")
         if self.reduction > inputs or self.reduction < 0:
-            text = f"reduction: found {self.reduction}; 0 (none) or 1 to {inputs} components would be right"
+            text = f"reduction: expected 0 (none) or 1 to {inputs} components, got {self.reduction}"
             raise ConfigError(text)
         kinds: dict[str, Any] = {"minmax": MinMaxScaler, "standard": StandardScaler}
         self.scaler = kinds[self.scaling]().fit(values) if self.scaling in kinds else None

@@ -157,9 +157,7 @@ def read_table(path: Path) -> Table:
     names = () if _numbers(head) is not None else tuple(name.strip() for name in head)
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise ConfigError(
-            f"has several columns {twice[0]!r}; names of their own would be right", file=str(path), line=1
-        )
+        raise ConfigError(f"has several columns {twice[0]!r}; expected unique names", file=str(path), line=1)
     first = 2 if names else 1
     width = len(head)
     rows = []
@@ -168,7 +166,7 @@ def read_table(path: Path) -> Table:
         cells = _numbers(row)
         if cells is None or len(cells) != width:
             found = f"{len(row)} columns" if cells is not None else ",".join(row)[:60]
-            raise ConfigError(f"found {found!r}; {width} numbers would be right", file=str(path), line=number)
+            raise ConfigError(f"expected {width} numbers, got {found!r}", file=str(path), line=number)
         rows.append(cells)
     if not rows or not width:
         raise ConfigError("has no rows of numbers", file=str(path))
@@ -207,8 +205,8 @@ def require_same_joints(recordings: Sequence[Recording]) -> None:
     for first, other in combinations(recordings, 2):
         if not _same(other.joints, first.joints):
             raise ConfigError(
-                f"has the {len(other.joints)} joints {', '.join(other.joints)}; the {len(first.joints)} of "
-                f"{first.source} ({', '.join(first.joints)}) would be right",
+                f"has the {len(other.joints)} joints {', '.join(other.joints)}; expected the {len(first.joints)} of "
+                f"{first.source} ({', '.join(first.joints)})",
                 file=other.source,
             )
 
@@ -265,7 +263,7 @@ def _labels(table: Table, output: int | None, path: Path) -> Whole:
     wrong = np.flatnonzero(~np.isin(column, (1, -1)))
     if len(wrong):
         line = int(wrong[0]) + table.first
-        text = f"found the label {column[wrong[0]]:g} in column {output}; 1 (benign) or -1 (anomalous) would be right"
+        text = f"expected the label 1 (benign) or -1 (anomalous) in column {output}, got {column[wrong[0]]:g}"
         raise ConfigError(text, file=str(path), line=line)
     return column.astype(np.int64)
 
@@ -275,6 +273,6 @@ def _refuse_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
     if len(bad):
         more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""
         raise ConfigError(
-            f"found a value that is not finite{more}; every joint, stamp and run needs a number", file=str(path),
+            f"expected a finite number for every joint, stamp and run, got another value{more}", file=str(path),
             line=int(bad[0]) + table.first,
         )  # fmt: skip

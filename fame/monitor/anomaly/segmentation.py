@@ -1,21 +1,11 @@
-"""Where one run of the task ends and the next begins, in data that does not say so.
+"""Where one run of the task ends and the next begins: in recorded data, and point by point.
 
 Two rules of motion cover what is recorded of a repetitive task. *Home*: the arm leaves a home posture and comes back;
-the boundary is the point nearest to home between coming near it and leaving. *Dwell*: the arm goes round a loop and
-rests at its corner; the boundary is the middle of the rest. A block of points follows the first if it is ever at home.
+the boundary is the point nearest to home between approaching and leaving it. *Dwell*: the arm follows a loop and rests
+at its corner; the boundary is the middle of the rest. A block of points follows the first rule if it is ever at home.
 
-
-Runs while they go on: where each begins and ends, and its anomaly score.
-
-Three ways delimit a run. *signal*: somebody says begin and end. *home*: the arm comes near its home posture and leaves
-it; the boundary is the nearest point, known as soon as the arm is on its way again, so the points since then move over
-to the new run, and no alarm is raised on them before. *count*: every so many points. All state of scoring is reset at
-each boundary.
-
-With the rule *home* nothing is judged before the arm has been seen at rest near home, or passing it: of a run that is
-under way already it is not known how far it is.
-
-During a run its score is the anomalous points divided by the points of a nominal run, at its end by its own points.
+Live, three rules delimit a run. *signal*: messages tell begin and end. *home*: as above; the boundary is known as soon
+as the arm is on its way again, so the points since then move over to the new run. *count*: a fixed number of points.
 """
 
 from __future__ import annotations
@@ -118,7 +108,7 @@ WHOLE = 0.8
 """A run with less than this part of the nominal points was cut off."""
 
 
-class Cutter:
+class RunSegmenter:
     """Says with each point whether a run begins, and how many points ago it did."""
 
     def __init__(self, rule: Rule, cycle: int = 0) -> None:

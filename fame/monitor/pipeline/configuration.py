@@ -1,4 +1,4 @@
-"""The configuration of processing and recording nodes: the published sections, and those that were added.
+"""The configuration file of processing and recording nodes: the published sections, and additions of FAME.
 
 ::
 
@@ -8,19 +8,19 @@
         Topic: joint_states
         Field: [effort]                      path into the message, with indices and names: [effort, elbow_joint]
         MessageType: JointState              a key of Imports, or a whole name: sensor_msgs/msg/JointState
-        Rate: 500                            Hz, that are expected; reported if others come       (added)
+        Rate: 500                            Hz, expected; another rate is reported               (added)
     Outputs:
       Filtered: {Topic: effort_lp, Field: [effort], MessageType: JointState}
     Imports:
       JointState: {Package: sensor_msgs.msg, Module: JointState}
       EncoderLoss: {File: msg/EncoderLoss.msg, Package: ros_m1_messages}
-    Processor: {Class: LowPass, Parameters: {cutoff: 20}}         or a list: one after the other  (added)
+    Processor: {Class: LowPass, Parameters: {cutoff: 20}}         or a list, a chain              (added)
     Frequency: 50                            Hz, of the calls                                     (added)
-    QoS: {reliability: best_effort}          of all; an entry may have its own                    (added)
+    QoS: {reliability: best_effort}          of all ports; a port may have its own                (added)
     Name: low_pass                           of the node; default: that of the file               (added)
-    Training: {...}                          see fame.monitor.pipeline.train                              (added)
+    Training: {...}                          see fame.monitor.pipeline.train                      (added)
 
-An import whose type is not known is looked for as ``<Module>.msg`` beside the file, in ``msg/`` and in
+An import of an unknown type is looked for as ``<Module>.msg`` beside the file, in ``msg/`` and in
 ``<package>/msg/``. Files are relative to the folder of the configuration.
 """
 
@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 from fame.config.loader import read_document
+from fame.config.values import ConfigValue, Source, join
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
@@ -43,12 +44,15 @@ _PORT = ("Topic", "Field", "MessageType", "Description", "QoS", "Rate")
 _IMPORT = ("Package", "Module", "File")
 FREQUENCY = 50.0
 INPUT = QoS(reliability="best_effort", depth=1000)
-"""Of inputs: hears every publisher, and has room for what comes while a processor is at work."""
+"""QoS of inputs: it matches every publisher, and has room for what arrives while a processor runs."""
+
+
+_NO_SOURCE, _NOWHERE = Source(), ConfigValue(None)
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """An entry of Inputs or Outputs. `rate` (Hz) is what is expected to arrive; 0: anything."""
+    """An entry of Inputs or Outputs. `rate` (Hz) is the expected rate of messages; 0: any."""
 
     name: str
     topic: str
@@ -61,10 +65,16 @@ class Port:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A processor to make: its class by name, and values of its parameters."""
+    """A processor to make: its class by name, values of its parameters, and its place in the configuration."""
 
     cls: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    place: ConfigValue = _NOWHERE
+
+    def error(self, key: str, text: str) -> ConfigError:
+        """Give an error about a key of this stage, which may be written as its class alone."""
+        path = self.place.path if isinstance(self.place.data, str) else join(self.place.path, key)
+        return self.place.source.error(path, text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +87,12 @@ class Configuration:
     outputs: tuple[Port, ...]
     stages: tuple[Stage, ...] = ()
     frequency: float = FREQUENCY
-    training: Mapping[str, Any] | None = None
+    training: ConfigValue | None = None
+    source: Source = _NO_SOURCE
 
     @property
     def folder(self) -> Path:
-        """What names of files are relative to."""
+        """The folder that file names are relative to."""
         return self.file.parent
 
 
@@ -89,138 +100,135 @@ def load(path: str | Path) -> Configuration:
     """Read a configuration. Raises ConfigError with file, line and key path."""
     path = Path(path)
     document = read_document(path, "node")
-    try:
-        return _configuration(path, document.data)
-    except ConfigError as error:
-        if error.file:
-            raise
-        raise document.source.error(error.element, error.text) from None
-
-
-def stages_of(value: Any) -> tuple[Stage, ...]:
-    """The section `Processor`. Raises ConfigError."""
-    items = value if isinstance(value, list) else [value] if value is not None else []
-    stages = []
-    for number, item in enumerate(items):
-        key = "Processor" if len(items) == 1 else f"Processor[{number}]"
-        parts = _mapping({"Class": item} if isinstance(item, str) else item, key, ("Class", "Parameters"))
-        if not isinstance(parts.get("Class"), str):
-            raise ConfigError("needs a Class, such as {Class: LowPass}", element=key)
-        stages.append(Stage(parts["Class"], _mapping(parts.get("Parameters") or {}, f"{key}.Parameters", None)))
-    return tuple(stages)
-
-
-def _configuration(path: Path, content: Any) -> Configuration:
-    sections = _mapping(content, "", _SECTIONS)
-    imports = {
-        str(name): _imported(path.parent, str(name), value)
-        for name, value in _mapping(sections.get("Imports") or {}, "Imports", None).items()
-    }
-    general = _policies(sections.get("QoS") or {}, "QoS", {})
-    inputs, outputs = (_ports(sections, section, imports, general) for section in ("Inputs", "Outputs"))
+    sections = document.mapping(_SECTIONS)
+    imports = {name: _import(name, value, path.parent) for name, value in _entries(sections, "Imports").items()}
+    policies = _policies(sections["QoS"], {}) if "QoS" in sections else {}
+    inputs = _ports(sections, "Inputs", imports, policies, INPUT)
+    outputs = _ports(sections, "Outputs", imports, policies, SIGNAL)
     if not inputs and not outputs:
-        raise ConfigError("has neither Inputs nor Outputs", element="Inputs")
+        raise document.error("expected the key Inputs or Outputs with at least one entry")
     return Configuration(
         file=path,
-        name=_node_name(sections.get("Name", re.sub(r"\W", "_", path.stem))),
+        name=_node_name(sections["Name"]) if "Name" in sections else re.sub(r"\W", "_", path.stem),
         inputs=inputs,
         outputs=outputs,
-        stages=stages_of(sections.get("Processor")),
-        frequency=hertz(sections.get("Frequency", FREQUENCY), "Frequency"),
+        stages=stages_of(sections["Processor"]) if "Processor" in sections else (),
+        frequency=hertz(sections["Frequency"]) if "Frequency" in sections else FREQUENCY,
         training=sections.get("Training"),
+        source=document.source,
     )
+
+
+def stages_of(value: ConfigValue) -> tuple[Stage, ...]:
+    """Read the section `Processor`: a stage or a list of stages, each a class or a mapping. Raises ConfigError."""
+    if value.data is None:
+        return ()
+    items = value.items() if isinstance(value.data, list) else [value]
+    return tuple(map(_stage, items))
+
+
+def hertz(value: ConfigValue) -> float:
+    """Read a rate (Hz). Raises ConfigError."""
+    return value.number(minimum=1e-6, maximum=1e6)
+
+
+def _stage(value: ConfigValue) -> Stage:
+    if isinstance(value.data, str):
+        return Stage(value.data, {}, value)
+    parts = value.mapping(("Class", "Parameters"))
+    cls = value.required("Class", "LowPass").text()
+    return Stage(cls, {name: item.data for name, item in _entries(parts, "Parameters").items()}, value)
+
+
+def _entries(parts: Mapping[str, ConfigValue], key: str) -> dict[str, ConfigValue]:
+    """Give the entries of a mapping that may be missing or empty."""
+    return parts[key].mapping() if key in parts and parts[key].data is not None else {}
 
 
 def _ports(
-    sections: Mapping[str, Any], section: str, imports: Mapping[str, str], general: Mapping[str, Any]
+    sections: Mapping[str, ConfigValue],
+    section: str,
+    imports: Mapping[str, str],
+    policies: Mapping[str, Any],
+    base: QoS,
 ) -> tuple[Port, ...]:
-    entries = _mapping(sections.get(section) or {}, section, None)
-    ports = tuple(
-        _port(str(name), value, f"{section}.{name}", imports, general, INPUT if section == "Inputs" else SIGNAL)
-        for name, value in entries.items()
-    )
+    entries = _entries(sections, section)
+    ports = tuple(_port(name, value, imports, policies, base) for name, value in entries.items())
     spelled: dict[str, str] = {}
     for port in ports:
         other = spelled.setdefault(port.name.lower(), port.name)
         if other != port.name:
-            raise ConfigError(f"{other} and {port.name} differ in capitals only", element=section)
-    _check_paths(section, ports)
+            raise entries[port.name].error(f"{other} and {port.name} differ in capitals only")
+    _check_paths(entries, ports, writing.writer if section == "Outputs" else None)
     return ports
 
 
-def _port(name: str, value: Any, key: str, imports: Mapping[str, str], general: Mapping[str, Any], base: QoS) -> Port:
-    parts = _mapping(value, key, _PORT)
-    for needed in ("Topic", "MessageType"):
-        if not isinstance(parts.get(needed), str) or not parts[needed]:
-            raise ConfigError(f"found {parts.get(needed)!r}; a text would be right", element=f"{key}.{needed}")
-    path = parts.get("Field", [])
-    path = tuple(path) if isinstance(path, list) else (path,)
-    topic = parts["Topic"]
-    if not re.fullmatch(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", topic):
-        raise ConfigError(f"found {topic!r}, which is no name of a topic", element=f"{key}.Topic")
+def _port(name: str, value: ConfigValue, imports: Mapping[str, str], policies: Mapping[str, Any], base: QoS) -> Port:
+    parts = value.mapping(_PORT)
+    topic = value.required("Topic", "joint_states")
+    if not re.fullmatch(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", topic.text()):
+        raise topic.expected("the name of a topic")
+    path = parts["Field"].data if "Field" in parts else []
     try:
-        profile = qos.parse(_policies(parts.get("QoS") or {}, f"{key}.QoS", general), base)
+        profile = qos.parse(_policies(parts["QoS"], policies) if "QoS" in parts else policies, base)
     except MessageError as error:
-        raise ConfigError(str(error), element=f"{key}.QoS") from None
+        raise value.source.error(join(value.path, "QoS"), str(error)) from None
     return Port(
         name=name,
-        topic=topic,
-        type=_type(parts["MessageType"], imports, f"{key}.MessageType"),
-        path=path,
+        topic=topic.text(),
+        type=_type(value.required("MessageType", "sensor_msgs/msg/JointState"), imports),
+        path=tuple(path) if isinstance(path, list) else (path,),
         qos=profile,
-        description=str(parts.get("Description", "")),
-        rate=hertz(parts["Rate"], f"{key}.Rate") if "Rate" in parts else 0.0,
+        description=str(parts["Description"].data) if "Description" in parts else "",
+        rate=hertz(parts["Rate"]) if "Rate" in parts else 0.0,
     )
 
 
-def _check_paths(section: str, ports: Sequence[Port]) -> None:
-    """Every path against its type, every topic against one type. Raises ConfigError."""
-    types: dict[str, Port] = {}
+def _check_paths(entries: Mapping[str, ConfigValue], ports: Sequence[Port], writer: Any) -> None:
+    """Check every path against its type, and that a topic has one type. Raises ConfigError."""
+    first: dict[str, Port] = {}
     for port in ports:
-        other = types.setdefault(port.topic, port)
+        value, other = entries[port.name], first.setdefault(port.topic, port)
         if other.type != port.type:
-            text = f"topic {port.topic} is {other.type} in {other.name}, {port.type} here; a topic has one type"
-            raise ConfigError(text, element=f"{section}.{port.name}.MessageType")
+            text = f"topic {port.topic} has the type {other.type} in {other.name}, {port.type} here; expected one type"
+            raise value.source.error(join(value.path, "MessageType"), text)
         try:
-            if section == "Inputs":
+            if writer is None:
                 fields.reader(port.type, port.path)
             else:
-                together = [each for each in ports if each.topic == port.topic]
-                writing.writer(port.type, [each.path for each in together])
+                writer(port.type, [each.path for each in ports if each.topic == port.topic])
         except MessageError as error:
-            raise ConfigError(str(error), element=f"{section}.{port.name}.Field") from None
+            raise value.source.error(join(value.path, "Field"), str(error)) from None
 
 
-def _type(name: str, imports: Mapping[str, str], key: str) -> str:
+def _type(value: ConfigValue, imports: Mapping[str, str]) -> str:
+    name = value.text()
     if name in imports:
         return imports[name]
     try:
         return messages.message_type(name).__msgtype__
     except MessageError as error:
-        known = ", ".join(imports) or "nothing"
-        raise ConfigError(f"Imports has {known}, and {error}", element=key) from None
+        raise value.error(f"{error}, and it is not among the Imports: {', '.join(imports) or 'none'}") from None
 
 
-def _imported(folder: Path, name: str, value: Any) -> str:
-    """The full name of the type of an import, read from its .msg file if need be."""
-    key = f"Imports.{name}"
-    parts = _mapping(value, key, _IMPORT)
-    package = str(parts.get("Package", "")).removesuffix(".msg").removesuffix("/msg")
-    module = str(parts.get("Module", name))
+def _import(name: str, value: ConfigValue, folder: Path) -> str:
+    """Give the full name of an imported type, read from its .msg file where it is unknown."""
+    parts = {key: str(part.data) for key, part in value.mapping(_IMPORT).items()}
+    package = parts.get("Package", "").removesuffix(".msg").removesuffix("/msg")
+    module = parts.get("Module", name)
     try:
         if "File" in parts:
-            (full,) = messages.register_files(folder / str(parts["File"]), package)
+            (full,) = messages.register_files(folder / parts["File"], package)
             return full
         if not package:
-            raise ConfigError("needs a Package and a Module, or a File", element=key)
+            raise value.error("expected the keys Package and Module, or File")
         full = f"{package}/msg/{module}"
         found = None if full in messages.types() else _beside(folder, package, module)
         if found is not None:
             messages.register(found.read_text(encoding="utf-8"), full)
         return messages.message_type(full).__msgtype__
     except (MessageError, OSError, UnicodeDecodeError) as error:
-        text = f"{error}; a file {module}.msg beside the configuration, or the key File, would give it"
-        raise ConfigError(text, element=key) from None
+        raise value.error(f"{error}; put a file {module}.msg beside the configuration, or use the key File") from None
 
 
 def _beside(folder: Path, package: str, module: str) -> Path | None:
@@ -228,33 +236,16 @@ def _beside(folder: Path, package: str, module: str) -> Path | None:
     return next((path for place in places if (path := place / f"{module}.msg").is_file()), None)
 
 
-def _policies(value: Any, key: str, general: Mapping[str, Any]) -> Mapping[str, Any]:
-    given = {**general, **{str(name): policy for name, policy in _mapping(value, key, None).items()}}
+def _policies(value: ConfigValue, general: Mapping[str, Any]) -> Mapping[str, Any]:
+    given = {**general, **({} if value.data is None else {name: item.data for name, item in value.mapping().items()})}
     try:
         qos.parse(given)
     except MessageError as error:
-        raise ConfigError(str(error), element=key) from None
+        raise value.error(str(error)) from None
     return given
 
 
-def _node_name(value: Any) -> str:
-    if not isinstance(value, str) or not re.fullmatch(r"[A-Za-z_]\w*", value):
-        raise ConfigError(f"found {value!r}; a name of letters, digits and _ would be right", element="Name")
-    return value
-
-
-def hertz(value: Any, key: str) -> float:
-    """A rate whose period is one. Raises ConfigError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 1e-6 <= value <= 1e6:
-        raise ConfigError(f"found {value!r}; a number of Hz from 1e-06 to 1e+06 would be right", element=key)
-    return float(value)
-
-
-def _mapping(value: Any, key: str, known: Sequence[str] | None) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        right = f"a mapping with {', '.join(known)}" if known else "a mapping"
-        raise ConfigError(f"found {value!r}; {right} would be right", element=key)
-    unknown = [str(name) for name in value if known is not None and name not in known]
-    if unknown:
-        raise ConfigError(f"found the key {unknown[0]!r}; known are {', '.join(known or ())}", element=key)
-    return value
+def _node_name(value: ConfigValue) -> str:
+    if not isinstance(value.data, str) or not re.fullmatch(r"[A-Za-z_]\w*", value.data):
+        raise value.expected("a name of letters, digits and _")
+    return value.data

@@ -106,7 +106,9 @@ class Estimator(Processor):
     def method(self, name: str) -> None:
         if self.estimator is not None and not hasattr(self.estimator, name):
             able = ", ".join(each for each in _METHODS if hasattr(self.estimator, each))
-            raise ConfigError(f"found {name!r}; {type(self.estimator).__name__} can {able}", element="method")
+            raise ConfigError(
+                f"expected a method of {type(self.estimator).__name__} ({able}), got {name!r}", element="method"
+            )
         self._method = name
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
@@ -137,7 +139,5 @@ def load_estimator(path: str | Path) -> Any:
 
     content = read_artefact(Path(path), "scikit-learn")
     if not hasattr(content, "get_params"):
-        raise ConfigError(
-            f"found {type(content).__name__}, an estimator of scikit-learn would be right", file=str(path)
-        )
+        raise ConfigError(f"expected an estimator of scikit-learn, got {type(content).__name__}", file=str(path))
     return content

@@ -51,7 +51,7 @@ def _read(content: Definition, path: Path, done: tuple[Any, ...]) -> Read:
         if content.name in _TIMES:
             return lambda message: (message.sec + message.nanosec * 1e-9, ())
         have = ", ".join(field.name for field in content.fields)
-        raise MessageError(f"the path ends at a message; one of its fields would be right: {have}", type=content.name)
+        raise MessageError(f"the path ends at a message; expected one of its fields: {have}", type=content.name)
     field = field_of(content, path[0], done)
     rest, place = path[1:], (*done, path[0])
     get = attrgetter(field.attribute)
@@ -63,14 +63,14 @@ def _read(content: Definition, path: Path, done: tuple[Any, ...]) -> Read:
     if field.is_message:
         return _read_element(content, field, rest, place)
     if field.base == "string":
-        raise MessageError(f"{spell(place)} holds texts; numbers would be right", type=content.name)
+        raise MessageError(f"{spell(place)} holds texts; expected numbers", type=content.name)
     return _read_array(content, field, rest, place)
 
 
 def _read_element(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> Read:
     """One message of a list of messages."""
     if not rest or type(rest[0]) is not int:
-        text = f"{spell(place)} is a list of {field.base}; an index such as 0 would be right behind it"
+        text = f"{spell(place)} is a list of {field.base}; expected an index such as 0 after it"
         raise MessageError(text, type=content.name)
     index = checked_index(content, field, rest[0], place)
     inner = _read(typesystem.definition(field.base), rest[1:], (*place, index))
@@ -92,12 +92,12 @@ def _read_array(content: Definition, field: Field, rest: Path, place: tuple[Any,
         raise MessageError(f"{spell((*place, rest[0]))} is a number; nothing may follow", type=content.name)
     wanted = rest[0] if isinstance(rest[0], list) else [rest[0]]
     if not wanted or not all(type(item) in (int, str) for item in wanted):
-        raise MessageError(f"{spell(place)}: found {rest[0]!r}; an index or a name would be right", type=content.name)
+        raise MessageError(f"{spell(place)}: expected an index or a name, got {rest[0]!r}", type=content.name)
     for item in wanted:
         if isinstance(item, int):
             checked_index(content, field, item, place)
         elif beside is None:
-            text = f"{spell(place)} has no names to find {item!r} by; an index such as 0 would be right"
+            text = f"{spell(place)} has no names to find {item!r} by; expected an index such as 0"
             raise MessageError(text, type=content.name)
     return _read_places(field, beside, wanted, place, single=not isinstance(rest[0], list))
 
@@ -168,7 +168,7 @@ def field_of(content: Definition, step: Any, done: tuple[Any, ...]) -> Field:
 
 def _check_number(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> None:
     if field.base == "string":
-        raise MessageError(f"{spell(place)} is a text; a number would be right", type=content.name)
+        raise MessageError(f"{spell(place)} is a text; expected a number", type=content.name)
     if rest:
         text = f"{spell(place)} is a {field.base}; nothing may follow, found {spell(rest)}"
         raise MessageError(text, type=content.name)
@@ -176,8 +176,8 @@ def _check_number(content: Definition, field: Field, rest: Path, place: tuple[An
 
 def checked_index(content: Definition, field: Field, index: int, place: tuple[Any, ...]) -> int:
     if index < 0 or (field.shape == "array" and index >= field.size) or (field.size and index >= field.size):
-        right = f"0 to {field.size - 1}" if field.size else "0 or more"
-        raise MessageError(f"{spell(place)}: found the index {index}; {right} would be right", type=content.name)
+        right = f"0 to {field.size - 1}" if field.size else "0 on"
+        raise MessageError(f"{spell(place)}: expected an index from {right}, got {index}", type=content.name)
     return index
 
 

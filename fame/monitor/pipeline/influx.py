@@ -36,7 +36,7 @@ class Influx:
         parts = urllib.parse.urlsplit(url)
         database = parts.path.strip("/")
         if parts.scheme not in ("http", "https") or not _is_host(parts) or not database or "/" in database:
-            raise ConfigError(f"found {url!r}; http://host:8086/database would be right", element="output")
+            raise ConfigError(f"expected http://host:8086/database, got {url!r}", element="output")
         query = urllib.parse.urlencode({"db": database, "precision": "ns"})
         self._write_url = f"{parts.scheme}://{parts.netloc}/write?{query}"
         self._query_url = f"{parts.scheme}://{parts.netloc}/query"

@@ -211,7 +211,7 @@ class ProcessingNode:
         if assigned is None:
             outputs, who = self.configuration.outputs, type(self.processors[-1]).__name__
             try:
-                assigned = pair(tuple(computed), outputs, who, "")
+                assigned = pair(tuple(computed), outputs, who)
             except ConfigError as error:
                 self.say(f"output {error}", str(error))
                 return {}

@@ -91,7 +91,7 @@ class OnnxEstimator:
             raise ConfigError(f"onnxruntime refuses it: {reason}", file=str(path)) from None
         (self._input, *others) = self._session.get_inputs()
         if others:
-            raise ConfigError("has several inputs; one of features would be right", file=str(path))
+            raise ConfigError("expected one input of features, got several", file=str(path))
         self._type = np.float64 if self._input.type == "tensor(double)" else np.float32
         if isinstance(self._input.shape[-1], int):
             self.n_features_in_ = self._input.shape[-1]

@@ -254,7 +254,7 @@ def type_of(value: Any) -> str:
     for kind, cls in (("bool", bool), ("int", int), ("float", float), ("str", str)):
         if isinstance(value, cls):
             return kind
-    raise ConfigError(f"found {value!r}; a number, a text, true, false or a list of these would be right")
+    raise ConfigError(f"expected a number, a text, true, false or a list of these, got {value!r}")
 
 
 def descriptor(name: str, parameter: Parameter) -> dict[str, Any]:

@@ -177,7 +177,7 @@ def _callable(source: str, folder: Path) -> Callable[[], Any] | None:
 
     found = find_object(source, folder)
     if not callable(found):
-        raise ConfigError(f"found {source!r}, which cannot be called", element="source")
+        raise ConfigError(f"expected a callable, got {source!r}", element="source")
     made: Callable[[], Any] = found
     return made
 
@@ -197,5 +197,5 @@ def _opener(source: str) -> Callable[[], Source]:
             return lambda: _Serial(path, baud)
     except ValueError:
         pass
-    text = f"found {source!r}; tcp://host:port, serial:///dev/ttyUSB0?baud=115200 or module:function would be right"
+    text = f"expected tcp://host:port, serial:///dev/ttyUSB0?baud=115200 or module:function, got {source!r}"
     raise ConfigError(text, element="source")

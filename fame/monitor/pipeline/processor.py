@@ -97,7 +97,7 @@ class Parameter:
         several = self.type in ("floats", "strs")
         items = value if several and isinstance(value, (list, tuple)) else [value]
         if not items and self.default:
-            raise ConfigError("found an empty list; one value or more would be right", element=self.name)
+            raise ConfigError("expected one value or more, got an empty list", element=self.name)
         converted = tuple(self._single(item) for item in items)
         return converted if several else converted[0]
 
@@ -107,9 +107,9 @@ class Parameter:
         if kind == "float" and isinstance(value, (int, float)) and not isinstance(value, bool) and _is_finite(value):
             value = float(value)
         elif not isinstance(value, _TYPES[kind]) or isinstance(value, bool) is not (kind == "bool"):
-            raise ConfigError(f"found {value!r}; {right} would be right", element=self.name)
+            raise ConfigError(f"expected {right}, got {value!r}", element=self.name)
         if not self._within(kind, value):
-            raise ConfigError(f"found {value!r}; {right} would be right", element=self.name)
+            raise ConfigError(f"expected {right}, got {value!r}", element=self.name)
         return value
 
     def _within(self, kind: str, value: Any) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fame.config.values import join
 from fame.errors import ConfigError, FameError
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage
 from fame.monitor.pipeline.estimators import Autoencoder, Estimator
@@ -45,37 +46,35 @@ __all__ = [
 
 
 def make_processors(configuration: Configuration) -> list[Any]:
-    """The processors of a configuration. Raises ConfigError with the path of the key."""
-    made = []
-    for number, stage in enumerate(configuration.stages):
-        key = "Processor" if len(configuration.stages) == 1 else f"Processor[{number}]"
-        made.append(_made(stage, configuration, key))
+    """Make the processors of a configuration. Raises ConfigError with file, line and key path."""
+    made = [_make(stage, configuration) for stage in configuration.stages]
     if not made:
-        raise ConfigError("names no Processor, and none was given", file=str(configuration.file), element="Processor")
+        raise ConfigError("expected a processor, got none", file=str(configuration.file), element="Processor")
     _refuse_stale(made, configuration)
     return made
 
 
 def find_class(name: str, folder: Path) -> type:
-    """A class: one that comes with FAME, ``module:Class``, or ``file.py:Class`` relative to a folder.
+    """Find a class: a built-in name, ``module:Class``, or ``file.py:Class`` relative to a folder.
 
     Raises ConfigError.
     """
     if name in PROCESSORS:
         return PROCESSORS[name]
     if not name.replace(":", ".").rpartition(".")[0]:
-        raise ConfigError(f"no processor {name!r}; there are {', '.join(PROCESSORS)}, or module:Class, file.py:Class")
+        known = ", ".join(PROCESSORS)
+        raise ConfigError(f"expected a processor ({known}, module:Class or file.py:Class), got {name!r}")
     found = find_object(name, folder)
     if not isinstance(found, type) or not callable(getattr(found, "execute", None)):
-        raise ConfigError(f"{name} is no processor: a class with a method execute(inputs) would be right")
+        raise ConfigError(f"expected a class with a method execute(inputs), got {name}")
     return found
 
 
 def assign(processors: Sequence[Any], configuration: Configuration) -> dict[str, str] | None:
-    """Which name that the last processor computes goes to which output; None if it does not say what it computes.
+    """Map the names that the last processor computes to outputs; None if the processor does not declare them.
 
-    Names count without capitals; a single one of each belongs together, and so do inputs and outputs of equal number
-    in their order. Raises ConfigError for an output that nobody computes.
+    Names are compared without case. A single name belongs to a single output; equal numbers of inputs and outputs are
+    matched in order. Raises ConfigError for an output that no processor computes.
     """
     names: tuple[str, ...] | None = tuple(port.name for port in configuration.inputs)
     for processor in processors:
@@ -83,23 +82,26 @@ def assign(processors: Sequence[Any], configuration: Configuration) -> dict[str,
     if names is None:
         return None
     in_order = not getattr(processors[-1], "outputs", ())
-    return pair(names, configuration.outputs, type(processors[-1]).__name__, str(configuration.file), in_order)
+    try:
+        return pair(names, configuration.outputs, type(processors[-1]).__name__, in_order)
+    except ConfigError as error:
+        raise configuration.source.error(error.element, error.text) from None
 
 
-def pair(names: Sequence[str], outputs: Sequence[Port], who: str, file: str, in_order: bool = False) -> dict[str, str]:
-    """Computed name -> output. Raises ConfigError for an output that nobody computes."""
+def pair(names: Sequence[str], outputs: Sequence[Port], who: str, in_order: bool = False) -> dict[str, str]:
+    """Map computed names to outputs. Raises ConfigError for an output that no processor computes."""
     spelled = {name.lower(): name for name in names}
     if all(port.name.lower() in spelled for port in outputs):
         return {spelled[port.name.lower()]: port.name for port in outputs}
     if len(names) == len(outputs) and (in_order or len(names) == 1):
         return {name: port.name for name, port in zip(names, outputs, strict=True)}
     missing = next(port.name for port in outputs if port.name.lower() not in spelled)
-    text = f"nobody computes it; {who} computes {', '.join(names) or 'nothing'}"
-    raise ConfigError(text, file=file, element=f"Outputs.{missing}")
+    text = f"no processor computes it; {who} computes {', '.join(names) or 'nothing'}"
+    raise ConfigError(text, element=f"Outputs.{missing}")
 
 
 def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> None:
-    """Where the data that a model was trained on are at hand, they must be those. Raises ConfigError."""
+    """Compare models with the data that they were trained on, if these are present. Raises ConfigError."""
     from fame.monitor.pipeline.train import training_of
     from fame.monitor.tables import hash_files
 
@@ -116,37 +118,34 @@ def _refuse_stale(processors: Sequence[Any], configuration: Configuration) -> No
             model.require(path, data=hash_files(training.files))
 
 
-def _made(stage: Stage, configuration: Configuration, key: str) -> Any:
-    file = str(configuration.file)
+def _make(stage: Stage, configuration: Configuration) -> Any:
     try:
         kind = find_class(stage.cls, configuration.folder)
     except ConfigError as error:
-        raise ConfigError(error.text, file=file, element=f"{key}.Class") from None
+        raise stage.error("Class", error.text) from None
     try:
         arguments = _arguments(kind, stage.parameters, configuration.folder)
-        if "folder" in inspect.signature(kind).parameters:  # who looks for files itself
+        if "folder" in inspect.signature(kind).parameters:  # classes that look for files themselves
             arguments.setdefault("folder", configuration.folder)
         return kind(**arguments)
     except ConfigError as error:
-        element = f"{key}.Parameters" + (f".{error.element}" if error.element and not error.file else "")
-        at = f"{error.file}: " if error.file else ""
-        raise ConfigError(f"{at}{error.text}", file=file, element=element) from None
+        if error.file:
+            raise stage.error("Parameters", f"{error.file}: {error.text}") from None
+        raise stage.error(join("Parameters", error.element) if error.element else "Parameters", error.text) from None
     except FameError:
         raise
     except Exception as error:
         text = f"{stage.cls} cannot be made: {type(error).__name__}: {error}"
-        raise ConfigError(text, file=file, element=f"{key}.Parameters") from error
+        raise stage.error("Parameters", text) from error
 
 
 def _arguments(kind: type, given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Parameters as they are handed to a class: known ones, files found from the folder. Raises ConfigError."""
+    """Give the arguments for a class; files are relative to the folder. Raises ConfigError for an unknown one."""
     types = {parameter.name: parameter.type for parameter in declared(kind)}
     taken = inspect.signature(kind).parameters.values()
     names = {each.name for each in taken if each.kind is not inspect.Parameter.VAR_KEYWORD} | types.keys()
     for name in given:
         if name not in names:
-            raise ConfigError(
-                f"there is no such parameter; there are {', '.join(sorted(names)) or 'none'}", element=name
-            )
+            raise ConfigError(f"unknown parameter; known are {', '.join(sorted(names)) or 'none'}", element=name)
     files = {name: str(folder / value) for name, value in given.items() if types.get(name) == "file" and value}
     return {**given, **files}

@@ -124,7 +124,7 @@ class RecordingNode:
             elif path.suffix in ("", ".mcap"):
                 self._bags.append(Bag(path, configuration.inputs, topics))
             else:
-                text = f"found the ending {path.suffix!r}; .csv, .mcap, none (a bag) or http:// would be right"
+                text = f"expected .csv, .mcap, no ending (a bag) or http://, got {path.suffix!r}"
                 raise ConfigError(text, file=str(output))
 
     def _now(self) -> float:

@@ -54,7 +54,7 @@ class Threshold(Processor):
     @threshold.setter
     def threshold(self, values: tuple[float, ...]) -> None:
         if not values and getattr(self, "_threshold", None):
-            raise ConfigError("found an empty list; one value or more would be right", element="threshold")
+            raise ConfigError("expected one value or more, got an empty list", element="threshold")
         self._threshold = values
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
@@ -171,7 +171,7 @@ def compile_formula(text: str) -> Evaluate:
         return _evaluator(tree)
     except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
         reason = error.msg if isinstance(error, SyntaxError) else str(error) or "it is too long"
-        raise ConfigError(f"found {text!r}, which is no formula: {reason}", element="formula") from None
+        raise ConfigError(f"expected a formula, got {text[:60]!r}: {reason}", element="formula") from None
 
 
 def _evaluator(node: ast.expr) -> Evaluate:
@@ -192,15 +192,15 @@ def _evaluator(node: ast.expr) -> Evaluate:
         return lambda arrays: reduce(np.logical_and, [compare(arrays) for compare in comparisons])
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         if node.func.id not in _FUNCTIONS:
-            raise ValueError(f"there is no function {node.func.id}; there are {', '.join(sorted(_FUNCTIONS))}")
+            raise ValueError(f"unknown function {node.func.id}; known are {', '.join(sorted(_FUNCTIONS))}")
         takes = _TAKES.get(node.func.id, 1)
         if len(node.args) != takes:
-            raise ValueError(f"{node.func.id} takes {takes}, found {len(node.args)}")
+            raise ValueError(f"{node.func.id} takes {takes} arguments, got {len(node.args)}")
         return _applied(_FUNCTIONS[node.func.id], *node.args)
     if isinstance(node, ast.Subscript):
         index = _index(node.slice)
         return _applied(lambda values: values[index], node.value)
-    raise ValueError(f"{ast.unparse(node)} is not allowed in one")
+    raise ValueError(f"{ast.unparse(node)} is not allowed in a formula")
 
 
 def _name(name: str) -> Evaluate:
@@ -209,7 +209,7 @@ def _name(name: str) -> Evaluate:
 
     def look_up(arrays: Mapping[str, Any]) -> Any:
         if name not in arrays:
-            raise ValueError(f"there is no input {name}; there are {', '.join(arrays)}")
+            raise ValueError(f"unknown input {name}; known are {', '.join(arrays)}")
         return arrays[name]
 
     return look_up
@@ -233,5 +233,5 @@ def _index(node: ast.expr) -> Any:
         return slice(*(None if part is None else _index(part) for part in (node.lower, node.upper, node.step)))
     value = ast.literal_eval(node)
     if type(value) is not int:
-        raise ValueError(f"the index {ast.unparse(node)} is no whole number")
+        raise ValueError(f"expected a whole number as index, got {ast.unparse(node)}")
     return value

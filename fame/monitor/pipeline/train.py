@@ -7,15 +7,18 @@ runs, smoothed as the pipeline smooths it, times a margin.
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from glob import glob
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.extras import require
 from fame.monitor.pipeline import offline
@@ -25,9 +28,10 @@ from fame.monitor.pipeline.processor import Floats, Samples
 from fame.monitor.pipeline.trained_model import ACTIVATIONS, Network, TrainedModel
 from fame.monitor.pipeline.windows import Windower
 from fame.monitor.tables import hash_files, rate_of, read_runs
+from fame.text import suggestion
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Training:
     """What is to be learned from what: the section `Training` of a configuration, whose keys are these.
 
@@ -97,73 +101,64 @@ def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
     return offline.run(chain, given).get("loss", Samples(np.zeros((0, len(model.columns))), np.zeros(0)))
 
 
-def training_of(section: Mapping[str, Any], folder: Path) -> Training:
-    """The section `Training`. Keys in any case, names of files relative to `folder`, patterns allowed.
+def training_of(section: ConfigValue, folder: Path) -> Training:
+    """Read the section `Training`: keys in any case, file names and patterns relative to `folder`.
 
     Raises ConfigError.
     """
-    if not isinstance(section, Mapping):
-        raise ConfigError(f"found {section!r}; a mapping with Files would be right", element="Training")
-    spelled = {str(key).lower().replace(" ", "_"): value for key, value in section.items()}
-    known = {name: Training.__dataclass_fields__[name].default for name in Training.__slots__}
     given: dict[str, Any] = {}
-    for name, value in spelled.items():
-        if name not in known:
-            raise ConfigError(f"found the key {name!r}; known are {', '.join(known)}", element="Training")
-        given[name] = _value(name, value, known[name])
-    patterns = given.get("files", ())
-    files = [str(path) for pattern in patterns for path in _matching(folder, pattern)]
-    given["files"] = tuple(files)
-    given["model"] = str(folder / given.get("model", Training().model))
-    return Training(**given)
+    for key, value in section.mapping().items():
+        name = key.lower().replace(" ", "_")
+        if name not in _READERS:
+            raise value.error(f"unknown key; {suggestion(name, _READERS)}")
+        given[name] = _READERS[name](value)
+        if name == "files":
+            given[name] = tuple(str(path) for item in _items(value) for path in _matching(folder, item))
+    return Training(**{**given, "model": str(folder / given.get("model", Training.model))})
 
 
-_KINDS: dict[type, str] = {int: "whole number", float: "number", str: "text"}
+def _items(value: ConfigValue) -> list[ConfigValue]:
+    """Give the values of a list; a single value is taken as a list of one."""
+    return value.items() if isinstance(value.data, list | tuple) else [value]
 
 
-def _value(name: str, value: Any, default: Any) -> Any:
-    """A value of the type of its default."""
-    element = f"Training.{name}"
-    if isinstance(default, tuple):
-        items = value if isinstance(value, list) else [value]
-        kind: type = int if name == "hidden" else str
-        if not all(type(item) is kind for item in items):
-            raise ConfigError(f"found {value!r}; a list of {_KINDS[kind]}s would be right", element=element)
-        return tuple(items)
-    kind = type(default)
-    if kind is float and type(value) is int:
-        value = float(value)
-    if type(value) is not kind:
-        raise ConfigError(f"found {value!r}; a {_KINDS[kind]} would be right", element=element)
-    return value
+def _texts(value: ConfigValue) -> tuple[str, ...]:
+    return tuple(item.text() for item in _items(value))
 
 
-def _matching(folder: Path, pattern: str) -> list[Path]:
+_READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
+    "files": _texts,
+    "model": ConfigValue.text,
+    "columns": _texts,
+    "window": partial(ConfigValue.integer, minimum=2),
+    "hidden": lambda value: tuple(item.integer(minimum=1) for item in _items(value)),
+    "activation": partial(ConfigValue.choice, known=ACTIVATIONS, what="an activation"),
+    "stride": partial(ConfigValue.integer, minimum=1),
+    "before": partial(ConfigValue.number, minimum=0),
+    "cutoff": partial(ConfigValue.number, minimum=0),
+    "held_back": partial(ConfigValue.number, above=0, maximum=math.nextafter(1, 0)),
+    "samples": partial(ConfigValue.integer, minimum=10),
+    "epochs": partial(ConfigValue.integer, minimum=1),
+    "margin": partial(ConfigValue.number, above=0),
+    "seed": partial(ConfigValue.integer, minimum=0, maximum=2**32 - 1),
+}
+
+
+def _matching(folder: Path, value: ConfigValue) -> list[Path]:
+    pattern = value.text()
     if not any(sign in pattern for sign in "*?["):
         return [folder / pattern]
     found = sorted(folder / path for path in glob(pattern, root_dir=folder, recursive=True))
     if not found:
-        raise ConfigError(f"no file matches {pattern!r} in {folder}", element="Training.files")
+        raise value.error(f"no file matches {pattern!r} in {folder}")
     return found
 
 
 def _check(config: Training, runs: Sequence[Samples]) -> None:
-    right = {
-        "window": config.window >= 2,
-        "hidden": bool(config.hidden) and min(config.hidden) >= 1,
-        "activation": config.activation in ACTIVATIONS,
-        "stride": config.stride >= 1,
-        "held_back": 0 < config.held_back < 1,
-        "samples": config.samples >= 10,
-        "epochs": config.epochs >= 1,
-        "margin": 0 < config.margin < np.inf,
-        "before": 0 <= config.before < np.inf,
-        "cutoff": 0 <= config.cutoff < np.inf,
-        "seed": 0 <= config.seed < 2**32,
-    }
-    for name, fits in right.items():
-        if not fits:
-            raise ConfigError(f"found {getattr(config, name)!r}, which is out of range", element=f"Training.{name}")
+    for name, read in _READERS.items():
+        read(ConfigValue(getattr(config, name), f"Training.{name}"))
+    if not config.hidden:
+        raise ConfigError("expected at least one layer, got none", element="Training.hidden")
     if len(runs) < 2:
         raise ConfigError(f"has {len(runs)} run; at least 2 are needed: one trains, one validates", element="Training")
 

@@ -17,7 +17,7 @@ def find_object(name: str, folder: Path) -> Any:
     if not colon:
         module, _, kind = name.rpartition(".")
     if not module:
-        raise ConfigError(f"found {name!r}; module:name or file.py:name would be right")
+        raise ConfigError(f"expected module:name or file.py:name, got {name!r}")
     try:
         return getattr(_module(module, folder), kind)
     except AttributeError:

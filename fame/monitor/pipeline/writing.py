@@ -119,7 +119,7 @@ def _slot(
         return _Slot(steps, tuple(numbers), False, tuple(map(str, places[0])), beside, several)
     if all(isinstance(place, int) for place in places):
         if sorted(places) != list(range(len(places))):
-            text = f"{spell(steps)}: outputs fill the places {sorted(places)}; each from 0 on, once, would be right"
+            text = f"{spell(steps)}: expected outputs for the places 0, 1, ... once each, got {sorted(places)}"
             raise MessageError(text, type=content.name)
         return _Slot(
             steps, tuple(number for _, number in sorted(zip(places, numbers, strict=True))), True, (), None, True
@@ -133,7 +133,7 @@ def _checked(content: Definition, path: Path, done: tuple[str, ...]) -> tuple[tu
     """The names of fields of a path, what follows them, whether that is in an array, and the field for its names."""
     if not path:
         have = ", ".join(field.name for field in content.fields)
-        raise MessageError(f"the path ends at a message; one of its fields would be right: {have}", type=content.name)
+        raise MessageError(f"the path ends at a message; expected one of its fields: {have}", type=content.name)
     field = field_of(content, path[0], done)
     rest, place = path[1:], (*done, str(path[0]))
     if field.is_message and field.shape == "single":
@@ -146,7 +146,7 @@ def _checked(content: Definition, path: Path, done: tuple[str, ...]) -> tuple[tu
     if rest and isinstance(rest[0], int):
         checked_index(content, field, rest[0], place)
     elif rest and beside is None:
-        raise MessageError(f"{spell(place)} has no names; an index would be right behind it", type=content.name)
+        raise MessageError(f"{spell(place)} has no names; expected an index after it", type=content.name)
     return place, rest[0] if rest else None, field.shape != "single", beside
 
 
