@@ -15,10 +15,10 @@ from fame.cli import main
 from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, Keeper, Report
 from fame.deploy.diagrams import Diagram
 from fame.deploy.leader_election import Role
+from fame.deploy.report_reader import GONE, ReportReader
+from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
 from fame.deploy.splitter_node import SplitterNode
-from fame.deploy.tasks import Asking, Done
-from fame.deploy.voice import GONE, Voice
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Node
 
@@ -221,7 +221,7 @@ def test_robots_that_trust_keys_decide_together_when_their_sender_is_gone(keys):
     assert [engine.deployed for engine in field.engines.values()] == ["d1", "d1"]
 
 
-# ---- one voice over time ---------------------------------------------------------------------------------------------
+# ---- one reader over time -------------------------------------------------------------------------------------------
 
 
 def said(robot: str, state: str, by: Identity, **fields) -> str:
@@ -231,26 +231,26 @@ def said(robot: str, state: str, by: Identity, **fields) -> str:
 
 def test_an_older_report_is_not_believed_again():
     engine = Identity.new()
-    voice = Voice("A", signed=True)
-    assert voice.hear(said("A", "waiting", engine, born=1, time=1.0))
-    assert voice.hear(said("A", "running", engine, born=1, time=2.0))
-    assert voice.hear(said("A", "waiting", engine, born=1, time=1.0)) is None
+    reader = ReportReader("A", signed=True)
+    assert reader.read(said("A", "waiting", engine, born=1, time=1.0))
+    assert reader.read(said("A", "running", engine, born=1, time=2.0))
+    assert reader.read(said("A", "waiting", engine, born=1, time=1.0)) is None
 
 
 def test_another_engine_is_believed_when_the_first_one_is_silent_for_long_enough():
-    voice = Voice("A", signed=True, patience=GONE)
+    reader = ReportReader("A", signed=True, patience=GONE)
     first, second = Identity.new(), Identity.new()
-    assert voice.hear(said("A", "waiting", first), 0.0)
-    assert voice.hear(said("A", "waiting", second), 1.0) is None
-    assert voice.rival
-    assert voice.hear(said("A", "waiting", second), GONE + 0.1)
+    assert reader.read(said("A", "waiting", first), 0.0)
+    assert reader.read(said("A", "waiting", second), 1.0) is None
+    assert reader.rival
+    assert reader.read(said("A", "waiting", second), GONE + 0.1)
 
 
 def test_what_was_signed_for_another_robot_or_changed_is_not_believed():
     engine = Identity.new()
-    assert Voice("B", signed=True).hear(said("A", "waiting", engine)) is None
+    assert ReportReader("B", signed=True).read(said("A", "waiting", engine)) is None
     changed = json.loads(said("A", "waiting", engine)) | {"state": "running"}
-    assert Voice("A", signed=True).hear(json.dumps(changed)) is None
+    assert ReportReader("A", signed=True).read(json.dumps(changed)) is None
 
 
 def test_a_forged_robot_that_waits_is_not_supplied(keys):
@@ -283,8 +283,8 @@ TASK = (
 
 def asked(field: Guarded, key) -> list[Report]:
     answers: list[Report] = []
-    asking = Asking(
-        "A", Done(id="one", element="ask"), node=field.middleware.node("somebody"), scheduler=field.scheduler,
+    asking = TaskClient(
+        "A", TaskRequest(id="one", element="ask"), node=field.middleware.node("somebody"), scheduler=field.scheduler,
         answered=answers.append, key=key, wall_time=field.time,
     )  # fmt: skip
     field.pass_time(2)

@@ -8,7 +8,7 @@ from fame import deploy
 from fame.cli.status import rows
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode, Report
-from fame.deploy.tasks import Asking, Done
+from fame.deploy.requests import TaskClient, TaskRequest
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 
@@ -50,14 +50,14 @@ class Floor:
         self.scheduler.run(self.scheduler.now + SECOND // 10)
 
     def complete(self, element: str, **values) -> list[Report]:
-        return self.ask(Done(id=f"request {element}", element=element, values=values))
+        return self.ask(TaskRequest(id=f"request {element}", element=element, values=values))
 
     def activate(self, element: str) -> list[Report]:
-        return self.ask(Done(id=f"begin {element}", element=element, act="activate"))
+        return self.ask(TaskRequest(id=f"begin {element}", element=element, act="activate"))
 
-    def ask(self, done: Done) -> list[Report]:
+    def ask(self, done: TaskRequest) -> list[Report]:
         answers: list[Report] = []
-        asking = Asking("REX", done, node=self.person, scheduler=self.scheduler, answered=answers.append)
+        asking = TaskClient("REX", done, node=self.person, scheduler=self.scheduler, answered=answers.append)
         self.scheduler.run(self.scheduler.now + 2 * SECOND)
         asking.close()
         return answers
@@ -93,7 +93,7 @@ def test_a_robot_without_a_process_refuses():
 def test_the_same_words_twice_are_one_completion_and_two_answers():
     floor = Floor(MODEL.replace('targetRef="lift"', 'targetRef="ask"'))
     before = floor.engine.running.instances[-1].visits["ask"]
-    said = Done(id="one", element="ask", values={}).to_json()
+    said = TaskRequest(id="one", element="ask", values={}).to_json()
     floor.say("bpmn_task", said)
     floor.say("bpmn_task", said)
     assert floor.engine.running.instances[-1].visits["ask"] == before + 1
@@ -125,8 +125,8 @@ def test_a_robot_that_hears_late_is_told_again():
     floor = Floor(model="")
     floor.engine.close()
     answers: list[Report] = []
-    done = Done(id="one", element="ask", values={})
-    Asking("REX", done, node=floor.person, scheduler=floor.scheduler, answered=answers.append)
+    done = TaskRequest(id="one", element="ask", values={})
+    TaskClient("REX", done, node=floor.person, scheduler=floor.scheduler, answered=answers.append)
     floor.scheduler.run(floor.scheduler.now + SECOND)
     assert answers == []
     EngineNode("REX", scheduler=floor.scheduler, middleware=floor.middleware)
@@ -165,7 +165,7 @@ def test_what_cannot_be_activated_is_refused_with_what_could():
 
 def test_the_same_words_twice_activate_once():
     floor = Floor(AD_HOC)
-    said = Done(id="one", element="photo", act="activate").to_json()
+    said = TaskRequest(id="one", element="photo", act="activate").to_json()
     floor.say("bpmn_task", said)
     floor.say("bpmn_task", said)
     assert floor.engine.running.instances[0].visits["photo"] == 2

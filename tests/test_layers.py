@@ -163,9 +163,9 @@ def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_need
 )
 def test_an_engine_that_waits_loads_what_its_first_process_will_need(engines: int, steps: int, number: int) -> None:
     code = (
-        "from fame.clock import SECOND, Scheduler; from fame.deploy.preload import warm\n"
+        "from fame.clock import SECOND, Scheduler; from fame.deploy.loading import preload\n"
         f"scheduler, answers = Scheduler(), iter([True] * {steps} + [False])\n"
-        f"warm(scheduler, lambda: next(answers), lambda: {engines}); scheduler.run(29 * SECOND // 10)\n"
+        f"preload(scheduler, lambda: next(answers), lambda: {engines}); scheduler.run(29 * SECOND // 10)\n"
         "import sys; print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

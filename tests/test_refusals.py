@@ -7,15 +7,15 @@ from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode, Report
-from fame.deploy.refusals import Digest
-from fame.deploy.tasks import read_done
+from fame.deploy.requests import read_request
+from fame.deploy.warnings import RateLimiter
 from fame.errors import DeploymentError
 from fame.middleware.local import LocalMiddleware
 
 
 def told(*texts: str, times: int = 1) -> list[str]:
     scheduler, said = Scheduler(), []
-    digest = Digest(scheduler, said.append)
+    digest = RateLimiter(scheduler, said.append)
     for second in range(times):
         scheduler.run(second * SECOND)
         for text in texts:
@@ -65,7 +65,7 @@ def test_an_engine_tells_of_garbage_once_a_second_and_answers_whoever_waits_for_
 @pytest.mark.parametrize("long", [{"id": "i" * 1001}, {"element": "e" * 1001}, {"values": {"x": "v" * 1_000_000}}])
 def test_tasks_with_long_names_or_values_are_refused_and_not_kept(long):
     with pytest.raises(DeploymentError, match="task"):
-        read_done(json.dumps({"id": "i", "element": "e"} | long))
+        read_request(json.dumps({"id": "i", "element": "e"} | long))
 
 
 def test_a_long_report_is_none():

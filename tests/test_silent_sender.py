@@ -8,7 +8,7 @@ from deployment_field import TEAM, Field, definitions, kill, made, patrol, proce
 
 from fame.bpmn.reader import read_text
 from fame.deploy import Deployment, EngineNode
-from fame.deploy.aborting import Aborting
+from fame.deploy.requests import AbortClient
 from fame.middleware import local
 
 ALONE = definitions(
@@ -197,7 +197,7 @@ def test_a_person_aborts_what_a_robot_holds(monkeypatch):
     answers: list[tuple[str, str]] = []
     for _ in range(2):
         node = field.middleware.node("person")
-        end = Aborting("B", node=node, scheduler=field.scheduler, ended=lambda *said: answers.append(said))
+        end = AbortClient("B", node=node, scheduler=field.scheduler, ended=lambda *said: answers.append(said))
         field.pass_time(2)
         end.close()
     assert answers == [("aborted", ""), ("idle", "")]

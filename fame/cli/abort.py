@@ -45,7 +45,7 @@ def run(arguments: Namespace) -> int:
 def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> tuple[str, str]:
     """Answer and reason. Raises DeploymentError if the robot does not answer."""
     from fame.clock import SECOND
-    from fame.deploy.aborting import Aborting
+    from fame.deploy.requests import AbortClient
     from fame.deploy.signing import read_private
     from fame.errors import DeploymentError
 
@@ -57,7 +57,7 @@ def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middlewar
         ended.append((answer, reason))
         scheduler.stop()
 
-    aborting = Aborting(arguments.robot, node=node, scheduler=scheduler, ended=end, key=key)
+    aborting = AbortClient(arguments.robot, node=node, scheduler=scheduler, ended=end, key=key)
     scheduler.run(scheduler.now + round(arguments.wait * SECOND))
     aborting.close()
     if not ended:

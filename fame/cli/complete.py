@@ -60,7 +60,7 @@ def run(arguments: Namespace) -> int:
 
 
 def ask_and_tell(arguments: Namespace, act: str, values: Mapping[str, Any]) -> int:
-    """Ask a robot to do something (`fame.deploy.tasks.Done`), and print its answer."""
+    """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
     with connected(arguments) as (scheduler, middleware):
         report = _ask(arguments, act, values, scheduler, middleware)
     done = report.answer != "refused"
@@ -87,8 +87,8 @@ def _ask(
 
     from fame.clock import SECOND
     from fame.deploy import Report, engines
+    from fame.deploy.requests import TaskClient, TaskRequest
     from fame.deploy.signing import read_private
-    from fame.deploy.tasks import Asking, Done
     from fame.errors import DeploymentError
 
     key = read_private(arguments.key) if arguments.key is not None else None
@@ -99,8 +99,8 @@ def _ask(
             there = ", ".join(engines(middleware)) or "none"
             raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
         scheduler.run(scheduler.now + SECOND // 20)
-    done = Done(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=values, act=act)
-    asking = Asking(
+    done = TaskRequest(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=values, act=act)
+    asking = TaskClient(
         robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append, key=key
     )
     while not answers and scheduler.now < until:

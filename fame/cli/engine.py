@@ -85,7 +85,7 @@ def run(arguments: Namespace) -> int:
 
 def _serve(arguments: Namespace) -> None:
     from fame.deploy import EngineNode, engines
-    from fame.deploy.preload import warm
+    from fame.deploy.loading import preload
     from fame.deploy.signing import read_identity, read_trusted
     from fame.scenario import serve
 
@@ -135,7 +135,7 @@ def _serve(arguments: Namespace) -> None:
         )
         if time is not None:
             time.on_jump = engine.warn
-        warm(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
+        preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
         say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
 
@@ -158,15 +158,15 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
 
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, Report, engines
+    from fame.deploy.report_reader import proves_presence
     from fame.deploy.status import HEARTBEAT
-    from fame.deploy.voice import is_twin
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found
     heard: list[Report] = []
 
     def listen(message: Any) -> None:
         report = Report.from_json(message.data)
-        if report is not None and is_twin(report, name, trusted, time.time()):
+        if report is not None and proves_presence(report, name, trusted, time.time()):
             heard.append(report)
 
     node = middleware.node("fame_twin", name)

@@ -39,9 +39,9 @@ def run(arguments: Namespace) -> int:
 
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, engines
+    from fame.deploy.report_reader import ReportReader
     from fame.deploy.signing import read_trusted
     from fame.deploy.status import HEARTBEAT
-    from fame.deploy.voice import Voice
     from fame.errors import DeploymentError
 
     reports: dict[str, Report] = {}
@@ -49,17 +49,19 @@ def run(arguments: Namespace) -> int:
     if arguments.trust:
         belief["trusted"] = read_trusted(arguments.trust)
 
-    def heard(voice: Voice, message: Any) -> None:
-        report = voice.hear(message.data)
+    def heard(reader: ReportReader, message: Any) -> None:
+        report = reader.read(message.data)
         if report is not None:
-            reports[voice.robot] = report
+            reports[reader.robot] = report
 
     with connected(arguments) as (scheduler, middleware):
         scheduler.run(scheduler.now + SECOND)
         node = middleware.node("fame_status")
         robots = engines(middleware)
         for robot in robots:
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(heard, Voice(robot, **belief)), STATUS_QOS)
+            node.subscription(
+                f"/{robot}/bpmn_status", STRING, partial(heard, ReportReader(robot, **belief)), STATUS_QOS
+            )
         scheduler.run(scheduler.now + round(_LISTENING * HEARTBEAT * SECOND))
     silent = silences(reports, robots, _LISTENING * HEARTBEAT)
     if not reports and not silent:

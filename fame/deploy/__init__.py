@@ -1,31 +1,30 @@
-"""Sending robots their processes, over topics (DESIGN section 6).
+"""Deployment: send robots their processes over topics, all or none (docs/deployment.md).
 
-An `EngineNode` is a robot's end: it waits on ``/<robot>/bpmn_process``, and says how it stands on
-``/<robot>/bpmn_status``. A `Deployment` is the other end: it sends every robot its part, waits for each, and starts
-all or none.
+An `EngineNode` is a robot's end: it receives its process on ``/<robot>/bpmn_process`` and reports on
+``/<robot>/bpmn_status``. A `Deployment` is the sender's end: it sends every robot its part and waits for each answer.
 
-Two phases. *Load*: check, compile, make endpoints, wait until the ends that the collaboration promises are there; the
-old process runs on. *Start*, when all are ready: the old process is cancelled safely, the new one begins. Otherwise
-*abort*, and everybody keeps what it had. A bare model from a plain publisher loads and starts at once.
+Two phases. *Load*: check, compile, make the endpoints, wait until the other ends that the collaboration promises are
+there; the old process keeps running. *Start*, when all are ready: the old process is cancelled safely, the new one
+begins. Otherwise *abort*, and every robot keeps what it had. A bare model from a plain publisher loads and starts at
+once.
 
-::
+Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a shell that does the input and output::
 
-    envelope   what goes over ``bpmn_process`` and ``bpmn_status``
-    robot      the robot's end
-    candidate  a process that is to take the place of what runs
-    reporting  what a robot says of itself
-    loading    from a model that was sent to a process that is ready
-    warming    what an engine loads while it waits for its first process
-    termination  what a robot that is ready does when its sender falls silent
-    inquiry    asking the other robots for that
-    sender     the sender's end
-    origins    where in the sender's files is what robots tell of theirs
-    casting    who gets which part, and who promises whom which topics
-    keeping    robots that come late, or come back
-    splitting  the splitter as a node
-    role       which of several splitters has the role
-    aborting   a person aborts what a robot holds
-    tasks      what people do on a running robot: complete tasks, activate elements of ad-hoc sub-processes
+    robot_protocol     the robot's end: decisions        engine_node    its shell: a ROS 2 node
+    termination        a robot whose sender is silent    candidate      what happens around a loaded process
+    sender_protocol    the sender's end: decisions       sender         its shell
+    leader_election    which splitter is the leader      splitter_node  its shell
+    late_joiners       robots that come late or come back
+    machine            runs a state machine: events in, actions out
+
+    envelope           messages on bpmn_process and bpmn_status, their fields checked with `fields`
+    signing            keys and signatures of messages; `diagrams` those of models for splitters
+    report_reader      which reports of a robot are believed
+    status             a robot's reports, with the `warnings` of its engine
+    loading            from a model to a process, in a thread
+    requests           requests of people: complete a task, activate an element, abort a deployment
+    assignment         which robot gets which part, and which topics connect them
+    source_map         where in the sender's files an error of a robot is
 """
 
 from __future__ import annotations

@@ -5,17 +5,16 @@ Timers and endpoints only; `fame.deploy.robot_protocol` decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope
-from fame.deploy.loading import missing
+from fame.deploy.report_reader import ReportReader
 from fame.deploy.robot_protocol import MATCHING
 from fame.deploy.termination import Answered
-from fame.deploy.voice import Voice
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 
@@ -43,7 +42,7 @@ class Candidate:
 
     def _match(self, done: Callable[[Sequence[str]], object], until: int) -> None:
         self.process.connect()
-        absent = missing(self.envelope.promises, self.process.namespace, self._middleware)
+        absent = _missing(self.envelope.promises, self.process.namespace, self._middleware)
         if (absent or self._middleware.connecting(self.process.node)) and self._scheduler.now < until:
             self._after(_POLL, partial(self._match, done, until))
         else:
@@ -107,7 +106,9 @@ class Peers:
         self._envelope, self._answered = envelope, answered
         self._out = {robot: node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in others}
         self._in = [
-            node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._voice(robot)), STATUS_QOS)
+            node.subscription(
+                f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._reader(robot)), STATUS_QOS
+            )
             for robot in self._out
         ]
 
@@ -131,15 +132,29 @@ class Peers:
         for publisher in self._out.values():
             publisher.close()
 
-    def _voice(self, robot: str) -> Voice:
+    def _reader(self, robot: str) -> ReportReader:
         vouched = self._envelope.engines.get(robot, "")
-        return Voice(robot, signed=bool(self._envelope.signature), vouched=vouched)
+        return ReportReader(robot, signed=bool(self._envelope.signature), vouched=vouched)
 
-    def _on_report(self, voice: Voice, message: Any) -> None:
-        report = voice.hear(message.data)
+    def _on_report(self, reader: ReportReader, message: Any) -> None:
+        report = reader.read(message.data)
         if report is None:
             return
         if report.deployed == self._envelope.deployment:
-            self._answered(Answered(voice.robot, "started"))
+            self._answered(Answered(reader.robot, "started"))
         elif report.deployment == self._envelope.deployment:
-            self._answered(Answered(voice.robot, report.answer))
+            self._answered(Answered(reader.robot, report.answer))
+
+
+def _missing(promises: Mapping[str, str], robot: str, middleware: Middleware) -> Sequence[str]:
+    """The promised ends that are not there, as ``topic (publisher)``; those of the robot itself do not count."""
+    if not promises:
+        return ()
+    graph = {info.name: info for info in middleware.graph()}
+    absent = []
+    for topic, end in promises.items():
+        info = graph.get(topic)
+        ends = () if info is None else info.publishers if end == "publisher" else info.subscribers
+        if all(name.startswith(f"/{robot}/") for name in ends):
+            absent.append(f"{topic} ({end})")
+    return absent

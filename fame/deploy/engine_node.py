@@ -13,12 +13,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import EPOCH, SECOND, Kind, Scheduler
-from fame.deploy.beside import Work
 from fame.deploy.candidate import Candidate
 from fame.deploy.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope, Problem, engines, read_envelope
-from fame.deploy.loading import load
+from fame.deploy.loading import Work, load
 from fame.deploy.machine import Machine
-from fame.deploy.refusals import Digest
+from fame.deploy.requests import TaskRequest, TaskServer
 from fame.deploy.robot_protocol import (
     Action,
     AskOthers,
@@ -45,9 +44,8 @@ from fame.deploy.robot_protocol import (
 )
 from fame.deploy.signing import Identity, verify, verify_signature
 from fame.deploy.status import Absences, Status, progress, state_of
-from fame.deploy.tasks import Done, Tasks
 from fame.deploy.termination import Silence
-from fame.deploy.warnings import Warnings
+from fame.deploy.warnings import RateLimiter, Warnings
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware
 
@@ -109,7 +107,7 @@ class EngineNode:
         self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
         self._absences = Absences()
         self._refusals = {
-            kind: Digest(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
+            kind: RateLimiter(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._stopped = False
         self.node = middleware.node("fame_deployment", robot)
@@ -131,7 +129,7 @@ class EngineNode:
             warnings=self.warn,
         )
         self._process.dropped = lambda text: self.status.publish("refused", reason=text)
-        self._tasks = Tasks(self.node, lambda: self.running, self.status.publish, self._verify_task)
+        self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self.status.begin()
 
     @property
@@ -216,12 +214,12 @@ class EngineNode:
         ):
             raise DeploymentError("asks about another deployment than was signed")
 
-    def _verify_task(self, done: Done) -> None:
+    def _verify_task(self, request: TaskRequest) -> None:
         """Raise DeploymentError for a person's request if keys are used and it was not signed for this robot."""
         if self._task_signers:
-            verify(asdict(done), self._task_signers, self._wall_time(), self.born)
-            if done.robot != self.robot:
-                raise DeploymentError(f"meant for robot {done.robot!r}, not for {self.robot!r}")
+            verify(asdict(request), self._task_signers, self._wall_time(), self.born)
+            if request.robot != self.robot:
+                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}")
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 

@@ -103,7 +103,7 @@ class Report:
     sequence   of the newest that it has looked at: older ones are ``stale``, so the next one has to be above
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
                ``asking`` (the others what became of it), to `deployment`; or empty.
-               On ``bpmn_task`` (`fame.deploy.tasks`): ``completed``, ``activated``, ``refused``, to that request
+               On ``bpmn_task`` (`fame.deploy.requests`): ``completed``, ``activated``, ``refused``, to that request
     problem    of a model that was refused: `file`, `line`, `element`, `text`, which `reason` has in one sentence
     elements   how many elements have been completed
     ahead      what of the timers of start events is still to come: nothing, ``endless`` (cycles without end), ``due``

@@ -15,8 +15,8 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.envelope import STATUS_QOS, STRING, engines
+from fame.deploy.report_reader import GONE, ReportReader
 from fame.deploy.sender import Deployment
-from fame.deploy.voice import GONE, Voice
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Subscription
 
@@ -82,16 +82,16 @@ class Keeper:
             self._states.pop(robot, None)
             self._not_before.pop(robot, None)
         for robot in sorted(there - self._ends.keys()):
-            voice = Voice(robot, signed=self._signed, trusted=self._trusted, patience=GONE)
-            heard = partial(self._heard, voice)
+            reader = ReportReader(robot, signed=self._signed, trusted=self._trusted, patience=GONE)
+            heard = partial(self._heard, reader)
             self._ends[robot] = self.node.subscription(f"/{robot}/bpmn_status", STRING, heard, STATUS_QOS)
         if self._current is None:
             self._serve()
 
-    def _heard(self, voice: Voice, message: Any) -> None:
-        report = voice.hear(message.data, self.scheduler.now / SECOND)
+    def _heard(self, reader: ReportReader, message: Any) -> None:
+        report = reader.read(message.data, self.scheduler.now / SECOND)
         if report is not None:
-            self._states[voice.robot] = report.state
+            self._states[reader.robot] = report.state
 
     def _serve(self) -> None:
         now = self.scheduler.now

@@ -1,21 +1,106 @@
-"""From a model that was sent to a process that is ready, and who has to be there before it may start."""
+"""Load a process beside the mission that runs: in a thread, and what any process needs even before the first one comes.
+
+A task is a generator. What it does between two ``yield``s is done in the scheduler's thread; what it yields is a
+function, called in a thread of its own, whose result (or error) comes back to the ``yield``. Under simulated time all
+of it is done at once, so a simulated run stays repeatable.
+
+Python runs one thread at a time and changes between them every few milliseconds, so the mission hardly notices.
+Collecting garbage would stop all threads, the longer the more is being made: it waits until the work is done.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import ctypes
+import gc
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from fame.deploy.beside import Task
+from fame.clock import SECOND, Kind, Scheduler, WallScheduler
 from fame.errors import FameError, ModelError
-from fame.middleware.interface import Middleware
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.robot import Mission, RobotNode, Service
 
+Result = TypeVar("Result")
+Task = Generator[Callable[[], Any], Any, Result]
+
+LIMIT = 60.0
+"""How long the work of a task may take (s)."""
 KEPT = 10
 """How many instances that have ended an engine remembers."""
+_STEP = 0.15  # s between two steps of preloading, for each engine: all may be on one machine that starts them
+
+
+class TooLong(BaseException):
+    """Ends a thread whose task has been given up."""
+
+
+class Work(Generic[Result]):
+    """A task under way. `done` is called once, in the scheduler's thread, with its result or its FameError."""
+
+    def __init__(self, scheduler: Scheduler, task: Task[Result], done: Callable[[Result | FameError], object]) -> None:
+        self._scheduler, self._task, self._done = scheduler, task, done
+        self._threaded = isinstance(scheduler, WallScheduler)
+        self._thread: threading.Thread | None = None
+        self._limit = scheduler.after(round(LIMIT * SECOND), self._give_up, Kind.TIMER) if self._threaded else None
+        self._go_on(task.send, None)
+
+    def _go_on(self, step: Callable[[Any], Callable[[], Any]], value: Any) -> None:
+        """Do the task up to its next function."""
+        if self._limit is not None and self._limit.action is None:
+            return  # given up
+        try:
+            function = step(value)
+        except StopIteration as end:
+            self._end(end.value)
+        except FameError as error:
+            self._end(error)
+        else:
+            self._call(function)
+
+    def _call(self, function: Callable[[], Any]) -> None:
+        if not self._threaded:
+            self._go_on(*self._outcome(function))
+            return
+        self._thread = threading.Thread(target=self._call_in_thread, args=(function,), name="fame load", daemon=True)
+        self._thread.start()
+
+    def _call_in_thread(self, function: Callable[[], Any]) -> None:
+        gc.disable()
+        try:
+            outcome = self._outcome(function)
+        except TooLong:
+            return
+        finally:
+            gc.enable()
+        self._scheduler.soon(partial(self._go_on, *outcome), Kind.RESUMPTION)
+
+    def _outcome(self, function: Callable[[], Any]) -> tuple[Callable[[Any], Callable[[], Any]], Any]:
+        """How the task goes on after a function."""
+        try:
+            return self._task.send, function()
+        except Exception as error:
+            return self._task.throw, error
+
+    def _give_up(self) -> None:
+        if self._thread is not None:  # it ends at its next step of Python
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(TooLong)
+            )
+        self._task.close()
+        self._done(ModelError(f"takes more than {LIMIT:g} s to be read and checked"))
+
+    def _end(self, outcome: Result | FameError) -> None:
+        if self._limit is not None:
+            self._limit.cancel()
+        self._done(outcome)
+
+
+# ---- a model that was sent -------------------------------------------------------------------------------------------
 
 
 def load(
@@ -23,9 +108,9 @@ def load(
 ) -> Task[RobotNode]:
     """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
 
-    A task of `fame.deploy.beside`: the text is read, checked and compiled beside the scheduler's thread. Raises
-    ModelError, MessageError, ConfigError: also for what would fail only when a token gets there, and for whatever else
-    goes wrong, since what runs must not end for a model that is to take its place.
+    A task of `Work`: the text is read, checked and compiled in a thread. Raises ModelError, MessageError, ConfigError,
+    also for what would fail only when a token gets there; any other exception becomes a ModelError, since what runs
+    must not end for a model that is to take its place.
     """
     try:
         return (yield from _load(model, robot, library, services, options))
@@ -72,15 +157,58 @@ def _read(model: str, robot: str, library: Library | None, services: Mapping[str
     return make_mission(definitions, process, library=library, services=services)
 
 
-def missing(promises: Mapping[str, str], robot: str, middleware: Middleware) -> Sequence[str]:
-    """Promised ends that are not there, as ``topic (publisher)``. Those of the robot itself do not count."""
-    if not promises:
-        return ()
-    graph = {info.name: info for info in middleware.graph()}
-    absent = []
-    for topic, end in promises.items():
-        info = graph.get(topic)
-        ends = () if info is None else info.publishers if end == "publisher" else info.subscribers
-        if all(name.startswith(f"/{robot}/") for name in ends):
-            absent.append(f"{topic} ({end})")
-    return absent
+# ---- before the first model ------------------------------------------------------------------------------------------
+
+
+def preload(scheduler: Scheduler, waits: Callable[[], bool], engines: Callable[[], int]) -> None:
+    """Load what any process needs, step by step, as long as the engine `waits` for its first one.
+
+    A process that comes meanwhile waits for one step at most. `engines` gives the number of engines: the more there
+    are, the slower, since engines that start at once on one machine have to find each other first.
+    """
+    steps = _steps()
+
+    def wait() -> None:
+        scheduler.after(round(_STEP * SECOND) * engines(), go_on, Kind.TIMER)
+
+    def go_on() -> None:
+        if waits() and _preload(steps):
+            wait()
+
+    wait()
+
+
+def _preload(steps: Iterator[str]) -> bool:
+    """Do the next step; whether there was one. What it loads stays: no garbage collection has to look at it."""
+    gc.disable()
+    try:
+        return next(steps, None) is not None
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def _steps() -> Iterator[str]:
+    """Each tells what is there now."""
+    import fame.bpmn.reader
+
+    yield "reader"
+    import fame.check.gate
+
+    yield "check"
+    import fame.monitor.services
+    import fame.robot.node
+    import fame.simulation  # noqa: F401
+
+    yield "interpreter"
+    from fame.middleware import codec, typesystem
+
+    typesystem.names()
+    yield "types"
+    codec.typestore("std_msgs/msg/Bool")
+    yield "codec"
+    if "fame.middleware.dds" in sys.modules:
+        from fame.middleware.dds import wire
+
+        wire.declared("std_msgs/msg/Bool", False).__idl__.fill_type_data()  # what all descriptions are made with
+    yield "descriptions"

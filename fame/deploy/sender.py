@@ -29,6 +29,7 @@ from fame.deploy.envelope import (
     signed,
 )
 from fame.deploy.machine import Machine
+from fame.deploy.report_reader import ReportReader
 from fame.deploy.sender_protocol import (
     Action,
     Answered,
@@ -49,7 +50,6 @@ from fame.deploy.sender_protocol import (
     step,
 )
 from fame.deploy.source_map import SourceMap
-from fame.deploy.voice import Voice
 from fame.middleware import messages
 from fame.middleware.interface import Middleware
 
@@ -102,8 +102,7 @@ class Deployment:
         self._limit: Entry | None = None
         self._timer: Entry | None = None
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
-        trusted = [key.public_key()] if key is not None else []
-        self._voices = {name: Voice(name, signed=key is not None, trusted=trusted) for name in sent}
+        self._readers = {robot: ReportReader.of_sender(robot, key) for robot in sent}
         self.node = middleware.node("fame_deploy")
         self._out = {robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in sent}
         for robot in sent:
@@ -169,8 +168,8 @@ class Deployment:
     # ---- what robots report ----------------------------------------------------------------------------------------
 
     def _on_report(self, robot: str, message: Any) -> None:
-        report = self._voices[robot].hear(message.data)
-        if self._voices[robot].rival:
+        report = self._readers[robot].read(message.data)
+        if self._readers[robot].rival:
             self._protocol.handle(RivalFound(robot))
         if report is None:
             return

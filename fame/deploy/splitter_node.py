@@ -26,9 +26,9 @@ from fame.deploy.diagrams import Desk, Diagram
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deploy.late_joiners import Keeper
 from fame.deploy.leader_election import GONE, HEARTBEAT, Others, Role
-from fame.deploy.refusals import Digest
 from fame.deploy.sender import PATIENCE, Deployment
 from fame.deploy.sender_protocol import REFUSALS
+from fame.deploy.warnings import RateLimiter
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware
@@ -78,7 +78,7 @@ class SplitterNode:
         self.node.subscription(DEPLOYED, STRING, self._inherit, LATCHED)
         self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS).limit = LIMIT
         self._leads = False
-        self._refused = Digest(scheduler, self._report)
+        self._refused = RateLimiter(scheduler, self._report)
         self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # elders speak first
         self._report("begins")
 

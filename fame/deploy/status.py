@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Kind, Scheduler
 from fame.deploy.envelope import STATUS_QOS, STRING, Problem, Report
-from fame.deploy.refusals import Digest
+from fame.deploy.report_reader import proves_presence
 from fame.deploy.signing import Identity, sign
-from fame.deploy.voice import is_twin
-from fame.deploy.warnings import Warnings
+from fame.deploy.warnings import RateLimiter, Warnings
 from fame.errors import FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Node
@@ -56,7 +55,7 @@ class Status:
         self._met_others: set[str] = set()
         self._robot, self._topic, self._born, self._progress = robot, topic, born, progress
         self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
-        self._garbage = Digest(scheduler, lambda reason: self._publish_refusal("", reason, None))
+        self._garbage = RateLimiter(scheduler, lambda reason: self._publish_refusal("", reason, None))
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
         node.subscription("bpmn_status", STRING, self._on_own_status, STATUS_QOS)
 
@@ -110,7 +109,7 @@ class Status:
 
     def _refuse_other_types(self) -> None:
         """Refuse messages of another type, which the middleware only warns of."""
-        for text in self._warnings.look(f"{self._topic}:"):
+        for text in self._warnings.poll(f"{self._topic}:"):
             self.publish("refused", reason=text)
 
     def _on_own_status(self, message: Any) -> None:
@@ -118,7 +117,7 @@ class Status:
         other = Report.from_json(message.data)
         if other is None or not 0 < other.born < self._born:
             return
-        proved = is_twin(other, self._robot, self._trusted, self._wall_time())
+        proved = proves_presence(other, self._robot, self._trusted, self._wall_time())
         if proved and self._progress()["state"] == "waiting":
             raise FameError(f"there is an engine {self._robot!r} already; a robot has one")
         if other.engine not in self._met_others and len(self._met_others) < _OTHERS:

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 from fame.check.gate import refuse_errors
 from fame.clock import SECOND, Kind
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
+from fame.deploy.report_reader import ReportReader
 from fame.deploy.signing import new_run_key
-from fame.deploy.voice import Voice
 from fame.middleware.interface import LATCHED
 from fame.scenario.distributed_result import Sight, event_of, robot_result
 from fame.scenario.ending import is_over, never_started, status_of
@@ -171,7 +171,7 @@ class Team:
         node = self.middleware.node("fame_team")
         for robot in self.scenario.cast:
             node.subscription(
-                f"/{robot}/bpmn_status", STRING, partial(self._heard, Voice(robot, signed=True)), STATUS_QOS
+                f"/{robot}/bpmn_status", STRING, partial(self._heard, ReportReader(robot, signed=True)), STATUS_QOS
             )
         node.subscription(WORLD_STATE, STRING, self._seen, LATCHED)
         self._world_time = node.client(RESUME, EMPTY)
@@ -184,11 +184,11 @@ class Team:
             if self._last_look:
                 self.scheduler.stop()
 
-    def _heard(self, voice: Voice, message: Any) -> None:
-        report = voice.hear(message.data)
+    def _heard(self, reader: ReportReader, message: Any) -> None:
+        report = reader.read(message.data)
         if report is None:
             return
-        robot = voice.robot
+        robot = reader.robot
         self.reports[robot] = report if self._deployment is None else self._deployment.source_map(robot).report(report)
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()

@@ -1,4 +1,4 @@
-"""A model is read, checked and compiled beside the thread of the mission."""
+"""A model is read, checked and compiled in a thread beside the mission."""
 
 import threading
 import time
@@ -7,8 +7,8 @@ import pytest
 from deployment_field import Field, patrol
 
 from fame.clock import SECOND, Scheduler, WallScheduler
-from fame.deploy import EngineNode, beside
-from fame.deploy.beside import TooLong, Work
+from fame.deploy import EngineNode, loading
+from fame.deploy.loading import TooLong, Work
 from fame.errors import FameError, ModelError
 from fame.middleware.local import LocalMiddleware
 
@@ -49,7 +49,7 @@ def test_the_scheduler_goes_on_while_a_function_is_at_work():
 
 
 def test_what_takes_too_long_is_given_up_and_its_thread_ends(monkeypatch):
-    monkeypatch.setattr(beside, "LIMIT", 0.05)
+    monkeypatch.setattr(loading, "LIMIT", 0.05)
     ended, closed = threading.Event(), []
 
     def for_ever():

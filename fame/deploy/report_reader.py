@@ -1,0 +1,95 @@
+"""Read the reports of one robot, as far as they can be trusted.
+
+Where keys are used, an engine signs its reports on ``bpmn_status`` with a key of its own: one that it makes when it
+starts, or that of its identity (``fame keys robot``), for whose name a trusted key vouches: that proves the name. Of
+engines that cannot prove their name the first one that reports is believed until it falls silent; a deployment then
+vouches for it to the other robots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from fame.deploy.envelope import Report
+from fame.deploy.signing import is_signed, is_vouched
+
+GONE = 3.0
+"""After how long without a report of the engine that is believed another one takes its place (s)."""
+RECENT = 10.0
+"""How old a report may be that proves that another engine runs (s)."""
+
+
+class ReportReader:
+    """Reads what claims to be a report of one robot. Nothing here looks at a clock.
+
+    signed    whether keys are used; then `trusted` are the public keys that vouch for names
+    vouched   the `Report.engine` for which its deployment vouches: no other one is believed
+    patience  how long the engine that is believed may be silent before another one takes its place (s)
+    rival     whether another engine, no better proved, claims to be this robot
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        signed: bool,
+        trusted: Sequence[Any] = (),
+        vouched: str = "",
+        patience: float = math.inf,
+    ) -> None:
+        self.robot, self.signed, self.trusted, self.vouched, self.patience = robot, signed, trusted, vouched, patience
+        self.rival = False
+        self._key, self._proved = "", False
+        self._last = (-1, -math.inf)  # `born` and `time` of the newest report: older ones may have been recorded
+        self._received = 0.0
+
+    @classmethod
+    def of_sender(cls, robot: str, key: Any, patience: float = math.inf) -> ReportReader:
+        """That of whoever signs with `key`, or uses no keys if it is None."""
+        return cls(robot, signed=key is not None, trusted=[] if key is None else [key.public_key()], patience=patience)
+
+    def read(self, text: str, now: float = 0.0) -> Report | None:
+        """The report that was received `now` (s), or None if it is not believed."""
+        report = Report.from_json(text)
+        if report is None or (self.vouched and report.engine != self.vouched):
+            return None
+        if not self.signed:
+            return report
+        if (
+            report.robot != self.robot
+            or not is_signed(asdict(report), report.key)
+            or not self._is_believed(report, now)
+        ):
+            return None
+        moment = (report.born, report.time)
+        if moment < self._last:
+            return None
+        self._last, self._received = moment, now
+        return report
+
+    def _is_believed(self, report: Report, now: float) -> bool:
+        """Whether it is from the engine that is believed, or from one that takes its place."""
+        if report.key == self._key:
+            return True
+        proved = proves_name(report, self.robot, self.trusted)
+        if self._key and proved <= self._proved and now - self._received <= self.patience:
+            self.rival = self.rival or proved == self._proved
+            return False
+        self._key, self._proved, self._last, self.rival = report.key, proved, (-1, -math.inf), False
+        return True
+
+
+def proves_name(report: Report, robot: str, trusted: Sequence[Any]) -> bool:
+    """Whether a trusted key vouches that the key of a report is that of the robot."""
+    return report.robot == robot and is_vouched(robot, report.key, report.voucher, trusted)
+
+
+def proves_presence(report: Report, robot: str, trusted: Sequence[Any], now: float) -> bool:
+    """Whether a report proves that an engine of the robot runs `now` (s since 1970); without keys, every one does."""
+    if not trusted:
+        return True
+    said = report.born / 1e9 + report.time
+    return abs(now - said) <= RECENT and proves_name(report, robot, trusted) and is_signed(asdict(report), report.key)

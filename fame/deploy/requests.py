@@ -1,0 +1,250 @@
+"""Requests of people to one robot: complete a task, activate an element, abort a deployment.
+
+A `TaskRequest` goes to ``bpmn_task``: a task that waits for somebody is completed, or an element of an open ad-hoc
+sub-process activated. An abort goes to ``bpmn_process``, as a sender's would. The answer is on ``bpmn_status``.
+
+The same request again has no effect but the answer, so a client repeats it until it gets one. Where keys are used
+requests are signed, as an envelope is: for one run of one robot's engine, and for `fame.deploy.signing.FRESH` s.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.deploy import fields
+from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed
+from fame.deploy.report_reader import ReportReader
+from fame.deploy.signing import sign
+from fame.errors import DeploymentError, FameError
+from fame.middleware import messages
+from fame.middleware.interface import Node
+
+if TYPE_CHECKING:
+    from fame.robot import RobotNode
+
+SETTLE, REPEAT = 0.02, 0.3
+"""Before the first request, and between two (s): see `fame.deploy.sender_protocol`."""
+SIZE, _NAME = 1_000_000, 1000
+"""The longest request, and its longest id, of itself and of an element (characters): both are kept for a while."""
+_ANSWERS = 100
+"""How many answers a robot remembers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskRequest:
+    """Complete a task (`element`) with `values` for its variables; `id` names the request.
+
+    `act` is ``complete``; or ``activate``, where `element` is one of an ad-hoc sub-process and there are no values.
+    `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
+    """
+
+    id: str
+    element: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    act: str = "complete"
+    robot: str = ""
+    born: int = 0
+    issued: float = 0.0
+    signature: str = ""
+
+    def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
+        """It as a private key signs it `now` (s since 1970) for the engine of a robot that was `born` then."""
+        request = replace(self, robot=robot, born=born, issued=now)
+        return replace(request, signature=sign(asdict(request), key))
+
+    def to_json(self) -> str:
+        """As it is sent."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+
+_REQUEST: dict[str, fields.Check] = {
+    "id": fields.text(_NAME),
+    "element": fields.text(_NAME),
+    "values": lambda value: isinstance(value, dict),
+    "act": fields.among("complete", "activate"),
+    "robot": fields.text(_NAME),
+    "born": fields.integer(0, 2**63),
+    "issued": fields.number,
+    "signature": fields.text(_NAME),
+}
+
+
+def read_request(text: str) -> TaskRequest:
+    """What came in. Raises DeploymentError."""
+    from fame.engine.data import is_variable
+
+    if len(text) > SIZE:
+        raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are taken")
+    try:
+        found = json.loads(text)
+        request = TaskRequest(**found) if fields.wrong(found, _REQUEST) is None else None
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        request = None
+    if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
+        raise DeploymentError(f'no task: {text[:60]!r}; {{"id": ..., "element": ..., "values": {{}}}} would be right')
+    return request
+
+
+class TaskServer:
+    """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason).
+
+    `check` raises DeploymentError for a request that is not from somebody who is trusted.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        running: Callable[[], RobotNode | None],
+        report: Callable[[str, str, str], object],
+        check: Callable[[TaskRequest], object] = lambda request: None,
+    ) -> None:
+        self._running, self._report, self._check = running, report, check
+        self._answers: dict[str, tuple[str, str]] = {}
+        self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
+        self._end.limit = SIZE
+        self._end.dropped = lambda text: report("refused", "", text)
+
+    def close(self) -> None:
+        """Close the endpoint."""
+        self._end.close()
+
+    def _on_request(self, message: Any) -> None:
+        try:
+            request = read_request(message.data)
+        except DeploymentError as error:
+            self._report("refused", "", str(error))
+            return
+        try:
+            self._check(request)
+        except DeploymentError as error:
+            self._report("refused", request.id, str(error))
+            return
+        if request.id not in self._answers:
+            self._answers[request.id] = self._act(request)
+            if len(self._answers) > _ANSWERS:
+                del self._answers[next(iter(self._answers))]
+        answer, reason = self._answers[request.id]
+        self._report(answer, request.id, reason)
+
+    def _act(self, request: TaskRequest) -> tuple[str, str]:
+        node = self._running()
+        if node is None:
+            return "refused", f"{request.element}: the robot has no process yet"
+        try:
+            if request.act == "activate":
+                node.activate(request.element)
+            else:
+                node.complete(request.element, request.values)
+        except FameError as error:
+            return "refused", str(error)
+        return ("activated" if request.act == "activate" else "completed"), ""
+
+
+class TaskClient:
+    """The person's end: repeat a request until `answered` has been called with the robot's report, or `close`.
+
+    With a `key` the request is signed, and only what the robot's engine signed is an answer.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        request: TaskRequest,
+        *,
+        node: Node,
+        scheduler: Scheduler,
+        answered: Callable[[Report], object],
+        key: Any = None,
+        wall_time: Callable[[], float] = time.time,
+    ) -> None:
+        self._request, self._scheduler, self._answered = request, scheduler, answered
+        self._robot, self._key, self._wall_time = robot, key, wall_time
+        self._born: int | None = None  # of the robot's engine, once it was heard
+        self._reader = ReportReader.of_sender(robot, key)
+        self._out = node.publisher(f"/{robot}/bpmn_task", STRING, PROCESS_QOS)
+        self._end = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)
+        self._next: Entry = scheduler.after(round(SETTLE * SECOND), self._ask, Kind.TIMER)
+
+    def close(self) -> None:
+        """Close the endpoints."""
+        self._next.cancel()
+        self._out.close()
+        self._end.close()
+
+    def _ask(self) -> None:
+        if self._key is None:
+            self._out.publish(messages.create(STRING, self._request.to_json()))
+        elif self._born is not None:
+            request = self._request.signed(self._robot, self._key, born=self._born, now=self._wall_time())
+            self._out.publish(messages.create(STRING, request.to_json()))
+        self._next = self._scheduler.after(round(REPEAT * SECOND), self._ask, Kind.TIMER)
+
+    def _on_status(self, message: Any) -> None:
+        report = self._reader.read(message.data)
+        if report is not None:
+            self._born = report.born
+        if report is not None and report.answer and report.deployment == self._request.id:
+            self._next.cancel()
+            self._answered(report)
+
+
+class AbortClient:
+    """Abort what a robot holds: it keeps what it had, whatever became of the deployment at the others.
+
+    The request is repeated until `ended` has been called with answer and reason, or `close`. The answer is ``aborted``,
+    ``refused``, or ``idle`` if no deployment is loading or ready there.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        node: Node,
+        scheduler: Scheduler,
+        ended: Callable[[str, str], object],
+        key: Any = None,
+        wall_time: Callable[[], float] = time.time,
+    ) -> None:
+        self._robot, self._scheduler, self._ended = robot, scheduler, ended
+        self._key, self._wall_time = key, wall_time
+        self._reader = ReportReader.of_sender(robot, key)
+        self._deployment = ""
+        self._next: Entry | None = None
+        self._out = node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS)
+        self._in = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)
+
+    def close(self) -> None:
+        """Close the endpoints."""
+        if self._next is not None:
+            self._next.cancel()
+        self._in.close()
+        self._out.close()
+
+    def _on_status(self, message: Any) -> None:
+        report = self._reader.read(message.data)
+        if report is None:
+            return
+        if self._deployment and report.deployment == self._deployment and report.answer in ("aborted", "refused"):
+            self._end(report.answer, report.reason)
+        elif not report.candidate:
+            self._end("aborted" if self._deployment else "idle", "")
+        elif self._next is None:
+            self._deployment = report.candidate
+            self._say(report)
+
+    def _say(self, report: Report) -> None:
+        envelope = Envelope(deployment=self._deployment, sequence=0, robot=self._robot, phase="abort")
+        said = signed(envelope, self._key, born=report.born, now=self._wall_time())
+        self._out.publish(messages.create(STRING, said.to_json()))
+        self._next = self._scheduler.after(round(REPEAT * SECOND), lambda: self._say(report), Kind.TIMER)
+
+    def _end(self, answer: str, reason: str) -> None:
+        ended, self._ended = self._ended, lambda answer, reason: None
+        if self._next is not None:
+            self._next.cancel()
+        ended(answer, reason)
