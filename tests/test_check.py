@@ -143,7 +143,7 @@ def test_a_model_comes_from_stdin(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     text = alone(row(script("x = (1")))
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
     assert main(["check", "-"]) == 1
-    assert re.match(r"<stdin>:\d: error: t: not Python", capsys.readouterr().out)
+    assert re.match(r"<stdin>:\d: error: t: not valid Python", capsys.readouterr().out)
 
 
 NO_MODELS = {

@@ -33,13 +33,13 @@ from fame.bpmn.library import Library
 from fame.check import check
 
 ERRORS = {
-    "a script that is not Python": (
+    "a script that is not valid Python": (
         row(script("x = (1")),
-        "t: not Python: '(' was never closed: `x = (1`",
+        "t: not valid Python: '(' was never closed: `x = (1`",
     ),
-    "a condition that is not Python": (
+    "a condition that is not valid Python": (
         START + choice("g", 'default="g-b"') + ends("a", "b") + flows("s g", "g b") + flow("g", "a", "x = 1"),
-        "g: not Python: invalid syntax",
+        "g: not valid Python: invalid syntax",
     ),
     "a script that drops what it should await": (
         row(script("sleep(2)")),
@@ -106,7 +106,7 @@ ERRORS = {
     ),
     "a payload that is no YAML": (
         row(throw("a", type=VECTOR, payload="{x: [1}")),
-        "a: neither YAML nor JSON: expected ',' or ']', but got '}' at letter 7: {x: [1}",
+        "a: not valid YAML or JSON: expected ',' or ']', but got '}' at letter 7: {x: [1}",
     ),
     "a ROS service of a type that nobody knows": (
         row(service(service="arm", type="std_srvs/srv/Tigger")),
@@ -208,7 +208,7 @@ def test_what_is_refused_brings_no_other_error_with_it() -> None:
 
 def test_an_error_names_the_line_of_the_script() -> None:
     (error,) = (one for one in checked(alone(row(script("x = 1\ny = 2\nz = (")))) if one.level == "error")
-    assert str(error) == "bad.bpmn:6: error: t: not Python: '(' was never closed: `z = (`"
+    assert str(error) == "bad.bpmn:6: error: t: not valid Python: '(' was never closed: `z = (`"
 
 
 def test_errors_of_called_files_are_told_with_their_file(tmp_path: Path) -> None:

@@ -93,8 +93,10 @@ def test_what_a_script_imports_and_defines_is_there_for_later_ones() -> None:
 )
 def test_javascript_without_its_language_is_told_as_that(text: str, found: str) -> None:
     (said,) = told(alone(row(script(escape(text), format=""))), "error")
-    assert said == f't: not Python: invalid syntax: {found}; if it is JavaScript, say scriptFormat="javascript"'
-    assert told(alone(row(script("x = 1; x = x..y"))), "error") == ["t: not Python: invalid syntax: `x = 1; x = x..y`"]
+    assert said == f't: not valid Python: invalid syntax: {found}; for JavaScript, set scriptFormat="javascript"'
+    assert told(alone(row(script("x = 1; x = x..y"))), "error") == [
+        "t: not valid Python: invalid syntax: `x = 1; x = x..y`"
+    ]
 
 
 def test_javascript_that_python_would_take_is_told_by_its_names() -> None:
@@ -112,10 +114,10 @@ def test_a_condition_in_javascript_is_told_as_that() -> None:
         + flow("g", "a", "x === 1")
     )
     assert told(alone(text), "error") == [
-        'g: not Python: invalid syntax: `x === 1`; if it is JavaScript, say language="javascript"'
+        'g: not valid Python: invalid syntax: `x === 1`; for JavaScript, set language="javascript"'
     ]
 
 
 @pytest.mark.parametrize("text", ["robot" + ".name" * 900, "receive" + "()" * 900, "v = " + "-" * 900 + "1"])
 def test_scripts_that_are_nested_deeply_are_checked_as_far_as_can_be(text: str) -> None:
-    assert all("not Python: RecursionError" in found for found in told(alone(row(script(text)))))
+    assert all("not valid Python: RecursionError" in found for found in told(alone(row(script(text)))))

@@ -13,7 +13,7 @@ from fame.bpmn import read_text
 from fame.bpmn.library import Library
 from fame.check.explain import Kind, Reading, explain
 from fame.cli import main
-from fame.scripting.javascript.identifiers import words_of
+from fame.scripting.javascript.identifiers import identifiers_of
 
 MODELS = Path(__file__).parent / "models"
 ROOTS = '<signal id="S" name="weed_found"/><signal id="N"/>'
@@ -200,7 +200,7 @@ def test_it_names_each_place_that_semantics_original_changes() -> None:
     ],
 )  # fmt: skip
 def test_the_variables_that_a_script_names_are_known(text: str, reads: str, writes: str, is_open: bool) -> None:
-    found = words_of(text)
+    found = identifiers_of(text)
     assert (found.reads, found.writes, found.open) == (frozenset(reads.split()), frozenset(writes.split()), is_open)
 
 

@@ -308,9 +308,9 @@ def test_feel_finds_no_python_behind_the_data_either() -> None:
         ("if x then 1", "feel", "expected `else`"),
         ("substr(x)", "feel", "there is no function `substr` here; is it substring?"),
         ("(" * 500 + "1" + ")" * 500, "feel", "nested more than"),
-        ("x = 1", "python", "not Python: .*`==` compares"),
+        ("x = 1", "python", "not valid Python: .*use `==` to compare"),
         ("x > (3", "python", "was never closed"),
-        ("", "python", "not Python"),
+        ("", "python", "not valid Python"),
         ("await sleep(1)", "python", "'await' outside"),
     ],
 )

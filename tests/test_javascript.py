@@ -332,10 +332,10 @@ def test_chance_is_the_same_in_each_run_and_differs_between_robots() -> None:
         ("next();\nx = = 2", 11, "unexpected token in expression: '=': `x = = 2`"),
         ("if (x {\nnext() }", 10, "`if (x {`"),
         ("const a = 1;\n\nconst a = 2;", 12, "`const a = 2;`"),
-        ("} next(); {", 10, "not JavaScript"),
-        ("})(); (function () {", 10, "not JavaScript"),
-        ("import x from 'y'", 10, "not JavaScript"),
-        ("await 1", 10, "not JavaScript"),
+        ("} next(); {", 10, "not valid JavaScript"),
+        ("})(); (function () {", 10, "not valid JavaScript"),
+        ("import x from 'y'", 10, "not valid JavaScript"),
+        ("await 1", 10, "not valid JavaScript"),
     ],
 )
 def test_a_syntax_error_names_file_line_and_element(text: str, line: int, complaint: str) -> None:
@@ -346,7 +346,7 @@ def test_a_syntax_error_names_file_line_and_element(text: str, line: int, compla
 
 
 def test_a_syntax_error_is_found_before_anything_moves() -> None:
-    with pytest.raises(ModelError, match=r"m.bpmn:5: t2: not JavaScript"):
+    with pytest.raises(ModelError, match=r"m.bpmn:5: t2: not valid JavaScript"):
         simulate("next()", "foo bar")
 
 

@@ -109,7 +109,7 @@ def test_events_of_the_model_catch_it(text: str, guard: str, tmp_path: Path) -> 
 def test_a_syntax_error_is_told_before_anything_moves(text: str, line: int, complaint: str, tmp_path: Path) -> None:
     path = tmp_path / "m.bpmn"
     path.write_text(model(text, BOUNDARY))
-    with pytest.raises(fame.ModelError, match="not JavaScript") as caught:
+    with pytest.raises(fame.ModelError, match="not valid JavaScript") as caught:
         Scenario.load(path).run()
     assert (caught.value.file, caught.value.element, caught.value.line) == (str(path), "t", 5 + line)
     assert complaint in caught.value.text

@@ -464,4 +464,4 @@ def test_callbacks_without_end_at_one_instant_are_an_error(monkeypatch: pytest.M
         next();"""
     (instance,) = simulate(text, "setTimeout(next, 1000)").run().instances
     assert instance.error is not None
-    assert "1000 callbacks without time going on" in instance.error.text
+    assert "1000 callbacks at one moment" in instance.error.text

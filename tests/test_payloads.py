@@ -110,13 +110,13 @@ def test_a_strict_payload_refuses_names_that_are_not_set() -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("{x: 1", "neither YAML nor JSON"),
-        ("{x: ${a}", "neither YAML nor JSON"),
+        ("{x: 1", "not valid YAML or JSON"),
+        ("{x: ${a}", "not valid YAML or JSON"),
         ("{x: ${a + }}", "expected a value, found the end"),
         ("{x: ${a}, y: ${b", "no closing brace"),
         ("{x:${a}}", "before a value there is a space"),
-        ("{x: !!python/name:os.system }", "neither YAML nor JSON"),
-        ("[&a 1, *a]", r"neither YAML nor JSON: an alias \(\*a\)"),
+        ("{x: !!python/name:os.system }", "not valid YAML or JSON"),
+        ("[&a 1, *a]", r"not valid YAML or JSON: an alias \(\*a\)"),
     ],
 )
 def test_a_wrong_payload_is_refused_when_it_is_compiled(text: str, complaint: str) -> None:

@@ -59,7 +59,9 @@ MISTAKES = LITERALS | COMPILED
 
 
 @pytest.mark.parametrize("element", MISTAKES.values(), ids=MISTAKES)
-def test_a_run_refuses_it_in_the_words_of_a_check_before_anything_moves(element: str, tmp_path: Path, capsys) -> None:
+def test_a_run_refuses_it_in_the_identifiers_of_a_check_before_anything_moves(
+    element: str, tmp_path: Path, capsys
+) -> None:
     path, log = tmp_path / "mission.bpmn", tmp_path / "run.jsonl"
     path.write_text(after_a_script(element))
     assert main(["check", str(path)]) == 1

@@ -113,7 +113,7 @@ def test_an_error_inside_a_library_has_the_line_of_the_script() -> None:
 @pytest.mark.parametrize(
     ("text", "line", "complaint"),
     [
-        ("x = 1\ny = = 2", 11, "not Python: invalid syntax: `y = = 2`"),
+        ("x = 1\ny = = 2", 11, "not valid Python: invalid syntax: `y = = 2`"),
         ("x = (1", 10, r"'\(' was never closed: `x = \(1`"),
         ("x = 1\nreturn x", 11, "'return' outside function"),
         ("if x:\ny = 1", 11, "expected an indented block"),

@@ -32,8 +32,8 @@ from fame.engine.data import variable_name
 from fame.errors import ModelError
 from fame.middleware import messages
 from fame.scripting import script_topics
-from fame.scripting.javascript.identifiers import words_of
-from fame.scripting.topics import ScriptTopic
+from fame.scripting.analysis import ScriptTopic
+from fame.scripting.javascript.identifiers import identifiers_of
 
 Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
 KINDS: tuple[Kind, ...] = ("form", "topic", "data", "call", "script", "quirk", "semantics")
@@ -217,7 +217,7 @@ def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk
         for text in texts_of(body):
             if text.expression.language != "javascript":
                 continue
-            words, line = words_of(text.expression.text), text.expression.line
+            words, line = identifiers_of(text.expression.text), text.expression.line
             if text.use == "script" and not words.next:
                 yield "never calls next()", text.element, line
             if words.node:

@@ -27,8 +27,8 @@ from fame.bpmn.model import (
 from fame.bpmn.topics import topic_table
 from fame.check.expressions import names_of, texts_of
 from fame.errors import ConfigError
+from fame.scripting.analysis import Direction, script_topics
 from fame.scripting.python import parse_python
-from fame.scripting.topics import Direction, script_topics
 
 
 @dataclass(frozen=True, slots=True)

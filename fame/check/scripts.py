@@ -14,7 +14,7 @@ from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope
 from fame.errors import ModelError
 from fame.scripting.interface import Log, Robot
-from fame.scripting.javascript.identifiers import words_of
+from fame.scripting.javascript.identifiers import identifiers_of
 from fame.scripting.python import called_name, parse_python
 
 # ---- requests and the script interface -------------------------------------------------------------------------------
@@ -30,7 +30,7 @@ _IN_EXPRESSIONS = {"robot": ("name", "namespace")}
 """What texts that are not Python see of them."""
 
 _OF_ROBOT = {"": re.compile(r"[$#]\{[^{}]*\brobot\.(\w+)"), "feel": re.compile(r"\brobot\.(\w+)")}
-"""Where ``robot.name`` stands in a text that is not Python: inside ``${...}``, or anywhere in FEEL."""
+"""Where ``robot.name`` stands in a text that is not valid Python: inside ``${...}``, or anywhere in FEEL."""
 
 _BLOCKS = re.compile(r"\btime\.sleep\s*\(")
 
@@ -141,18 +141,18 @@ def _is_used(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> bool:
 def _without_next(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding]:
     """Scripts that never call next(): they fail when they run."""
     for text in scripts:
-        if not words_of(text.expression.text).next:
+        if not identifiers_of(text.expression.text).next:
             found = "never calls next(), so it fails when it has run: next() completes a script"
             yield process.finding("warning", found, text.element, text.expression.line)
 
 
 def _piling_up(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding]:
     """Subscriptions that are made in each iteration of a loop, while nothing destroys any."""
-    if any(words_of(text.expression.text).destroys for text in scripts):
+    if any(identifiers_of(text.expression.text).destroys for text in scripts):
         return
     repeated = set(_repeated(process.bpmn.body, around=False))
     for text in scripts:
-        if text.element.id in repeated and words_of(text.expression.text).subscribes:
+        if text.element.id in repeated and identifiers_of(text.expression.text).subscribes:
             found = "subscribes anew each time round: end the subscription before with node.destroySubscription(...)"
             yield process.finding("note", found, text.element, text.expression.line)
 

@@ -37,7 +37,7 @@ from fame.engine import joins, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES
 from fame.scripting.interface import NAMES
-from fame.scripting.javascript.identifiers import words_of
+from fame.scripting.javascript.identifiers import identifiers_of
 
 _SMALL = {"true": "True", "false": "False", "null": "None"}
 """Constants as most languages write them, and as Python does."""
@@ -90,7 +90,7 @@ def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
             for name in text.writes:
                 uses.sets.setdefault(name, text.element)
             uses.code |= text.code
-            uses.opaque |= text.expression.language == "javascript" and words_of(text.expression.text).open
+            uses.opaque |= text.expression.language == "javascript" and identifiers_of(text.expression.text).open
         for node in body.nodes:
             for name in (*named_by(node), *_caught(process, node, objects, types)):
                 uses.sets.setdefault(name, node)

@@ -18,7 +18,7 @@ from fame.middleware import messages
 from fame.middleware.interface import Node, resolve
 from fame.robot.endpoints import Endpoints
 from fame.scripting import Robot, Runner, another, interface
-from fame.scripting.javascript import SURROUNDINGS, Surroundings
+from fame.scripting.javascript import HOST_API, HostApi
 
 
 class Scripts:
@@ -54,7 +54,7 @@ class Scripts:
             report=lambda key, text: report("", text),
             types=endpoints.type,
         )
-        self.javascript: Surroundings = Surroundings(
+        self.javascript: HostApi = HostApi(
             name=robot,
             namespace=node.namespace,
             epoch=epoch.timestamp() * 1000,
@@ -70,7 +70,7 @@ class Scripts:
         )
         clock, random = (lambda: scheduler.now / SECOND), Random(node.namespace)
         api = Robot(robot, node.namespace, self._publish, self.runner.inbox, clock, epoch, random)
-        self._builtins = interface(robot=api, signal=self._signal, log=log) | {SURROUNDINGS: self.javascript}
+        self._builtins = interface(robot=api, signal=self._signal, log=log) | {HOST_API: self.javascript}
 
     def variables(self) -> dict[str, Any]:
         """The variables of a new instance: the interface of its scripts alone."""

@@ -14,14 +14,13 @@ code_names        the functions, classes and modules that a script leaves for la
 from fame.engine.host import BpmnError, Cancelled
 from fame.engine.variables import UNDEFINED, Variables, plain
 from fame.heartbeat import BudgetExceeded, heartbeat
+from fame.scripting.analysis import ScriptTopic, code_names, script_names, script_topics
 from fame.scripting.inbox import Inbox
 from fame.scripting.interface import NAMES, Log, Robot, another, interface, mission_date
 from fame.scripting.languages import compile_expression, compile_script
-from fame.scripting.names import code_names, script_names
 from fame.scripting.python import error_line, error_text
 from fame.scripting.requests import Call, MessageQueue, Receive, Request, Sleep, Until
 from fame.scripting.runner import GRACE, Runner
-from fame.scripting.topics import ScriptTopic, script_topics
 
 __all__ = [
     "GRACE", "NAMES", "UNDEFINED", "BpmnError", "BudgetExceeded", "Call", "Cancelled", "Inbox", "Log",

@@ -1,4 +1,4 @@
-"""An end for steps that have none: every loop pass and function entry counts.
+"""A limit for each step of a script or expression: every loop iteration and function call counts.
 
 `count_steps` rewrites the syntax tree of a script: each loop body, function, lambda and comprehension begins with
 ``__tick__() or __budget__.spend()``. The tick is an iterator of C that runs dry after a part of the budget; only then
@@ -15,13 +15,21 @@ inside C (``sum(itertools.count())``) does not count; nor do the loops of import
 from __future__ import annotations
 
 import ast
+import math
 import sys
+import threading
+from collections.abc import Mapping
 from functools import partial
 from itertools import repeat
 from types import FrameType
 from typing import Any
 
+from fame.engine.variables import BUILTINS
 from fame.heartbeat import BUDGET, BudgetExceeded, script_frame
+from fame.scripting.data import Evaluate
+
+# ---- scripts in Python -----------------------------------------------------------------------------------------------
+
 
 TICK = "__tick__"
 DEFAULT = 20_000_000
@@ -105,3 +113,55 @@ def _tick(place: ast.AST) -> ast.expr:
             ast.copy_location(node, place)
             node.end_lineno, node.end_col_offset = node.lineno, node.col_offset
     return tick
+
+
+# ---- expressions -----------------------------------------------------------------------------------------------------
+
+
+PASS = 10
+"""What a pass of a loop or the call of a function costs."""
+
+_LETTERS = 4
+"""So many characters cost as much as one element of a list."""
+
+
+_ATOMS = frozenset({int, float, bool, type(None)})
+
+
+class _Meter(threading.local):
+    left: float = math.inf
+    limit: int = 0
+
+
+_METER = _Meter()
+
+
+def spend(ticks: float = PASS) -> None:
+    """Count. Raises BudgetExceeded."""
+    left = _METER.left = _METER.left - ticks
+    if left < 0:
+        raise BudgetExceeded(f"an expression took more than {_METER.limit // PASS} loop passes and function calls")
+
+
+def weight(value: Any) -> int:
+    """What it costs to read or make a value."""
+    if value.__class__ in _ATOMS:
+        return 0
+    if isinstance(value, (list, tuple)):
+        return len(value)
+    return len(value) // _LETTERS if isinstance(value, str) else 0
+
+
+def metered(evaluate: Evaluate) -> Evaluate:
+    """The same within the budget of the variables' interface."""
+
+    def run(variables: Mapping[str, Any]) -> Any:
+        names = variables.get(BUILTINS)
+        budget = names.get(BUDGET) if isinstance(names, dict) else None
+        _METER.limit = _METER.left = budget.limit if budget is not None else DEFAULT
+        try:
+            return evaluate(variables)
+        finally:
+            _METER.left = math.inf
+
+    return run

@@ -1,16 +1,20 @@
-"""What expressions may see of a value: data, and nothing of Python behind it.
+"""What expressions may see of a value: data, and nothing of Python behind it. Bounded arithmetic, conditions.
 
 Data are numbers, texts, truth values, null, lists (also tuples and arrays), mappings, and objects with fields
 (messages, and what a script made with plain attributes). Functions, classes, modules and names with a leading
-underscore are refused.
+underscore are rejected.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Number
 from types import ModuleType
 from typing import Any
+
+# ---- values ----------------------------------------------------------------------------------------------------------
+
 
 Evaluate = Callable[[Mapping[str, Any]], Any]
 """What an expression is compiled to: a function of the variables."""
@@ -101,3 +105,60 @@ def fields_of(value: Any) -> dict[str, Any]:
 def _fields(value: Any) -> list[str]:
     names = [*getattr(type(value), "__dataclass_fields__", ()), *getattr(value, "__dict__", ())]
     return [name for name in dict.fromkeys(names) if not name.startswith("_")]
+
+
+# ---- arithmetic in a known time, whatever the numbers are ------------------------------------------------------------
+
+
+_BITS = 4096
+"""Longest product: each multiplication can double the length, so a few dozen of them would take for ever."""
+
+
+def product(left: Any, right: Any) -> Any:
+    """``*``. Raises OverflowError for a whole number of more than 1,233 digits."""
+    result = left * right
+    if result.__class__ is int and result.bit_length() > _BITS:
+        raise OverflowError("the product has more than 1233 digits")
+    return result
+
+
+def power(base: Any, exponent: Any) -> Any:
+    """In floating point, so that no exponent takes for ever; a whole result of whole numbers is whole."""
+    result = math.pow(base, exponent)
+    whole = isinstance(base, int) and isinstance(exponent, int) and result.is_integer() and abs(result) < 2**53
+    return int(result) if whole else result
+
+
+def quotient(dividend: Any, divisor: Any) -> Any:
+    """A whole quotient of whole numbers is whole."""
+    whole = isinstance(dividend, int) and isinstance(divisor, int) and dividend % divisor == 0
+    return dividend // divisor if whole else dividend / divisor
+
+
+# ---- conditions ------------------------------------------------------------------------------------------------------
+
+
+_SAID = {"true": True, "false": False, "": False}
+_SHOWN = 60
+
+
+def judged(evaluate: Evaluate) -> Evaluate:
+    """The same as a condition: it gives true or false, or raises TypeError that shows the value."""
+
+    def judge(variables: Mapping[str, Any]) -> bool:
+        value = evaluate(variables)
+        return value if value is True or value is False else _verdict(value)
+
+    return judge
+
+
+def _verdict(value: Any) -> bool:
+    if isinstance(value, str):
+        said = _SAID.get(value.strip().lower())
+        if said is not None:
+            return said
+    elif value is None or is_number(value) or type(value).__name__ in ("bool", "bool_"):  # numpy's
+        return bool(value)
+    shown = repr(value)
+    shown = shown if len(shown) <= _SHOWN else f"{shown[: _SHOWN - 3]}..."
+    raise TypeError(f"the condition gives {shown}: expected true or false")

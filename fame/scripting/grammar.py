@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+from fame.scripting.budget import metered
 from fame.scripting.data import PLAIN, Evaluate, Undefined, checked
 from fame.scripting.lexer import ExpressionError, Token, tokenize
-from fame.scripting.metering import metered
 from fame.scripting.signatures import Argument, Function, called, chosen
 
 Prefix = Callable[["Parser"], Evaluate]

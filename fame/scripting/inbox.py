@@ -1,7 +1,7 @@
-"""The topics that the scripts of one robot listen to, each subscribed once for all of them; and whom they ask.
+"""Subscriptions and clients of the scripts of one robot: each topic is subscribed once for all scripts.
 
-A topic is subscribed when its process is loaded (literal names, `fame.scripting.topics`), else at its first use, which
-cannot hear what was sent before. The inbox keeps the latest message of each topic, wakes who waits, fills queues.
+A topic is subscribed when its process is loaded (literal names, `fame.scripting.analysis`), else at its first use,
+which misses earlier messages. The inbox keeps the latest message of each topic, wakes waiting scripts and fills queues.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ Subscribe = Callable[[str, str, Callable[[Message], object]], Subscription]
 Wake = Callable[[Message], object]
 
 
-class Types(Protocol):
-    """What type a topic (full name) is known to have, None if nobody knows."""
+class TopicTypes(Protocol):
+    """The type of a topic by its full name, None if it is unknown."""
 
     def __call__(self, topic: str, /) -> str | None: ...
 
 
-class Ear:
-    """One subscribed topic. `waiting`: who wants the next message, in the order of asking."""
+class TopicListener:
+    """One subscribed topic. `waiting`: callbacks for the next message, in the order of their requests."""
 
     __slots__ = ("_changed", "latest", "queues", "subscription", "topic", "type", "waiting")
 
@@ -38,7 +38,7 @@ class Ear:
         self.subscription: Subscription | None = None
 
     def put(self, message: Message) -> None:
-        """A message arrived."""
+        """Handle a message that has arrived."""
         self.latest = message
         waiting, self.waiting = self.waiting, {}
         for wake in waiting:
@@ -53,81 +53,84 @@ class Ear:
 
 
 class Inbox:
-    """All of them. `subscribe` makes a subscription on a full topic name; `changed` is called after every message."""
+    """All topics of one robot's scripts.
 
-    def __init__(self, node: Node, types: Types, subscribe: Subscribe, changed: Callable[[], object]) -> None:
+    `subscribe` creates a subscription to a full topic name; `changed` is called after every message.
+    """
+
+    def __init__(self, node: Node, types: TopicTypes, subscribe: Subscribe, changed: Callable[[], object]) -> None:
         self._node, self._types, self._subscribe, self._changed = node, types, subscribe, changed
-        self._ears: dict[str, Ear] = {}
+        self._listeners: dict[str, TopicListener] = {}
         self._clients: dict[tuple[str, str], Client] = {}
         self._actions: dict[tuple[str, str], ActionClient] = {}
 
-    def listen(self, topic: str, type: str | None = None) -> Ear:
-        """Hear a topic, named as seen from the robot.
+    def listen(self, topic: str, type: str | None = None) -> TopicListener:
+        """Subscribe to a topic, named relative to the robot.
 
-        Raises MessageError if no type is known, or it is not that one.
+        Raises MessageError if the type is unknown, or if the topic has another one.
         """
         name = resolve(topic, self._node.namespace)
-        ear = self._ears.get(name)
-        if ear is not None:
-            if type is not None and _full(type) != _full(ear.type):
-                raise MessageError(f"topic {name} is heard as {ear.type} already, not as {type}", type=type)
-            return ear
+        listener = self._listeners.get(name)
+        if listener is not None:
+            if type is not None and _full(type) != _full(listener.type):
+                raise MessageError(f"topic {name} is subscribed as {listener.type}, not as {type}", type=type)
+            return listener
         type = type or self._types(name)
         if type is None:
-            raise MessageError(f"topic {name}: nobody says its type; name it in the script, as in "
+            raise MessageError(f"topic {name}: unknown type; name it in the script, as in "
                                f"receive({topic!r}, \"std_msgs/msg/String\")")  # fmt: skip
-        ear = Ear(name, type, self._changed)
-        ear.subscription = self._subscribe(name, type, ear.put)
-        self._ears[name] = ear
-        return ear
+        listener = TopicListener(name, type, self._changed)
+        listener.subscription = self._subscribe(name, type, listener.put)
+        self._listeners[name] = listener
+        return listener
 
     @property
     def types(self) -> dict[str, str]:
-        """The topics that scripts hear by now, by full name, each with its type."""
-        return {topic: ear.type for topic, ear in self._ears.items()}
+        """The type of each topic that scripts have subscribed to, by full name."""
+        return {topic: listener.type for topic, listener in self._listeners.items()}
 
     def latest(self, topic: str, type: str | None = None) -> Message | None:
-        """The latest message since the topic was subscribed, None if there was none. Errors as `listen`."""
+        """The latest message since the subscription, None if there was none. Raises what `listen` raises."""
         return self.listen(topic, type).latest
 
     def queue(self, topic: str, type: str | None, depth: int) -> MessageQueue:
-        """A queue of the messages to come; it lives as long as somebody holds it. Errors as `listen`."""
-        ear = self.listen(topic, type)
-        queue = MessageQueue(ear.topic, depth)
-        ear.queues.append(weakref.ref(queue))
+        """A queue of future messages, filled as long as it is referenced. Raises what `listen` raises."""
+        listener = self.listen(topic, type)
+        queue = MessageQueue(listener.topic, depth)
+        listener.queues.append(weakref.ref(queue))
         return queue
 
     def client(self, service: str, type: str) -> Client:
-        """What asks a service, named as seen from the robot. Raises MessageError if the type is unknown."""
+        """The client of a service, named relative to the robot. Raises MessageError if the type is unknown."""
         client = self._clients.get((service, type))
         if client is None:
             client = self._clients[service, type] = self._node.client(service, type)
         return client
 
     def action(self, name: str, type: str) -> ActionClient:
-        """What sends goals to an action, likewise."""
+        """The client of an action, named relative to the robot. Raises MessageError if the type is unknown."""
         client = self._actions.get((name, type))
         if client is None:
             client = self._actions[name, type] = ActionClient(self._node, name, type)
         return client
 
     def deliver(self, topic: str, message: Any) -> None:
-        """A message of the robot's own on a full topic name, which the middleware does not bring back."""
-        ear = self._ears.get(topic)
-        if ear is not None:
-            ear.put(message)
+        """Deliver a message that the robot itself has published; the middleware does not return it."""
+        listener = self._listeners.get(topic)
+        if listener is not None:
+            listener.put(message)
 
     def close(self) -> None:
-        """Hear nothing any more."""
-        for ear in self._ears.values():
-            if ear.subscription is not None:
-                ear.subscription.close()
+        """Close all subscriptions and clients."""
+        for listener in self._listeners.values():
+            if listener.subscription is not None:
+                listener.subscription.close()
         for client in self._clients.values():
             client.close()
         for action in self._actions.values():
             action.close()
         self._actions.clear()
-        self._ears.clear()
+        self._listeners.clear()
         self._clients.clear()
 
 

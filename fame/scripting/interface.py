@@ -1,7 +1,7 @@
-"""What scripts find in scope besides the variables: the interface, which stands in their ``__builtins__``.
+"""The script interface: the names that scripts find besides their variables, in their ``__builtins__``.
 
-A name is looked up in the variables first, so a variable named `robot` wins. Each process instance has a dict of its
-own, so that no script reaches the scripts of another.
+A name is looked up in the variables first, so a variable named `robot` hides the interface. Each process instance has
+its own dict, so that its scripts cannot reach those of another instance.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ Emit = Callable[[str, str], object]
 class Robot:
     """The robot that runs the script. `namespace` has no slashes; topic names are relative to it.
 
-    `_publish` takes topic, type and a mapping of fields (or a whole message), and may raise MessageError; `_clock`
-    gives the time of the mission in s, `_epoch` the date of its time 0; `_chance` is the same in each run.
+    `_publish` takes topic, type and a mapping of fields (or a message) and may raise MessageError; `_clock` returns the
+    time of the mission (s), `_epoch` is the date of its time 0; `_random` yields the same numbers in each run.
     """
 
     name: str
@@ -45,16 +45,16 @@ class Robot:
     _inbox: Inbox = field(repr=False)
     _clock: Callable[[], float] = field(repr=False)
     _epoch: datetime = field(default=EPOCH, repr=False)
-    _chance: Random = field(default_factory=Random, repr=False)
+    _random: Random = field(default_factory=Random, repr=False)
 
     @property
     def now(self) -> float:
-        """The time of the mission, on which `sleep` and timers are (s): simulated, or the wall's."""
+        """The time of the mission (s), which `sleep` and timers use: simulated or wall-clock time."""
         return self._clock()
 
     @property
     def date(self) -> datetime:
-        """The date and time of the mission, in UTC: its epoch (1970 unless the scenario has another) and `now`."""
+        """The date and time of the mission (UTC): its epoch (1970 unless the scenario sets another) plus `now`."""
         return date_at(self._epoch, round(self._clock() * SECOND))
 
     def publish(
@@ -70,12 +70,12 @@ class Robot:
         self._publish(topic, type, fields if message is None else message)
 
     def subscribe(self, topic: str, type: str | None = None, queue: int = 10) -> MessageQueue:
-        """``async for message in robot.subscribe("odom")``: all from now on; the last `queue` untaken ones are kept."""
+        """``async for message in robot.subscribe("odom")``: all messages from now on; up to `queue` are buffered."""
         check_topic("robot.subscribe", topic)
         return self._inbox.queue(topic, type, queue)
 
     def latest(self, topic: str, type: str | None = None) -> Message | None:
-        """The latest message on a topic, None if there was none yet."""
+        """The latest message on a topic, None if there has been none."""
         check_topic("robot.latest", topic)
         return self._inbox.latest(topic, type)
 
@@ -93,15 +93,15 @@ class Robot:
 
 
 def mission_date(variables: Mapping[str, Any]) -> datetime | None:
-    """The date and time of the mission (UTC) whose variables an expression is evaluated on; None outside of one."""
+    """The date and time (UTC) of the mission that has these variables, None outside of a mission."""
     robot = _robot(variables)
     return None if robot is None else robot.date
 
 
-def chance(variables: Mapping[str, Any]) -> Random | None:
-    """The random numbers of the robot whose variables an expression is evaluated on; None outside of a mission."""
+def random_source(variables: Mapping[str, Any]) -> Random | None:
+    """The random numbers of the robot that has these variables, None outside of a mission."""
     robot = _robot(variables)
-    return None if robot is None else robot._chance
+    return None if robot is None else robot._random
 
 
 def _robot(variables: Mapping[str, Any]) -> Robot | None:
@@ -138,8 +138,8 @@ def interface(
 ) -> dict[str, Any]:
     """A new ``__builtins__`` for the variables of one process instance.
 
-    `signal(name, payload=None)` throws a signal; `log(level, text)` takes a line of log; ``print`` in a script logs,
-    too. `budget` counts the loop passes and function entries of one step.
+    `signal(name, payload=None)` throws a signal; `log(level, text)` writes a line of log, as ``print`` in
+    a script does. `budget` limits the loop iterations and function calls of one step.
     """
     names = {name: value for name, value in vars(builtins).items() if name not in _ABSENT}
     logger = Log(log)
@@ -154,7 +154,7 @@ def interface(
 
 
 def another(names: dict[str, Any], budget: int = DEFAULT) -> dict[str, Any]:
-    """The same interface for one more process instance, with a dict and a budget of its own."""
+    """A copy of the interface for another process instance, with its own budget."""
     copy = names.copy()
     Budget(copy, budget)
     return copy

@@ -12,7 +12,6 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fame.scripting.arithmetic import product
 from fame.scripting.data import (
     NUMBERS,
     Evaluate,
@@ -22,6 +21,7 @@ from fame.scripting.data import (
     is_list,
     is_number,
     plain,
+    product,
     to_number,
     to_text,
 )

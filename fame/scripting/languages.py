@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 
 from fame.bpmn.model import Expression
 from fame.errors import ModelError
-from fame.scripting.conditions import judged
-from fame.scripting.data import Evaluate, Undefined
+from fame.scripting.data import Evaluate, Undefined, judged
 from fame.scripting.feel import FEEL
 from fame.scripting.grammar import Parser
 from fame.scripting.javascript import compile_javascript

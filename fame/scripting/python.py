@@ -159,9 +159,9 @@ class _located:
             found = lines[min(line - first, len(lines) - 1)].strip()
             hint = _hint(self.expression.text, found, self.condition)
             text = f"{error.msg}: `{found}`{hint}" if found else error.msg
-            raise ModelError(f"not Python: {text}", file=self.file, line=line, element=self.element) from None
+            raise ModelError(f"not valid Python: {text}", file=self.file, line=line, element=self.element) from None
         if isinstance(error, (ValueError, RecursionError, MemoryError, OverflowError)):
-            raise ModelError(f"not Python: {error_text(error)}", file=self.file, line=self.expression.line,
+            raise ModelError(f"not valid Python: {error_text(error)}", file=self.file, line=self.expression.line,
                              element=self.element) from None  # fmt: skip
 
 
@@ -169,12 +169,12 @@ def _hint(text: str, line: str, condition: bool) -> str:
     """What the author of a text in another language may have meant. `line` is the one that Python refuses."""
     if _LIKE_JAVASCRIPT.search(text):
         attribute = "language" if condition else "scriptFormat"
-        return f'; if it is JavaScript, say {attribute}="javascript"'
+        return f'; for JavaScript, set {attribute}="javascript"'
     if not condition:
         return ""
     if "&&" in line or "||" in line:
-        return "; Python says `and`, `or`, `not`"
-    return "; `==` compares" if re.search(r"[^=!<>:]=[^=]", line) else ""
+        return "; in Python, use `and`, `or`, `not`"
+    return "; use `==` to compare" if re.search(r"[^=!<>:]=[^=]", line) else ""
 
 
 def called_name(call: ast.Call) -> str:

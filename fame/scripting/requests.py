@@ -1,7 +1,7 @@
-"""What a script can wait for: inert requests, which ``await`` hands to whoever drives the script.
+"""Awaitable requests of scripts.
 
-`sleep(2)` does nothing by itself. ``await`` yields the request to the driver (`fame.scripting.runner`), which sends
-back the result or throws what went wrong. There is no event loop, and nothing else can be awaited.
+`sleep(2)` does nothing by itself. ``await`` yields the request to the runner (`fame.scripting.runner`), which sends
+the result or throws the error. There is no event loop, and nothing else can be awaited.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 
 class Request:
-    """Something awaited."""
+    """Base class of everything that a script can await."""
 
     __slots__ = ()
 
@@ -24,7 +24,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Sleep(Request):
-    """``await sleep(2)``: go on after so many seconds of the engine's clock."""
+    """``await sleep(2)``: continue after this time on the engine's clock (s)."""
 
     seconds: float
 
@@ -39,7 +39,7 @@ class Sleep(Request):
 class Receive(Request):
     """``await receive("odom", timeout=1)``: the next message that arrives on a topic; TimeoutError after `timeout` s.
 
-    `type` is ``pkg/msg/Type``; it may be left out where the topic is known by its publisher or by the model.
+    `type` is ``pkg/msg/Type``; it may be omitted if a publisher or the model declares it.
     """
 
     topic: str
@@ -56,10 +56,10 @@ class Receive(Request):
 
 @dataclass(frozen=True, slots=True)
 class Until(Request):
-    """``await until(lambda: battery < 20)``: go on when the condition is true; TimeoutError after `timeout` s.
+    """``await until(lambda: battery < 20)``: continue when the condition is true; TimeoutError after `timeout` s.
 
-    It is tried at once, then after every step of a script, every move of the engine and every message of this robot:
-    whatever can change a variable. A condition that depends on time alone is for `sleep`.
+    The condition is evaluated at once, then after every step of a script or of the engine and after every message of
+    this robot: whatever can change a variable. For a condition that depends on time alone, use `sleep`.
     """
 
     condition: Callable[[], Any]
@@ -67,7 +67,7 @@ class Until(Request):
 
     def __post_init__(self) -> None:
         if not callable(self.condition):
-            raise TypeError("until: expected a function to ask again and again, as in until(lambda: x > 3)")
+            raise TypeError("until: expected a function that is called repeatedly, as in until(lambda: x > 3)")
         check_seconds("until: timeout", self.timeout)
 
     def __str__(self) -> str:
@@ -100,8 +100,8 @@ class Call(Request):
 class Act(Request):
     """``await robot.act("navigate_to_pose", "nav2_msgs/action/NavigateToPose", pose=...)``: the result of an action.
 
-    `feedback` is called with what the action tells meanwhile. BpmnError ``rejected``, ``aborted`` or ``canceled`` if it
-    does not succeed. Who is cancelled cancels the goal.
+    `feedback` is called with the feedback of the action. BpmnError ``rejected``, ``aborted`` or ``canceled`` if it does
+    not succeed. Cancelling the script cancels the goal.
     """
 
     action: str
@@ -120,7 +120,7 @@ class MessageQueue:
 
     def __init__(self, topic: str, depth: int) -> None:
         if not isinstance(depth, int) or depth < 1:
-            raise ValueError(f"subscribe: queue={depth!r}: expected how many messages to keep, at least 1")
+            raise ValueError(f"subscribe: queue={depth!r}: expected a number of messages to keep, at least 1")
         self.topic = topic
         self.messages: deque[Any] = deque(maxlen=depth)
         self.waiting: dict[Callable[[], object], None] = {}
@@ -129,7 +129,7 @@ class MessageQueue:
         return f"next message of {self.topic}"
 
     def put(self, message: Any) -> None:
-        """A message arrived. Wakes everyone who waits for one."""
+        """Add a message and wake all scripts that wait for one."""
         self.messages.append(message)
         for wake in tuple(self.waiting):
             wake()

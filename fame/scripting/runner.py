@@ -1,15 +1,15 @@
-"""Drives the scripts of one robot that wait, from request to request.
+"""Run the waiting scripts of one robot from request to request.
 
-A script is a coroutine that yields requests (`fame.scripting.requests`). Each step of it, from one ``await`` to the
-next, is an entry of the scheduler of its own kind and runs to completion. The runner never calls the engine from
-inside a call of the engine: that a script is over is always said by an entry of its own.
+A script is a coroutine that yields requests (`fame.scripting.requests`). Each step, from one ``await`` to the next, is
+an entry of the scheduler and runs to completion. The runner never calls the engine from inside a call of the engine:
+the end of a script is always reported by a separate entry.
 
-Cancellation is raised at the ``await``. A script that awaits on its way out (``finally: await ...``) is *leaving*: it
-is driven on, and after the grace it is closed for good. No script survives that: closing also drains its budget, so
-that even ``while True: try ... except BaseException: continue`` ends at its next pass.
+Cancellation is raised at the ``await``. A script that awaits during cancellation (``finally: await ...``) is *leaving*:
+it continues to run until the grace period is over, then it is closed. Closing also drains its budget, so that even
+``while True: try ... except BaseException: continue`` ends at its next iteration.
 
-Invariant: a script at rest has exactly one thing armed that can wake it (with its time limit, if it has one), and
-waking disarms both.
+Invariant: a waiting script has exactly one armed source of wake-ups (and a timeout, if it has one), and waking disarms
+both.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from fame.heartbeat import BUDGET
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Node
 from fame.scripting.budget import Budget
-from fame.scripting.inbox import Inbox, Subscribe, Types
+from fame.scripting.inbox import Inbox, Subscribe, TopicTypes
 from fame.scripting.python import error_text
 from fame.scripting.requests import Act, Call, Next, Receive, Request, Sleep, Until
 
 GRACE = 2.0
-"""How long a cancelled script may take to leave (s)."""
+"""Grace period: how long a cancelled script may take to end (s)."""
 
-_AT_ONE_INSTANT = 100_000
-"""Awaits of one script without time going on, before it is taken for a livelock."""
+_MOST_AWAITS = 100_000
+"""Awaits of one script at one moment before it counts as a livelock."""
 
-_CLOSINGS = 100
-_PATIENCE, _LOOK = 5 * SECOND, SECOND // 20
-"""How long a script waits for a service or action that nobody offers, and how often it looks (ns)."""
+_MOST_HANDLERS = 100
+_SERVICE_TIMEOUT, _POLL = 5 * SECOND, SECOND // 20
+"""How long a script waits for a service or action that is not available, and how often it checks (ns)."""
 
 Ended = Callable[[int, BaseException | None], object]
 Report = Callable[[int, str], object]
 
 
 class _Task:
-    """A script under way. `disarm` undoes what would wake it; `due` is its time limit, or its next step."""
+    """A running script. `disarm` removes its source of wake-ups; `due` is its timeout or its next step."""
 
     __slots__ = ("awaits", "budget", "cancelling", "disarm", "due", "error", "grace", "instant", "key", "leaving",
                  "request", "running", "script")  # fmt: skip
@@ -64,11 +64,11 @@ class _Task:
 class Runner:
     """The waiting scripts of one robot.
 
-    ended     (key, error or None): a script is over; never called from inside `start` or `cancel`
-    stepped   (key): a script went on and waits again, so its variables may have changed
-    report    (key, text): something went wrong while a cancelled script was leaving
-    types     type of a topic by its full name, None if unknown
-    subscribe makes a subscription; by default that of `node`
+    ended      (key, error or None): a script is over; never called from inside `start` or `cancel`
+    stepped    (key): a script has run a step and waits again, so its variables may have changed
+    report     (key, text): an error of a cancelled script that is leaving
+    types      type of a topic by its full name, None if unknown
+    subscribe  creates a subscription; by default that of `node`
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Runner:
         *,
         stepped: Callable[[int], object] = lambda key: None,
         report: Report = lambda key, text: None,
-        types: Types = lambda topic: None,
+        types: TopicTypes = lambda topic: None,
         subscribe: Subscribe | None = None,
         grace: float = GRACE,
     ) -> None:
@@ -89,16 +89,19 @@ class Runner:
         self._tasks: dict[int, _Task] = {}
         self._untils: dict[int, _Task] = {}
 
-    # ---- what the engine asks ----------------------------------------------------------------------------------------
+    # ---- called by the engine ----------------------------------------------------------------------------------------
 
     def start(self, key: int, script: Any) -> None:
-        """Drive a script to its first request."""
+        """Run a script to its first request."""
         task = self._tasks[key] = _Task(key, script)
         if self._advance(task, script.send, None):
             task.due = self._scheduler.soon(partial(self._end, task), Kind.RESUMPTION)
 
     def cancel(self, key: int) -> bool:
-        """Cancel a script at its ``await``. True: it is out (or unknown); False: it is leaving, `ended` will tell."""
+        """Cancel a script at its ``await``.
+
+        Returns True if it is over (or unknown), False if it is leaving: `ended` is called later.
+        """
         task = self._tasks.get(key)
         if task is None:
             return True
@@ -113,32 +116,32 @@ class Runner:
         return False
 
     def waits(self, key: int) -> str:
-        """What a script waits for, for people; empty if it is not there."""
+        """What a script waits for, as text; empty for an unknown script."""
         task = self._tasks.get(key)
         return str(task.request) if task is not None and task.request is not None else ""
 
     def awaited_topic(self, key: int) -> str | None:
-        """The topic that a script waits for with `receive`, if it does."""
+        """The topic that a script awaits with `receive`, None if it awaits something else."""
         task = self._tasks.get(key)
         return task.request.topic if task is not None and isinstance(task.request, Receive) else None
 
     @property
     def at_work(self) -> bool:
-        """Whether there is a script, be it one that is leaving."""
+        """Whether any script is running, waiting or leaving."""
         return bool(self._tasks)
 
     def poll(self) -> None:
-        """Something may have changed: try the conditions awaited by `until`, in the order of arming."""
+        """Evaluate the conditions awaited by `until`, in the order of arming, since something may have changed."""
         if self._untils:
             for task in tuple(self._untils.values()):
                 if task.key in self._untils:
                     self._try_condition(task)
 
     def close(self) -> None:
-        """Close all scripts for good, without grace and without a word to the engine, and hear nothing any more."""
+        """Close all scripts without a grace period and without calling `ended`, and all subscriptions."""
         for task in tuple(self._tasks.values()):
             if task.running:
-                self.cancel(task.key)  # it is the one that closes us, and is out at its next await
+                self.cancel(task.key)  # this script is closing the runner: it ends at its next await
                 continue
             self._wake(task)
             task.leaving = True
@@ -149,7 +152,7 @@ class Runner:
     # ---- one step of a script ----------------------------------------------------------------------------------------
 
     def _advance(self, task: _Task, step: Callable[[Any], Any], value: Any) -> bool:
-        """Run a script to its next request and arm that. True: it is over, with `task.error`."""
+        """Run a script to its next request and arm that. Returns True if the script is over, with `task.error`."""
         if task.budget is not None:
             task.budget.refill()
         while True:
@@ -177,13 +180,13 @@ class Runner:
             return False
 
     def _resume(self, task: _Task, step: Callable[[Any], Any], value: Any) -> None:
-        """An entry of the scheduler: what the script waited for is there."""
+        """Resume a script whose request is fulfilled; an entry of the scheduler."""
         self._wake(task)
         if self._scheduler.now != task.instant:
             task.instant, task.awaits = self._scheduler.now, 0
         task.awaits += 1
-        if task.awaits > _AT_ONE_INSTANT:
-            text = f"awaited {_AT_ONE_INSTANT} times without time going on: {task.request}"
+        if task.awaits > _MOST_AWAITS:
+            text = f"awaited {_MOST_AWAITS} times at one moment: {task.request}"
             step, value = task.script.throw, RuntimeError(text)
         if self._advance(task, step, value):
             self._end(task)
@@ -198,7 +201,7 @@ class Runner:
         self.poll()
 
     def _forget(self, task: _Task) -> None:
-        """It is out."""
+        """Remove a script that is over."""
         del self._tasks[task.key]
         if task.grace is not None:
             task.grace.cancel()
@@ -210,17 +213,19 @@ class Runner:
         return Cancelled()
 
     def _close(self, task: _Task) -> None:
-        """The grace is over."""
+        """Close a script whose grace period is over."""
         self._wake(task)
-        self._report(task.key, f"cancelled, but not out after {self._grace / SECOND:g} s: closed at {task.request}")
+        self._report(
+            task.key, f"cancelled, but still running after {self._grace / SECOND:g} s: closed at {task.request}"
+        )
         self._kill(task)
         self._end(task)
 
     def _kill(self, task: _Task) -> None:
-        """End the coroutine. Each try passes one handler that swallows it; loops end by their drained budget."""
+        """End the coroutine. Each attempt gets past one handler that catches it; the drained budget ends loops."""
         if task.budget is not None:
             task.budget.drain()
-        for _ in range(_CLOSINGS):
+        for _ in range(_MOST_HANDLERS):
             try:
                 task.script.throw(
                     GeneratorExit()
@@ -233,7 +238,7 @@ class Runner:
     # ---- waiting -----------------------------------------------------------------------------------------------------
 
     def _arm(self, task: _Task, request: Any) -> None:
-        """Arm what wakes the script. Raises what is wrong with the request."""
+        """Arm the source of wake-ups. Raises the error of an invalid request."""
         arm = _ARM.get(type(request))
         if arm is None:
             raise TypeError(f"cannot await {type(request).__name__}: only sleep, receive, until, robot.call, robot.act "
@@ -242,7 +247,7 @@ class Runner:
         arm(self, task, request)
 
     def _wake(self, task: _Task) -> None:
-        """Disarm whatever would wake it."""
+        """Disarm the source of wake-ups and the timeout."""
         if task.disarm is not None:
             task.disarm()
         if task.due is not None:
@@ -265,10 +270,10 @@ class Runner:
         task.due = self._scheduler.after(round(request.seconds * SECOND), resume, Kind.RESUMPTION)
 
     def _receive(self, task: _Task, request: Receive) -> None:
-        ear = self.inbox.listen(request.topic, request.type)
+        listener = self.inbox.listen(request.topic, request.type)
         wake = partial(self._soon, task, task.script.send)
-        ear.waiting[wake] = None
-        task.disarm = lambda: ear.waiting.pop(wake, None)
+        listener.waiting[wake] = None
+        task.disarm = lambda: listener.waiting.pop(wake, None)
         self._limit(task, request.timeout)
 
     def _next(self, task: _Task, request: Next) -> None:
@@ -301,11 +306,11 @@ class Runner:
     def _call(self, task: _Task, request: Call) -> None:
         client = self.inbox.client(request.service, request.type)
 
-        def answered(response: Any) -> None:
+        def on_response(response: Any) -> None:
             if task.request is request:
                 self._soon(task, task.script.send, response)
 
-        self._offered(task, client, lambda: client.call(request.fields, answered))
+        self._when_available(task, client, lambda: client.call(request.fields, on_response))
 
     def _act(self, task: _Task, request: Act) -> None:
         client = self.inbox.action(request.action, request.type)
@@ -316,23 +321,25 @@ class Runner:
             else:
                 self._soon(task, task.script.throw, BpmnError(outcome, f"{request}: the goal was {outcome}"))
 
-        def told(feedback: Any) -> None:
+        def on_feedback(feedback: Any) -> None:
             if request.feedback is not None:
                 request.feedback(feedback)
                 self._stepped(task.key)
                 self.poll()
 
         def begin() -> None:
-            task.disarm = client.send(request.fields, ended, told).cancel
+            task.disarm = client.send(request.fields, ended, on_feedback).cancel
 
-        self._offered(task, client, begin)
+        self._when_available(task, client, begin)
 
-    def _offered(self, task: _Task, end: Client | ActionClient, begin: Callable[[], object], until: int = 0) -> None:
-        """Begin as soon as somebody offers it, at last when the patience is over: `begin` then says why not."""
-        until = until or self._scheduler.now + _PATIENCE
-        if not end.available and self._scheduler.now < until:
-            again = partial(self._offered, task, end, begin, until)
-            task.due = self._scheduler.after(_LOOK, again, Kind.RESUMPTION)
+    def _when_available(
+        self, task: _Task, client: Client | ActionClient, begin: Callable[[], object], until: int = 0
+    ) -> None:
+        """Call `begin` as soon as the service is available, or after the timeout: then it raises an error."""
+        until = until or self._scheduler.now + _SERVICE_TIMEOUT
+        if not client.available and self._scheduler.now < until:
+            again = partial(self._when_available, task, client, begin, until)
+            task.due = self._scheduler.after(_POLL, again, Kind.RESUMPTION)
             return
         try:
             begin()

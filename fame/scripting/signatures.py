@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fame.scripting.budget import PASS, spend, weight
 from fame.scripting.data import Evaluate, is_list, is_number, plain
-from fame.scripting.metering import PASS, spend, weight
 
 _PARAMETER = re.compile(r"(\w[\w ]*)(\?|\.\.\.)?: (\w+)")
 

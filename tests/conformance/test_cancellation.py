@@ -45,7 +45,7 @@ def test_the_grace_is_two_seconds(play: Play, text: str) -> None:
     run = play(content).run(1).signal("A")
     assert run.run(2.9).status == "running"
     assert run.run(3.1).log == "(a b -a x =completed"
-    assert "not out after 2 s" in run.reports[0]
+    assert "still running after 2 s" in run.reports[0]
 
 
 def test_errors_while_leaving_are_reported_never_thrown(play: Play) -> None:

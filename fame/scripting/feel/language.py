@@ -10,26 +10,26 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fame.scripting.arithmetic import power, product, quotient
-from fame.scripting.data import NUMBERS, Evaluate, is_number
+from fame.scripting.budget import spend, weight
+from fame.scripting.data import NUMBERS, Evaluate, is_number, power, product, quotient
 from fame.scripting.feel.functions import FUNCTIONS
-from fame.scripting.feel.lambdas import definition, invocation
-from fame.scripting.feel.lists import (
+from fame.scripting.feel.functions.dates import literal
+from fame.scripting.feel.syntax import (
     COMPARE,
     bracket,
     context,
+    definition,
     index_or_filter,
+    invocation,
     iteration,
     parenthesis,
     quantified,
     span,
 )
-from fame.scripting.feel.moments import literal
 from fame.scripting.feel.times import Temporal, are_times, computed
 from fame.scripting.feel.types import instance
 from fame.scripting.feel.values import Bound, Range, equal, field_of, order, within
 from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix
-from fame.scripting.metering import spend, weight
 
 OR, AND, SUM, PRODUCT, POWER, UNARY, PATH = 1, 2, 4, 5, 6, 7, 8
 """Binding powers (DMN 1.5, section 10.3.1.2); comparisons have `COMPARE`, 3."""

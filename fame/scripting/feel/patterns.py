@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
-from fame.scripting.metering import PASS, spend
+from fame.scripting.budget import PASS, spend
 
 Step = tuple[Any, ...]
 Match = dict[int, int]

@@ -17,9 +17,8 @@ from functools import lru_cache
 from typing import Any
 
 from fame.iso8601 import Duration, add, nanoseconds_between, parse_duration
-from fame.scripting.arithmetic import product, quotient
-from fame.scripting.data import is_number
-from fame.scripting.metering import PASS, spend
+from fame.scripting.budget import PASS, spend
+from fame.scripting.data import is_number, product, quotient
 
 SECOND = 1_000_000_000
 MINUTE, HOUR, DAY = 60 * SECOND, 3600 * SECOND, 86_400 * SECOND

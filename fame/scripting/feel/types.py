@@ -6,12 +6,12 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from fame.scripting.budget import spend
 from fame.scripting.data import Evaluate, fields_of, is_list, is_number
-from fame.scripting.feel.lambdas import Lambda
+from fame.scripting.feel.syntax import Lambda
 from fame.scripting.feel.times import Temporal, kind_of
 from fame.scripting.feel.values import Range
 from fame.scripting.grammar import Parser
-from fame.scripting.metering import spend
 
 Test = Callable[[Any], bool]
 

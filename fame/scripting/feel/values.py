@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from fame.iso8601 import Duration
+from fame.scripting.budget import spend
 from fame.scripting.data import Undefined, field, fields_of, is_list, is_number, plain
 from fame.scripting.feel.times import Temporal, are_times, compared, parsed, property_of
-from fame.scripting.metering import spend
 
 
 @dataclass(frozen=True, slots=True)

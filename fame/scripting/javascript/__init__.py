@@ -1,13 +1,16 @@
 """Scripts and conditions in JavaScript, with the interface of the original FaMe toolchain.
 
 =============  ================================================================================
-source         scripts as they stand in the file, checked when they are compiled
-limits         the engine (quickjs-ng), and what scripts may spend
-interface.js   what scripts find in scope, and how they are run
-environment    variables of the process: told when they change, read back when they were written
+source         scripts as they stand in the file, checked when they are compiled; their errors
+identifiers    the variables that a script names, found before it runs
+limits         the engine (quickjs-ng) and the limits of scripts
+interface.js   the names that scripts find, and how they are run
+values         values as JSON texts
+environment    variables of the process: sent when they change, read back when they were written
+run            one run of a script, until its last callback
 realm          one context: the scripts of one process instance
-orders         what scripts want of their robot
-surroundings   the robot, as far as scripts reach
+commands       commands of scripts to their robot
+host_api       what scripts may use of their host
 =============  ================================================================================
 """
 
@@ -20,12 +23,11 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.engine.variables import BUILTINS, Variables
-from fame.scripting.javascript.errors import JavaScriptError
-from fame.scripting.javascript.host_api import REALM, SURROUNDINGS, Surroundings
+from fame.scripting.javascript.host_api import HOST_API, REALM, HostApi
 from fame.scripting.javascript.realm import Realm
-from fame.scripting.javascript.source import Script, read_script
+from fame.scripting.javascript.source import JavaScriptError, Script, read_script
 
-__all__ = ["SURROUNDINGS", "JavaScriptError", "Surroundings", "compile_javascript"]
+__all__ = ["HOST_API", "HostApi", "JavaScriptError", "compile_javascript"]
 
 
 def compile_javascript(
@@ -48,7 +50,7 @@ def _evaluate(script: Script, variables: dict[str, Any]) -> Any:
 
 
 def realm_of(variables: dict[str, Any]) -> Realm:
-    """The realm of the scripts with these variables: it stands in their interface, made when it is first asked for."""
+    """The realm of the scripts with these variables, created at its first use and kept in their interface."""
     names = variables.get(BUILTINS)
     if names.__class__ is dict and REALM in names:
         return names[REALM]  # type: ignore[no-any-return]
@@ -56,5 +58,5 @@ def realm_of(variables: dict[str, Any]) -> Realm:
         names = variables[BUILTINS] = dict(vars(builtins))
     while isinstance(variables, Variables):
         variables = variables.outer
-    names[REALM] = Realm(variables, names.get(SURROUNDINGS))
+    names[REALM] = Realm(variables, names.get(HOST_API))
     return names[REALM]  # type: ignore[no-any-return]

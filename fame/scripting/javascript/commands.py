@@ -1,71 +1,91 @@
-"""What scripts want of their robot: carried out after the step that said so, in order.
+"""Commands of scripts to their robot: executed in order after the step that gave them.
 
-Each order is a function of the realm, the run, and what the script gave. Whatever it raises is an error of the script,
-at the place where it gave the order.
+Each command is a function of the realm, the run and the values that the script gave. What it raises becomes an error of
+the script, at the line where the command was given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from fame.clock import SECOND, Kind
-from fame.scripting.javascript.errors import located
+from fame.scripting.javascript.host_api import HostApi
 from fame.scripting.javascript.run import Run
+from fame.scripting.javascript.source import located
 from fame.scripting.javascript.values import encode
 from fame.scripting.requests import MessageQueue
-
-if TYPE_CHECKING:
-    from fame.scripting.javascript.realm import Realm
 
 QUEUE = 100
 """Messages that wait for one subscription."""
 
 _MILLISECOND = SECOND // 1000
-_LOOK = 50 * _MILLISECOND
-"""How often it is looked whether a service is there."""
+_POLL = 50 * _MILLISECOND
+"""How often waitForService checks whether the service is available (ns)."""
 
 
-def carry_out(realm: Realm, run: Run, order: list[Any]) -> BaseException | None:
-    """Do it. Gives what went wrong."""
-    name, *values = order
+class CommandTarget(Protocol):
+    """What commands need of the realm of their script."""
+
+    host: HostApi | None
+
+    @property
+    def robot(self) -> HostApi:
+        """The host API. Raises UnavailableError where scripts run without a robot."""
+
+    def expect(self, number: int, run: Run, cancel: Callable[[], object]) -> None:
+        """Register a callback that may come; `cancel` prevents it."""
+
+    def drop(self, number: int) -> None:
+        """Forget a callback."""
+
+    def call_back(self, number: int, payload: str, *, again: bool = False) -> None:
+        """Run a callback with a JSON text; `again`: it may come again."""
+
+    def end_other(self, number: int, error: dict[str, str] | None) -> None:
+        """End the run of another script."""
+
+
+def execute(realm: CommandTarget, run: Run, command: list[Any]) -> BaseException | None:
+    """Execute a command. Returns the error, None if there was none."""
+    name, *values = command
     try:
-        if name in PLACED:
-            PLACED[name](realm, run, *values[1:])
+        if name in LOCATED:
+            LOCATED[name](realm, run, *values[1:])
         else:
-            UNPLACED[name](realm, run, *values)
+            UNLOCATED[name](realm, run, *values)
     except Exception as error:
-        return located(error, run.script, str(values[0]) if name in PLACED else "")
+        return located(error, run.script, str(values[0]) if name in LOCATED else "")
     return None
 
 
 # ---- topics ----------------------------------------------------------------------------------------------------------
 
 
-def advertise(realm: Realm, run: Run, type: str, topic: str) -> None:
-    """createPublisher: its endpoint is there before the first message."""
+def advertise(realm: CommandTarget, run: Run, type: str, topic: str) -> None:
+    """createPublisher: create the endpoint before the first message."""
     realm.robot.advertise(topic, type)
 
 
-def publish(realm: Realm, run: Run, type: str, topic: str, message: Any) -> None:
-    """publish."""
+def publish(realm: CommandTarget, run: Run, type: str, topic: str, message: Any) -> None:
+    """publish: send a message."""
     realm.robot.publish(topic, type, message)
 
 
-def subscribe(realm: Realm, run: Run, number: int, type: str, topic: str) -> None:
-    """createSubscription: messages come one by one, each in an entry of the scheduler."""
+def subscribe(realm: CommandTarget, run: Run, number: int, type: str, topic: str) -> None:
+    """createSubscription: deliver messages one by one, each in an entry of the scheduler."""
     queue = realm.robot.inbox.queue(topic, type, QUEUE)
 
-    def hand_over() -> None:
+    def deliver() -> None:
         if queue.messages:
             realm.call_back(number, realm.robot.encoded(queue.messages.popleft()), again=True)
 
-    queue.waiting[partial(realm.robot.scheduler.soon, hand_over, Kind.MESSAGE)] = None
-    realm.expect(number, run, lambda: _silence(queue))
+    queue.waiting[partial(realm.robot.scheduler.soon, deliver, Kind.MESSAGE)] = None
+    realm.expect(number, run, lambda: _unsubscribe(queue))
 
 
-def _silence(queue: MessageQueue) -> None:
+def _unsubscribe(queue: MessageQueue) -> None:
     queue.waiting.clear()
     queue.messages.clear()
 
@@ -73,69 +93,69 @@ def _silence(queue: MessageQueue) -> None:
 # ---- services --------------------------------------------------------------------------------------------------------
 
 
-def client(realm: Realm, run: Run, type: str, service: str) -> None:
+def client(realm: CommandTarget, run: Run, type: str, service: str) -> None:
     """createClient."""
     realm.robot.inbox.client(service, type)
 
 
-def wait_for_service(realm: Realm, run: Run, number: int, type: str, service: str, ms: float | None) -> None:
-    """waitForService: true as soon as somebody offers the service, false when the time is over."""
-    asked, scheduler = realm.robot.inbox.client(service, type), realm.robot.scheduler
+def wait_for_service(realm: CommandTarget, run: Run, number: int, type: str, service: str, ms: float | None) -> None:
+    """waitForService: true as soon as the service is available, false after the timeout."""
+    called, scheduler = realm.robot.inbox.client(service, type), realm.robot.scheduler
     end = None if ms is None else scheduler.now + max(0, round(ms * _MILLISECOND))
 
-    def look() -> None:
+    def poll() -> None:
         late = end is not None and scheduler.now >= end
-        if asked.available or late:
-            realm.call_back(number, encode(asked.available))
+        if called.available or late:
+            realm.call_back(number, encode(called.available))
         else:
-            due = scheduler.now + _LOOK if end is None else min(scheduler.now + _LOOK, end)
-            realm.expect(number, run, scheduler.at(due, look, Kind.RESUMPTION).cancel)
+            due = scheduler.now + _POLL if end is None else min(scheduler.now + _POLL, end)
+            realm.expect(number, run, scheduler.at(due, poll, Kind.RESUMPTION).cancel)
 
-    realm.expect(number, run, scheduler.soon(look, Kind.RESUMPTION).cancel)
+    realm.expect(number, run, scheduler.soon(poll, Kind.RESUMPTION).cancel)
 
 
-def request(realm: Realm, run: Run, number: int, type: str, service: str, fields: Any) -> None:
+def request(realm: CommandTarget, run: Run, number: int, type: str, service: str, fields: Any) -> None:
     """sendRequest: the response is a callback."""
 
-    def answered(response: Any) -> None:
+    def on_response(response: Any) -> None:
         realm.robot.scheduler.soon(partial(realm.call_back, number, encode(response)), Kind.MESSAGE)
 
-    realm.robot.inbox.client(service, type).call(fields, answered)
+    realm.robot.inbox.client(service, type).call(fields, on_response)
     realm.expect(number, run, lambda: None)
 
 
-# ---- the rest --------------------------------------------------------------------------------------------------------
+# ---- timers, log, other runs -----------------------------------------------------------------------------------------
 
 
-def timer(realm: Realm, run: Run, number: int, ms: float) -> None:
+def timer(realm: CommandTarget, run: Run, number: int, ms: float) -> None:
     """setTimeout."""
-    scheduler, ring = realm.robot.scheduler, partial(realm.call_back, number, "null")
-    realm.expect(number, run, scheduler.after(round(ms * _MILLISECOND), ring, Kind.RESUMPTION).cancel)
+    scheduler, on_time = realm.robot.scheduler, partial(realm.call_back, number, "null")
+    realm.expect(number, run, scheduler.after(round(ms * _MILLISECOND), on_time, Kind.RESUMPTION).cancel)
 
 
-def drop(realm: Realm, run: Run, number: int) -> None:
+def drop(realm: CommandTarget, run: Run, number: int) -> None:
     """destroySubscription, clearTimeout."""
     realm.drop(number)
 
 
-def log(realm: Realm, run: Run, level: str, text: str) -> None:
+def log(realm: CommandTarget, run: Run, level: str, text: str) -> None:
     """The console and the logger."""
-    if realm.surroundings is not None:
-        realm.surroundings.log(level, text)
+    if realm.host is not None:
+        realm.host.log(level, text)
 
 
-def late(realm: Realm, run: Run, element: str) -> None:
-    """next() in a later step than the one that called it first: the token has gone on, so that nothing can fail."""
+def late(realm: CommandTarget, run: Run, element: str) -> None:
+    """next() in a later step than its first call: the token has moved on, so nothing can fail any more."""
     realm.robot.report(element, "next() was called again, after the script was over")
 
 
-def end(realm: Realm, run: Run, number: int, error: dict[str, str] | None) -> None:
-    """The step of this run has ended another one: called its next(), or destroyed its last callback."""
+def end(realm: CommandTarget, run: Run, number: int, error: dict[str, str] | None) -> None:
+    """End another run: this step called its next() or destroyed its last callback."""
     realm.end_other(number, error)
 
 
-Order = Callable[..., None]
-PLACED: dict[str, Order] = {
+Command = Callable[..., None]
+LOCATED: dict[str, Command] = {
     "advertise": advertise,
     "publish": publish,
     "subscribe": subscribe,
@@ -144,5 +164,5 @@ PLACED: dict[str, Order] = {
     "request": request,
     "late": late,
 }
-"""Those that come with the place where the script gave them."""
-UNPLACED: dict[str, Order] = {"timer": timer, "drop": drop, "log": log, "end": end}
+"""Commands whose first value is the stack where the script gave them."""
+UNLOCATED: dict[str, Command] = {"timer": timer, "drop": drop, "log": log, "end": end}

@@ -1,12 +1,12 @@
-"""A dict of variables, and what JavaScript knows of it: before a step it is told what has changed, and nothing else.
+"""A dict of variables and the copy of it in JavaScript: before each step only the changes are sent.
 
-Numbers, texts and messages are told when another object stands in the dict, lists and dicts when their text is another;
-and of all that is more than a number or text only what some script of the realm names. JavaScript parses the text of a
-collection when a script looks at it. What JavaScript has written it tells after the step. Functions and handles of
-JavaScript (a subscription that one script makes and another destroys) stand in the dict as they are, for its scripts
+Numbers, texts and messages are sent when the dict holds another object, lists and dicts when their JSON text differs;
+anything but numbers and texts only if some script of the realm names it. JavaScript parses the text of a collection
+when a script reads it. After the step, JavaScript returns what it has written. Functions and handles of JavaScript
+(such as a subscription that one script creates and another destroys) are kept in the dict as they are, for its scripts
 only.
 
-Invariant: between steps, with a dict that nobody has touched since, `_known` equals it, in the same order.
+Invariant: between steps, `_known` equals the dict, in the same order, unless somebody has changed the dict.
 """
 
 from __future__ import annotations
@@ -25,36 +25,40 @@ _CHANGING = frozenset({list, dict})
 _NOTHING: dict[str, Any] = {}
 
 
-class Words(Protocol):
-    """What the scripts of a realm may name."""
+class NamedVariables(Protocol):
+    """The names that the scripts of a realm contain; `computed`: they may use others too."""
 
     names: set[str]
     computed: bool
 
 
 class Environment:
-    """One dict. `runs` counts the scripts that may still write to it; `lasting`: it is that of a process instance.
+    """One dict of variables.
 
-    `shown` is what JavaScript has of it.
+    shown    the JavaScript object that scripts see
+    runs     number of runs that may still write to it
+    lasting  whether it is the dict of a process instance
     """
 
     __slots__ = ("_known", "_texts", "_watched", "lasting", "runs", "shown", "variables")
 
     def __init__(self, variables: dict[str, Any], shown: Any) -> None:
-        self.variables, self.shown, self.runs = variables, shown, 0
-        self.lasting = type(variables) is dict
+        self.variables: dict[str, Any] = variables
+        self.shown: Any = shown
+        self.runs: int = 0
+        self.lasting: bool = type(variables) is dict
         self._known: dict[str, Any] = {}
-        self._texts: dict[str, str] = {}  # of all collections that were told
-        self._watched: dict[str, bytes | None] = {}  # those of them that may change inside, as `_mark` saw them
+        self._texts: dict[str, str] = {}  # of all collections that were sent
+        self._watched: dict[str, bytes | None] = {}  # mutable ones, with their last `_mark`
 
-    def changes(self, words: Words) -> tuple[str | None, Sequence[str]]:
-        """What JavaScript has to be told, as text; and the names of objects of JavaScript, which are told by hand."""
+    def changes(self, named: NamedVariables) -> tuple[str | None, Sequence[str]]:
+        """The changes to send, as text, and the names of objects of JavaScript, which cannot be sent as text."""
         view = self.variables if self.lasting else _chained(self.variables)
         known = self._known
         if len(known) == len(view) and all(map(is_, known.values(), view.values())) and [*known] == [*view]:
             collections = self._collections(view) if self._watched else _NOTHING
             return (encode([{}, collections, []]) if collections else None), ()
-        values, kept = self._compare(view, words)
+        values, kept = self._compare(view, named)
         gone = [name for name in known if name not in view]
         self._known = dict(view)
         for name in (*gone, *values):
@@ -62,8 +66,8 @@ class Environment:
             self._watched.pop(name, None)
         return encode([values, self._collections(view), gone]), kept
 
-    def _compare(self, view: dict[str, Any], words: Words) -> tuple[dict[str, Any], list[str]]:
-        """The numbers and texts that are new, and the names of new objects of JavaScript."""
+    def _compare(self, view: dict[str, Any], named: NamedVariables) -> tuple[dict[str, Any], list[str]]:
+        """New numbers and texts, and the names of new objects of JavaScript."""
         values: dict[str, Any] = {}
         kept: list[str] = []
         known = self._known
@@ -74,13 +78,13 @@ class Environment:
                 values[name] = value
             elif is_native(value):
                 kept.append(name)
-            elif words.computed or name in words.names:
+            elif named.computed or name in named.names:
                 self._texts.pop(name, None)
                 self._watched[name] = None
         return values, kept
 
     def _collections(self, view: dict[str, Any]) -> dict[str, str]:
-        """The texts of collections that have changed."""
+        """The texts of changed collections."""
         texts = self._texts
         found: dict[str, str] = {}
         for name, mark in [*self._watched.items()]:
@@ -98,21 +102,21 @@ class Environment:
                 texts[name] = found[name] = text
         return found
 
-    def retell(self) -> None:
-        """A script was added, which may name what none has named before."""
+    def resend(self) -> None:
+        """Send again what no script has named before, since a new script may name it."""
         self._known = {
             name: value for name, value in self._known.items() if value.__class__ in ATOMS or name in self._texts
         }
 
-    def read_back(self, said: dict[str, Any], kept: Callable[[Any, str], Any]) -> None:
-        """What JavaScript has written and deleted. `kept` gives its objects. Raises TypeError for a wrong name."""
-        for name, value in said.get("set", _NOTHING).items():
+    def apply(self, reply: dict[str, Any], kept: Callable[[Any, str], Any]) -> None:
+        """Apply what JavaScript has written and deleted; `kept` gets its objects. Raises TypeError for a bad name."""
+        for name, value in reply.get("set", _NOTHING).items():
             self._write(name, value)
-        if "kept" in said:
-            for name in said["kept"]:
+        if "kept" in reply:
+            for name in reply["kept"]:
                 self._write(name, kept(self.shown, name))
-        if "gone" in said:
-            for name in said["gone"]:
+        if "gone" in reply:
+            for name in reply["gone"]:
                 self._delete(name)
 
     def _write(self, name: str, value: Any) -> None:
@@ -133,19 +137,19 @@ class Environment:
             known.pop(name, None)
 
     def forget(self) -> None:
-        """Nothing of JavaScript stays behind."""
+        """Remove all objects of JavaScript from the dict."""
         for name, value in list(self.variables.items()):
             if is_native(value):
                 del self.variables[name]
 
 
 def is_native(value: Any) -> bool:
-    """Whether it is an object of JavaScript."""
+    """Whether a value is an object of JavaScript."""
     return type(value).__module__ == "_quickjs"
 
 
 def _mark(value: Any) -> bytes | None:
-    """Tells whether a collection has changed, in a fraction of the time that its text takes; None if it cannot."""
+    """A fingerprint that is much cheaper than the JSON text; None for what cannot have one."""
     try:
         return marshal.dumps(value, 2)
     except ValueError:
@@ -153,7 +157,7 @@ def _mark(value: Any) -> bytes | None:
 
 
 def _text(value: Any) -> str | None:
-    """The text of a collection; None for what is no data."""
+    """The JSON text of a collection; None for what cannot be serialised."""
     if callable(value) or isinstance(value, ModuleType):
         return None
     try:
@@ -163,7 +167,7 @@ def _text(value: Any) -> str | None:
 
 
 def _chained(variables: dict[str, Any]) -> dict[str, Any]:
-    """All that is seen from an inner scope."""
+    """All variables that an inner scope sees."""
     if isinstance(variables, Variables):
         return {**_chained(variables.outer), **variables}
     return variables

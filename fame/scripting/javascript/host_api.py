@@ -1,41 +1,46 @@
-"""What the scripts of one robot have around them: its clock, its topics, and who hears of their errors."""
+"""What the scripts of one robot may use of their host: its clock, its topics, and where their errors are reported."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from fame.clock import Scheduler
 from fame.scripting.inbox import Inbox
 from fame.scripting.javascript.values import Encoded
 
-if TYPE_CHECKING:
-    from fame.scripting.javascript.realm import Realm
-
-SURROUNDINGS = "__javascript__"
-"""Where the interface of the variables holds them."""
+HOST_API = "__javascript__"
+"""The name under which the script interface of the variables holds it."""
 
 REALM = "__realm__"
-"""Where it holds the realm of its scripts, once there is one."""
+"""The name under which the script interface holds the realm of its scripts, once there is one."""
+
+
+class OpenRealm(Protocol):
+    """The scripts of one process instance."""
+
+    variables: dict[str, Any]
+
+    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
+class HostApi:
     """One for each robot.
 
     namespace  of the robot, without slashes
-    epoch      date of simulated second 0, in ms since 1970
-    advertise  (topic, type): make an endpoint; raises MessageError
-    publish    (topic, type, value): send; raises MessageError
-    log        (level, text)
-    report     (element, text): something a person should know that stops nothing
+    epoch      date of simulated second 0 (ms since 1970)
+    advertise  (topic, type): create a publisher; raises MessageError
+    publish    (topic, type, value): publish a message; raises MessageError
+    log        (level, text): write a line of log
+    report     (element, text): a warning that stops nothing
     stepped    (): a callback has ended, so variables may have changed
     failed     (variables, element, error): a callback of a script that is over has failed
-    alive      (variables): whether they are those of a scope that still is
-    realms     those that are open; `numbers` count all there have been
-    encoded    the text of a message for all its subscriptions
+    alive      (variables): whether their scope is still open
+    realms     the open realms; `numbers` counts all realms ever opened
+    encoded    the JSON text of a message, shared by all its subscriptions
     """
 
     name: str
@@ -50,17 +55,17 @@ class Surroundings:
     stepped: Callable[[], object]
     failed: Callable[[dict[str, Any], str, BaseException], object]
     alive: Callable[[dict[str, Any]], bool]
-    realms: list[Realm] = field(default_factory=list)
+    realms: list[OpenRealm] = field(default_factory=list)
     numbers: Iterator[int] = field(default_factory=count)
     encoded: Encoded = field(default_factory=Encoded)
 
     def sweep(self) -> None:
-        """A process instance has ended: end the realms whose variables are no longer in use."""
+        """Close the realms whose variables are no longer in use, after a process instance has ended."""
         for realm in list(self.realms):
             if not self.alive(realm.variables):
                 realm.close()
 
     def close(self) -> None:
-        """End all of them."""
+        """Close all realms."""
         for realm in list(self.realms):
             realm.close()

@@ -1,7 +1,7 @@
-"""What the text of a script tells before it runs: whether it calls next(), and the variables that it names.
+"""The identifiers in a script, found before it runs: whether it calls next(), and the variables that it names.
 
-The text is not parsed: comments and literal texts are left out, and what remains is searched for the forms in which
-scripts reach their variables. Whatever reaches them in another way makes the names *open*: others may be meant too.
+The text is not parsed. Comments and string literals are removed, and the rest is searched for the usual ways to access
+variables. Any other access makes the names *open*: the script may use further variables.
 """
 
 from __future__ import annotations
@@ -23,10 +23,14 @@ _NODES = ("ros_node", "node")
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
-    """`open`: it may read and set other variables too. `next`: it names next. `node`: it says node for ros_node.
+class Identifiers:
+    """The identifiers in one text.
 
-    `subscribes`, `destroys`: it makes a subscription, ends one.
+    reads, writes  the variables that it names
+    open           whether it may read and set other variables, too
+    next           whether it names next
+    node           whether it uses node for ros_node
+    subscribes     whether it creates a subscription; `destroys`: whether it destroys one
     """
 
     reads: frozenset[str]
@@ -38,11 +42,11 @@ class Words:
     destroys: bool
 
 
-def words_of(text: str) -> Words:
-    """The words of a script or condition.
+def identifiers_of(text: str) -> Identifiers:
+    """Find the identifiers of a script or condition.
 
-    >>> said = words_of("const env = this.environment.variables; env.x = env.y + 1; next(); // env.z")
-    >>> sorted(said.reads), sorted(said.writes), said.open, said.next
+    >>> found = identifiers_of("const env = this.environment.variables; env.x = env.y + 1; next(); // env.z")
+    >>> sorted(found.reads), sorted(found.writes), found.open, found.next
     (['y'], ['x'], False, True)
     """
     code = _LITERAL.sub(_without, text)
@@ -65,20 +69,20 @@ def words_of(text: str) -> Words:
         else:
             reads.add(name)
     is_open |= "environment" in re.sub(_BEHIND, "", code)
-    said_node = "node" in reads
-    return Words(
+    names_node = "node" in reads
+    return Identifiers(
         frozenset(reads - {"", *_NODES}),
         frozenset(writes),
         is_open,
         re.search(r"\bnext\b", code) is not None,
-        said_node,
+        names_node,
         "createSubscription" in code,
         "destroySubscription" in code,
     )
 
 
 def _without(found: re.Match[str]) -> str:
-    """What is left of a comment or literal text: a blank, or what a template computes."""
+    """What remains of a comment or string literal: a blank, or the expressions of a template."""
     if found[0][0] != "`":
         return '""' if found[0][0] in "'\"" else " "
     return " ".join(("", *_INSIDE.findall(found[0]), ""))

@@ -1,12 +1,12 @@
-// What scripts find in scope, and how they are run: the JavaScript side of one context.
+// The JavaScript side of one context: the names that scripts find, and how they are run.
 //
 // Nothing of the host can be called from here. Each step gets a text (changes of variables, the message of a callback)
-// and gives one back (changes, what the robot is to do). The names that matter most are taken before the first script
-// runs, and what is said is checked where it is heard: a script that tampers with built-in objects fools itself.
+// and returns one (changes, commands to the robot). The most important built-ins are saved before the first script runs,
+// and the host checks every text: a script that changes built-in objects can only harm itself.
 //
 //   activation   one run of a script: over when it has called next(); its callbacks stay until they are destroyed
 //   callback     a function with a number that the host calls by: subscription, timer, response, promise of a service
-//   environment  a dict of variables of the host, and what is known of it here
+//   environment  the variables of the host, as far as they are known here
 (() => {
 "use strict";
 const { stringify, parse } = JSON;
@@ -15,21 +15,21 @@ const { isFinite, isSafeInteger } = Number;
 const { slice } = String.prototype;
 const { then } = Promise.prototype;
 const { captureStackTrace } = Error;
-const LARGE = 10000; // characters: what is longer is looked through for changes only when a script has looked at it
-const HIDDEN = "\0"; // the only key of what stands for a number that JSON has not
+const LARGE = 10000; // characters: longer collections are compared only after a script has read them
+const HIDDEN = "\0"; // the only key of an object that represents a number JSON does not have
 const SPECIAL = ["NaN", "Infinity", "-Infinity"];
 
 let settings = { namespace: "/", name: "", seed: 1 };
 let now = 0; // ms since 1970, on the engine's clock
 let count = 0; // of steps
 let numbers = 0; // of activations and callbacks
-let current = null; // the activation at work, or the last one that was
+let current = null; // the running activation, or the last one
 let scope = null; // its `this`
-let orders = []; // what the robot is to do, as JSON texts
+let commands = []; // to the robot, as JSON texts
 let rejected = []; // [promise, reason]
-const activations = new Map(); // those that are not over
+const activations = new Map(); // not over yet
 const callbacks = new Map();
-const handled = new WeakSet(); // promises that somebody looks at
+const handled = new WeakSet(); // promises with reactions
 const output = {};
 
 // ---- values ---------------------------------------------------------------------------------------------------------
@@ -38,7 +38,7 @@ const special = (key, value) => (typeof value === "number" && !isFinite(value) ?
 const restored = (key, value) =>
     value !== null && typeof value === "object" && SPECIAL.includes(value[HIDDEN]) ? Number(value[HIDDEN]) : value;
 
-// The JSON text of a value; `undefined` for what is no data.
+// The JSON text of a value; `undefined` if it cannot be serialised.
 function encode(value) {
     if (typeof value === "number" && isFinite(value)) return `${value}`;
     try {
@@ -50,27 +50,27 @@ function encode(value) {
     }
 }
 
-// A long text that was put together is a tree inside, which the host does not read.
+// A long concatenated text is a tree inside, which the host cannot read: flatten it.
 const whole = (text) => (text.length > 256 ? slice.call(text, 0) : text);
 
 const decode = (text) => (text.includes("\\u0000") ? parse(text, restored) : parse(text));
 
 const fixed = (object, name, value) => defineProperty(object, name, { value, writable: true, configurable: true });
 fixed(BigInt.prototype, "toJSON", function toJSON() {
-    const number = Number(this); // what has more digits than a number says them all
+    const number = Number(this); // a larger number keeps all its digits as text
     return isSafeInteger(number) || !isFinite(number) ? number : { [HIDDEN]: `${this}n` };
 });
 fixed(Map.prototype, "toJSON", function toJSON() { return Object.fromEntries(this); });
 fixed(Set.prototype, "toJSON", function toJSON() { return [...this]; });
 fixed(Object.getPrototypeOf(Int8Array).prototype, "toJSON", function toJSON() { return Array.from(this); });
 
-function refuse(text, caller) {
+function reject(text, caller) {
     const error = new TypeError(text);
     captureStackTrace(error, caller);
     throw error;
 }
 
-// What was thrown, as data. With a code it is a business error.
+// What was thrown, as data. An error with a code is a BPMN error.
 function describe(thrown) {
     if (typeof thrown === "string") return { text: thrown, stack: "" };
     try {
@@ -87,17 +87,17 @@ function describe(thrown) {
 
 // ---- variables ------------------------------------------------------------------------------------------------------
 
-class Unread { // a collection that the host has set and nobody has looked at yet
+class Unread { // a collection that the host has set and no script has read yet
     constructor(text) { this.text = text; }
 }
 
-// The host knows the text of a collection.
+// Remember the text of a collection that the host knows.
 function agree(environment, name, text) {
     environment.agreed.set(name, text);
     if (text?.length > LARGE) environment.hasLarge = true;
 }
 
-// The variable, parsed when it is first looked at.
+// The variable, parsed when it is first read.
 function read(environment, name) {
     let value = environment.values[name];
     if (value instanceof Unread) {
@@ -114,7 +114,7 @@ function read(environment, name) {
 
 function write(environment, name, value) {
     if (typeof name !== "string" || (name[0] === "_" && name[1] === "_")) {
-        refuse(`${String(name)} cannot be the name of a variable`, write);
+        reject(`${String(name)} cannot be the name of a variable`, write);
     }
     environment.values[name] = value;
     if (!environment.changed.includes(name)) environment.changed.push(name);
@@ -152,13 +152,13 @@ class Environment {
         this.agreed = new Map(); // name -> text of a collection, as the host knows it
         this.changed = []; // names
         this.hasLarge = false; // whether there has been a large one
-        this.large = new Set(); // names of large collections that were looked at in this step
+        this.large = new Set(); // names of large collections that were read in this step
         const variables = new Proxy(this.values, handler(this));
         this.shown = { variables, output };
     }
 }
 
-// What the host has changed: {name: value}, {name: text of a collection}, [name deleted].
+// Apply what the host has changed: {name: value}, {name: text of a collection}, [deleted name].
 function update(environment, text) {
     const [values, collections, gone] = decode(text);
     for (const name of Object.keys(values)) environment.values[name] = values[name];
@@ -167,7 +167,7 @@ function update(environment, text) {
     for (const name of [...Object.keys(values), ...Object.keys(collections), ...gone]) environment.agreed.delete(name);
 }
 
-// What scripts have changed, as text; empty if nothing.
+// What scripts have changed, as text; empty if nothing has changed.
 function changes(environment) {
     const { values, agreed, changed, large } = environment;
     if (agreed.size) {
@@ -196,8 +196,8 @@ function changes(environment) {
 
 const NONE = new Set();
 
-// `over` is the step in which next() was called, `value` what it was told, `error` a description, `large` the names of
-// large collections that it has looked at.
+// `over` is the step in which next() was called, `value` its argument, `error` a description, `large` the names of large
+// collections that it has read.
 class Activation {
     constructor(script, environment) {
         this.number = ++numbers;
@@ -235,7 +235,7 @@ function advance(activation, error, value) {
         activation.error = { text: "next() was called twice", stack: here(advance) };
     } else if (activation.over !== count && !activation.late) {
         activation.late = true;
-        order("late", here(advance), activation.script.id);
+        command("late", here(advance), activation.script.id);
     }
 }
 
@@ -264,16 +264,16 @@ function drop(number) {
     }
 }
 
-// It ends in the step of another one.
+// End an activation in the step of another one.
 function end(activation, error) {
     activation.over ||= count;
-    order("end", activation.number, error);
+    command("end", activation.number, error);
     if (!activation.callbacks.size) activations.delete(activation.number);
 }
 
-// ---- what the robot is to do ----------------------------------------------------------------------------------------
+// ---- commands to the robot ------------------------------------------------------------------------------------------
 
-const order = (...parts) => orders.push(`[${parts.map((part) => encode(part) ?? "null").join()}]`);
+const command = (...parts) => commands.push(`[${parts.map((part) => encode(part) ?? "null").join()}]`);
 
 // Where in the script `caller` was called, as a stack.
 function here(caller) {
@@ -284,18 +284,18 @@ function here(caller) {
 
 function texts(what, caller, ...values) {
     for (const value of values) {
-        if (typeof value !== "string" || !value) refuse(`${what}: ${encode(value)} is not a name`, caller);
+        if (typeof value !== "string" || !value) reject(`${what}: ${encode(value)} is not a name`, caller);
     }
 }
 
 function called(what, caller, value) {
-    if (typeof value !== "function") refuse(`${what}: expected a function to call back`, caller);
+    if (typeof value !== "function") reject(`${what}: expected a function to call back`, caller);
     return value;
 }
 
 class Publisher {
     constructor(type, topic) { this.type = type; this.topic = topic; }
-    publish(message) { order("publish", here(this.publish), this.type, this.topic, message); }
+    publish(message) { command("publish", here(this.publish), this.type, this.topic, message); }
     toJSON() { return undefined; }
 }
 
@@ -308,11 +308,11 @@ class Client {
     constructor(type, service) { this.type = type; this.service = service; }
     waitForService(ms) {
         return new Promise((resolve) =>
-            order("wait", here(this.waitForService), listen(resolve, true), this.type, this.service, ms));
+            command("wait", here(this.waitForService), listen(resolve, true), this.type, this.service, ms));
     }
     sendRequest(request, callback) {
         const number = listen(called("sendRequest", this.sendRequest, callback), true);
-        order("request", here(this.sendRequest), number, this.type, this.service, request);
+        command("request", here(this.sendRequest), number, this.type, this.service, request);
     }
     toJSON() { return undefined; }
 }
@@ -323,26 +323,26 @@ const node = {
     getLogger: () => console,
     createPublisher(type, topic) {
         texts("createPublisher", node.createPublisher, type, topic);
-        order("advertise", here(node.createPublisher), type, topic);
+        command("advertise", here(node.createPublisher), type, topic);
         return new Publisher(type, topic);
     },
     createSubscription(type, topic, ...rest) { // options may stand before the callback
         texts("createSubscription", node.createSubscription, type, topic);
         const number = listen(called("createSubscription", node.createSubscription, rest.at(-1)), false);
-        order("subscribe", here(node.createSubscription), number, type, topic);
+        command("subscribe", here(node.createSubscription), number, type, topic);
         return new Subscription(topic, number);
     },
     createClient(type, service) {
         texts("createClient", node.createClient, type, service);
-        order("client", here(node.createClient), type, service);
+        command("client", here(node.createClient), type, service);
         return new Client(type, service);
     },
     destroySubscription(subscription) {
         if (!(subscription instanceof Subscription)) {
-            refuse("destroySubscription: expected a subscription", node.destroySubscription);
+            reject("destroySubscription: expected a subscription", node.destroySubscription);
         }
         drop(subscription.number);
-        order("drop", subscription.number);
+        command("drop", subscription.number);
     },
     destroyPublisher() {},
     destroyClient() {},
@@ -352,7 +352,7 @@ const node = {
 function setTimeout(callback, ms, ...values) {
     const call = called("setTimeout", setTimeout, callback);
     const number = listen(() => call(...values), true);
-    order("timer", number, ms > 1 && ms < 2 ** 31 ? Number(ms) : 1); // as in Node.js
+    command("timer", number, ms > 1 && ms < 2 ** 31 ? Number(ms) : 1); // as in Node.js
     return number;
 }
 
@@ -360,12 +360,12 @@ function clearTimeout(timer) {
     const number = typeof timer === "string" ? Number(timer) : timer;
     if (!callbacks.has(number)) return;
     drop(number);
-    order("drop", number);
+    command("drop", number);
 }
 
 const spoken = (value) =>
     typeof value === "string" ? value : value instanceof Error ? `${value}` : encode(value) ?? String(value);
-const log = (level) => (...values) => { order("log", level, values.map(spoken).join(" ")); };
+const log = (level) => (...values) => { command("log", level, values.map(spoken).join(" ")); };
 const console = { log: log("info"), info: log("info"), debug: log("debug"), trace: log("debug"), warn: log("warning"),
     error: log("error") };
 
@@ -381,7 +381,7 @@ for (const name of Object.getOwnPropertyNames(Scope.prototype).filter((name) => 
 }
 fixed(globalThis, "performance", { now: () => now });
 
-// The time is that of the engine, and chance is repeatable (G. Marsaglia, Xorshift RNGs, 2003).
+// The time is the engine's, and random numbers are repeatable (G. Marsaglia, Xorshift RNGs, 2003).
 const RealDate = Date;
 function EngineDate(...values) {
     if (!new.target) return new RealDate(now).toString();
@@ -402,7 +402,7 @@ fixed(Math, "random", function random() {
     return (settings.seed >>> 0) / 2 ** 32;
 });
 
-// An error in a callback of a promise is nobody's error unless somebody looks at the promise that `then` gives.
+// Report errors in reactions of promises unless the script handles the promise that `then` returns.
 fixed(Promise.prototype, "then", function (fulfilled, failed) {
     handled.add(this);
     const promise = then.call(this, fulfilled, failed);
@@ -410,11 +410,11 @@ fixed(Promise.prototype, "then", function (fulfilled, failed) {
     return promise;
 });
 
-// ---- what the host calls --------------------------------------------------------------------------------------------
+// ---- called by the host ---------------------------------------------------------------------------------------------
 
 const isAnswer = (value, mode) => !(value instanceof Promise) && (value !== undefined || mode === "expression");
 
-// Run a script. A condition or value has to answer at once.
+// Run a script. A condition or value must return its result at once.
 function begin(script, environment, time, text) {
     const activation = current = new Activation(script, environment);
     scope = new Scope(activation);
@@ -445,7 +445,7 @@ function resume(number, payload, time, text) {
     if (callback.once) drop(number);
     try {
         if (text !== null) update(activation.environment, text);
-        for (const name of activation.large) activation.environment.large.add(name); // it may hold them
+        for (const name of activation.large) activation.environment.large.add(name); // it may hold references to them
         (0, callback.call)(decode(payload));
     } catch (error) {
         fail(activation, error);
@@ -453,14 +453,14 @@ function resume(number, payload, time, text) {
     return collect();
 }
 
-// What is to be said of the activation at work, after promises or an interruption.
+// The report about the running activation, after promises or an interruption.
 const collect = () => report(current, false);
 
-// What a step came to, as a text; `briefly`: of what is over for good the changes alone, or the truth value it gave.
+// The result of a step as text; `briefly`: if it is over without callbacks, only its changes or its truth value.
 function report(activation, briefly) {
     const { over, value, error, callbacks } = activation;
     const changed = changes(activation.environment);
-    if (briefly && over && error === undefined && callbacks === NONE && !orders.length && !rejected.length) {
+    if (briefly && over && error === undefined && callbacks === NONE && !commands.length && !rejected.length) {
         if (value === undefined) return changed && whole(`{${changed}}`);
         if (!changed && typeof value === "boolean") return value;
     }
@@ -469,17 +469,17 @@ function report(activation, briefly) {
     if (changed) parts.push(changed);
     if (value !== undefined) parts.push(`"value":${encode(value) ?? "null"}`);
     if (error !== undefined) parts.push(`"error":${stringify(error)}`);
-    if (orders.length) parts.push(`"orders":[${orders.join()}]`);
+    if (commands.length) parts.push(`"commands":[${commands.join()}]`);
     if (unseen.length) parts.push(`"rejected":${stringify(unseen)}`);
-    orders = [];
+    commands = [];
     rejected = [];
-    activation.error = undefined; // it is said
+    activation.error = undefined; // it is reported
     if (over && !callbacks.size) activations.delete(activation.number);
     else activations.set(activation.number, activation);
     return whole(`{${parts.join()}}`);
 }
 
-// End an activation (without a number, that at work); gives the numbers of its callbacks as text.
+// End an activation (the running one without a number); returns the numbers of its callbacks as text.
 function cancel(number) {
     const activation = number === undefined ? current : activations.get(number);
     if (activation === undefined) return "[]";

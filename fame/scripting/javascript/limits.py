@@ -1,4 +1,4 @@
-"""The JavaScript engine, and what scripts may spend: memory, stack and time."""
+"""The JavaScript engine and the limits of scripts: memory, stack and time."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ STACK = 2 * 2**20
 """Bytes of stack, over a thousand calls within calls: endless recursion ends in an error of the script."""
 
 SECONDS = 5.0
-"""Processor time of one step (s), as the whole process spends it; built-in functions and regular expressions count."""
+"""Processor time of one step (s), measured for the whole process; built-in functions count, too."""
 
 REACTIONS = 1_000_000
 """Reactions of promises in one step."""
 
 AT_ONE_INSTANT = 100_000
-"""Callbacks of one process instance without time going on."""
+"""Callbacks of one process instance at one moment."""
 
 
 def new_context() -> Any:
-    """A context with those limits: no file, no network, no module, no function of Python. Raises UnavailableError."""
+    """Create a context with these limits, without files, network, modules or Python. Raises UnavailableError."""
     try:
         import quickjs
     except ImportError:
@@ -40,7 +40,7 @@ def new_context() -> Any:
 
 @contextmanager
 def spare_memory(context: Any) -> Iterator[None]:
-    """A little more of it, for saying what happened."""
+    """Allow a little more memory, to report what happened."""
     context.set_memory_limit(MEMORY + 2**20)
     try:
         yield
@@ -50,7 +50,7 @@ def spare_memory(context: Any) -> Iterator[None]:
 
 @cache
 def failure() -> type[Exception]:
-    """What a context raises."""
+    """The exception that a context raises."""
     import quickjs
 
     raised: type[Exception] = quickjs.JSException
@@ -58,7 +58,7 @@ def failure() -> type[Exception]:
 
 
 def explain(text: str) -> str:
-    """What the engine says, in words that name the limit. Without memory for an error it throws null."""
+    """The message of the engine, naming the limit that was reached. Without memory for an error it throws null."""
     if text == "InternalError: interrupted":
         return f"one step of the script took more than {SECONDS:g} s"
     if text in ("InternalError: out of memory", "[uninitialized]"):

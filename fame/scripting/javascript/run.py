@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from fame.scripting.javascript.environment import Environment
 from fame.scripting.javascript.source import Script
 from fame.scripting.requests import MessageQueue, Next
 
-if TYPE_CHECKING:
-    from fame.scripting.javascript.realm import Realm
-
 
 class Run:
-    """`suspended` is what the engine waits for, if it does; `callbacks` are the numbers of those that may come.
+    """The state of one run.
 
-    `entrusted`: it has put functions into variables, so that others may call next(). `rejection` is why a promise of it
-    was rejected, if one was.
+    suspended  what the engine waits for, None if it does not wait
+    callbacks  the numbers of callbacks that may come
+    entrusted  whether it has put functions into variables, so that other scripts may call next()
+    rejection  why one of its promises was rejected, empty if none was
     """
 
     __slots__ = ("callbacks", "entrusted", "environment", "number", "rejection", "script", "suspended")
@@ -25,11 +25,12 @@ class Run:
         self.number, self.script, self.environment = number, script, environment
         self.callbacks: dict[int, None] = {}
         self.suspended: Suspended | None = None
-        self.entrusted, self.rejection = False, ""
+        self.entrusted: bool = False
+        self.rejection: str = ""
 
 
-class _Answer(MessageQueue):
-    """The queue that takes the one word that a script is over."""
+class _EndOfScript(MessageQueue):
+    """A queue for the one message that the script is over."""
 
     __slots__ = ()
 
@@ -38,36 +39,36 @@ class _Answer(MessageQueue):
 
 
 class Suspended:
-    """A script that has returned without next(): what `fame.scripting.runner` drives instead of a coroutine.
+    """A script that has returned without calling next(): `fame.scripting.runner` drives it like a coroutine.
 
-    It asks for one thing, which comes when next() is called. Cancelled, it is out at once, with all its callbacks.
+    It awaits a single message, which comes when next() is called. `cancel` ends the run with all its callbacks.
     """
 
-    __slots__ = ("_answer", "_asked", "_realm", "_run")
+    __slots__ = ("_asked", "_cancel", "_queue")
 
-    def __init__(self, realm: Realm, run: Run) -> None:
-        self._realm, self._run, self._asked = realm, run, False
-        self._answer = _Answer("next", 1)
+    def __init__(self, cancel: Callable[[], object]) -> None:
+        self._cancel, self._asked = cancel, False
+        self._queue = _EndOfScript("next", 1)
 
     def end(self, error: BaseException | None) -> None:
-        """next() was called, or something failed."""
-        self._answer.put((error,))
+        """Resume the script: next() was called, or something failed."""
+        self._queue.put((error,))
 
     def send(self, value: Any) -> Next:
-        """A step, as of a coroutine."""
+        """Run one step, like the method of a coroutine."""
         if not self._asked:
             self._asked = True
-            return Next(self._answer)
+            return Next(self._queue)
         (error,) = value
         if error is not None:
             raise error
         raise StopIteration
 
     def throw(self, error: BaseException) -> Next:
-        """The runner ends it."""
-        self._realm.cancel(self._run)
+        """Cancel the run and raise the error, like the method of a coroutine."""
+        self._cancel()
         raise error
 
     def close(self) -> None:
-        """It is not wanted any more."""
-        self._realm.cancel(self._run)
+        """Cancel the run."""
+        self._cancel()

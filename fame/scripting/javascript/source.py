@@ -1,15 +1,20 @@
-"""Scripts as they stand in the file, checked when they are compiled."""
+"""Scripts as they stand in the file: checked when they are compiled; errors point to their lines."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from fame.bpmn.model import Expression
+from fame.engine.host import BpmnError
 from fame.errors import ModelError
-from fame.scripting.javascript.limits import failure, new_context
+from fame.scripting.javascript.limits import explain, failure, new_context
+from fame.scripting.python import source_name
+
+# ---- scripts ---------------------------------------------------------------------------------------------------------
+
 
 Mode = Literal["script", "expression", "statements"]
 
@@ -20,10 +25,12 @@ _COMPUTED = re.compile(r"\b(?:variables(?!\s*\??\.\s*[^\W\d])|environment(?!\s*\
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Script:
-    """A text. `mode` says how it answers: a script by next(), an expression by its value, statements by either.
+    """A text and its place.
 
-    `line` is that of its first line in the file, 0 if it is in none. `names` are the words in it; `computed` says that
-    it may name variables by other means.
+    mode      how it returns its result: a script by next(), an expression by its value, statements by either
+    line      of the file, 1-based
+    names     the identifiers in it
+    computed  whether it may name variables by other means
     """
 
     text: str
@@ -36,10 +43,7 @@ class Script:
 
     @property
     def code(self) -> str:
-        """A function of what scripts find by name; it gives the script as a function.
-
-        Before it stand as many empty lines as before the script in its file.
-        """
+        """JavaScript that returns the script as a function, at the same lines as in its file."""
         return f"{self.before}(function(next,environment,id,type){{return function(){self.body}}})"
 
     @property
@@ -49,7 +53,7 @@ class Script:
 
     @property
     def before(self) -> str:
-        """As many empty lines as stand before it in its file."""
+        """Empty lines that move it to its place in the file."""
         return "\n" * (self.line - 1)
 
     @property
@@ -59,7 +63,10 @@ class Script:
 
 
 def read_script(expression: Expression, *, script: bool, file: str = "", element: str = "") -> Script:
-    """A script, or a condition or value. Raises ModelError if it is not JavaScript, UnavailableError without engine."""
+    """Read and check a script, condition or value.
+
+    Raises ModelError if it is not valid JavaScript, UnavailableError if the engine is not installed.
+    """
     complaint = ""
     for mode in _modes(script):
         text = _END.sub(r"\1", expression.text) if mode == "expression" else expression.text
@@ -74,7 +81,9 @@ def read_script(expression: Expression, *, script: bool, file: str = "", element
     lines = found.text.split("\n")
     quoted = lines[line - found.line].strip() if 0 <= line - found.line < len(lines) else ""
     shown = f": `{quoted}`" if quoted else ""
-    raise ModelError(f"not JavaScript: {text}{shown}", file=file, line=line if expression.line else 0, element=element)
+    raise ModelError(
+        f"not valid JavaScript: {text}{shown}", file=file, line=line if expression.line else 0, element=element
+    )
 
 
 def _modes(script: bool) -> Iterator[Mode]:
@@ -86,7 +95,7 @@ def _modes(script: bool) -> Iterator[Mode]:
 
 
 def _complaint(script: Script) -> str:
-    """What is wrong with its syntax; empty if nothing is. The second look refuses a text that closes the function."""
+    """The syntax error, empty if there is none. The second test rejects a text that closes the function."""
     context = new_context()
     try:
         context.eval(script.code)
@@ -94,3 +103,31 @@ def _complaint(script: Script) -> str:
     except (failure(), ValueError) as error:
         return str(error) or type(error).__name__
     return ""
+
+
+# ---- errors ----------------------------------------------------------------------------------------------------------
+
+
+_PLACE = re.compile(r"<input>:(\d+)")
+
+
+class JavaScriptError(Exception):
+    """A script in JavaScript failed. The text is the message of its engine."""
+
+
+def thrown(description: dict[str, Any], script: Script) -> BaseException:
+    """The error that a script threw or passed to next(); a BpmnError if it has a code."""
+    text, code, stack = explain(str(description["text"])), description.get("code"), str(description.get("stack", ""))
+    error = JavaScriptError(text) if code is None else BpmnError(str(code), text)
+    return located(error, script, stack)
+
+
+def located(error: BaseException, script: Script, stack: str = "") -> BaseException:
+    """The error with a traceback into the file, at the innermost line of the stack that belongs to the script."""
+    lines = (int(line) for line in _PLACE.findall(stack))
+    line = next((line for line in lines if script.line <= line <= script.last), script.line)
+    try:
+        exec(compile("\n" * (line - 1) + "raise error", source_name(script.file), "exec"), {"error": error})
+    except BaseException as raised:
+        return raised
+    raise AssertionError("what is raised is caught")

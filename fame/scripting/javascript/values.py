@@ -1,4 +1,4 @@
-"""Values between Python and JavaScript, as JSON texts; numbers that JSON has not are objects with one key."""
+"""Values between Python and JavaScript, as JSON texts; numbers that JSON does not have are objects with one key."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ _REMEMBERED = 1000
 
 
 class Digits:
-    """The digits of large whole numbers, which a number of JavaScript has not: what was told comes back as it was."""
+    """Large whole numbers that JavaScript would round: what was sent comes back unchanged."""
 
-    __slots__ = ("_told",)
+    __slots__ = ("_sent",)
 
     def __init__(self) -> None:
-        self._told: dict[float, int] = {}
+        self._sent: dict[float, int] = {}
 
-    def learn(self, text: str) -> None:
-        """JavaScript is told this text."""
+    def remember(self, text: str) -> None:
+        """Remember the large numbers in a text that is sent to JavaScript."""
         for found in _LARGE.findall(text):
             if abs(number := int(found)) > _WHOLE:
-                self._told[float(number)] = number
-        while len(self._told) > _REMEMBERED:
-            del self._told[next(iter(self._told))]
+                self._sent[float(number)] = number
+        while len(self._sent) > _REMEMBERED:
+            del self._sent[next(iter(self._sent))]
 
     def restored(self, value: Any, before: Any) -> Any:
-        """What JavaScript said, with those digits: of the value that stood there `before`, else of the last such."""
-        return self._restored(value, before) if self._told else value
+        """The reply of JavaScript with exact numbers: that of the value `before`, else the last one sent."""
+        return self._restored(value, before) if self._sent else value
 
     def _restored(self, value: Any, before: Any) -> Any:
         if value.__class__ is dict:
@@ -57,16 +57,16 @@ class Digits:
             return value
         if before.__class__ is int and abs(before) < _FAR and float(before) == float(value):
             return before
-        return self._told.get(float(value), value)
+        return self._sent.get(float(value), value)
 
 
 def _is_rounded(value: float) -> bool:
-    """Whether it has the digits that a number of JavaScript shows; a BigInt has all of its own."""
+    """Whether it has only the digits that a number of JavaScript shows; a BigInt has all of them."""
     return value == Decimal(repr(float(value)))
 
 
 class Encoded:
-    """The text of the last value that was asked for: a message is told to all its subscriptions in a row."""
+    """A cache of one text: a message is sent to all its subscriptions in a row."""
 
     __slots__ = ("_text", "_value")
 
@@ -83,14 +83,14 @@ class Encoded:
 def encode(value: Any) -> str:
     """The text of a value: data, messages, arrays, objects with plain attributes.
 
-    Raises TypeError, ValueError or RecursionError for what is no data.
+    Raises TypeError, ValueError or RecursionError for what cannot be serialised.
     """
     text = _encoder.encode(value)
     return _encoder.encode(_marked(json.loads(text))) if "NaN" in text or "Infinity" in text else text
 
 
 def decode(text: str) -> Any:
-    """The value of a text that JavaScript made."""
+    """The value of a text from JavaScript."""
     return json.loads(text, object_hook=_restored) if "\\u0000" in text else _decode(text)[0]
 
 
@@ -107,7 +107,7 @@ def _plain(value: Any) -> Any:
         return list(value)
     fields = getattr(value, "__dataclass_fields__", None) or getattr(value, "__dict__", None)
     if fields is None or callable(value):
-        raise TypeError(f"{type(value).__name__} is no data")
+        raise TypeError(f"{type(value).__name__} cannot be serialised")
     return {name: getattr(value, name) for name in fields if not name.startswith("_")}
 
 

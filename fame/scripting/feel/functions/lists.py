@@ -9,11 +9,10 @@ from collections.abc import Callable, Iterator
 from functools import cmp_to_key, reduce
 from typing import Any
 
-from fame.scripting.arithmetic import product, quotient
-from fame.scripting.data import is_list, is_number, plain
-from fame.scripting.feel.lambdas import Lambda
+from fame.scripting.budget import spend
+from fame.scripting.data import is_list, is_number, plain, product, quotient
+from fame.scripting.feel.syntax import Lambda
 from fame.scripting.feel.values import equal, identity, order
-from fame.scripting.metering import spend
 from fame.scripting.signatures import functions
 
 

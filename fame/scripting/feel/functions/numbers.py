@@ -10,7 +10,7 @@ from typing import Any
 from fame.iso8601 import Duration
 from fame.scripting.data import is_number
 from fame.scripting.feel.times import kind_of, parsed, told
-from fame.scripting.interface import chance
+from fame.scripting.interface import random_source
 from fame.scripting.signatures import functions
 
 _SCALES = range(-6111, 6177)
@@ -56,7 +56,7 @@ def _abs(value: Any) -> Any:
 
 
 def _random(variables: Mapping[str, Any]) -> float | None:
-    source = chance(variables)
+    source = random_source(variables)
     return None if source is None else source.random()
 
 

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
 
+from fame.scripting.budget import spend
 from fame.scripting.data import fields_of, is_list, is_number, plain
 from fame.scripting.feel.patterns import Match, matches
 from fame.scripting.feel.values import Range
-from fame.scripting.interface import chance
-from fame.scripting.metering import spend
+from fame.scripting.interface import random_source
 from fame.scripting.signatures import functions
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?")
@@ -122,7 +122,7 @@ def _data(value: Any) -> Any:
 
 
 def _uuid(variables: Mapping[str, Any]) -> str | None:
-    source = chance(variables)
+    source = random_source(variables)
     return None if source is None else str(uuid.UUID(int=source.getrandbits(128), version=4))
 
 

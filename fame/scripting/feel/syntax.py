@@ -1,15 +1,18 @@
-"""The syntax of FEEL about lists, ranges and contexts: brackets, filters, ``for``, ``some``, ``every``."""
+"""The syntax of FEEL beyond operators: lists, ranges, contexts, filters, iterations, functions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from fame.engine.variables import Variables
+from fame.scripting.budget import spend
 from fame.scripting.data import Evaluate, fields_of, is_list, is_number, plain
 from fame.scripting.feel.values import Range
 from fame.scripting.grammar import Parser, listing
-from fame.scripting.metering import spend
+
+# ---- lists, ranges, contexts, iterations -----------------------------------------------------------------------------
+
 
 COMPARE = 3
 """Binding power of comparisons: what stands between ``in`` and ``return`` binds tighter."""
@@ -166,3 +169,68 @@ def quantified(join: Callable[[Iterable[bool]], bool]) -> Callable[[Parser], Eva
         return lambda variables: join(test(inner) is True for inner in scopes(variables))
 
     return quantified
+
+
+# ---- functions that an expression defines ----------------------------------------------------------------------------
+
+
+class Lambda:
+    """A function, with the variables that it sees. It has no fields: nothing of it can be looked into."""
+
+    __slots__ = ("_body", "_variables", "names")
+
+    def __init__(self, names: tuple[str, ...], body: Evaluate, variables: Mapping[str, Any]) -> None:
+        self.names, self._body, self._variables = names, body, variables
+
+    def apply(self, *values: Any) -> Any:
+        """Its result. Raises TypeError for another number of arguments."""
+        spend()
+        if len(values) != len(self.names):
+            raise TypeError(f"a function of {len(self.names)} arguments was given {len(values)}")
+        return self._body(scope(self._variables, dict(zip(self.names, values, strict=True))))
+
+
+def definition(parser: Parser) -> Evaluate:
+    """After ``function``."""
+    parser.expect("(")
+    names: list[str] = []
+    while not parser.take(")"):
+        names.append(parser.name())
+        if not parser.at(")"):
+            parser.expect(",")
+    parser.after = _data
+    body = parser.inside(names)
+    return lambda variables: Lambda(tuple(names), body, variables)
+
+
+def _data(value: Any) -> Any:
+    """What leaves the expression: functions do not."""
+    if isinstance(value, dict):
+        return {key: _data(item) for key, item in value.items() if not isinstance(item, Lambda)}
+    if isinstance(value, list):
+        return [_data(item) for item in value]
+    return None if isinstance(value, Lambda) else value
+
+
+def invocation(parser: Parser, left: Evaluate) -> Evaluate:
+    """After ``(``, behind what gives a function; null for what does not."""
+    arguments = parser.arguments()
+
+    def evaluate(variables: Mapping[str, Any]) -> Any:
+        function = left(variables)
+        values = [(name, value(variables)) for name, value in arguments]
+        return function.apply(*_placed(function.names, values)) if _fits(function, values) else None
+
+    return evaluate
+
+
+def _fits(function: Any, values: Sequence[tuple[str, Any]]) -> bool:
+    if not isinstance(function, Lambda) or len(function.names) != len(values):
+        return False
+    named = {name for name, _ in values if name}
+    return not named or named == set(function.names)
+
+
+def _placed(names: Sequence[str], values: Sequence[tuple[str, Any]]) -> list[Any]:
+    given = dict(values)
+    return [given[name] for name in names] if all(name for name, _ in values) else [value for _, value in values]

@@ -1,0 +1,172 @@
+"""What a text shows before it runs: the variables that it reads and writes, the topics that it names."""
+
+from __future__ import annotations
+
+import ast
+import re
+import symtable
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+from fame.bpmn.model import Expression
+from fame.scripting.interface import interface
+from fame.scripting.javascript.identifiers import identifiers_of
+from fame.scripting.languages import parse_expression
+from fame.scripting.python import called_name, parse_python
+
+# ---- variables -------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1024)
+def script_names(expression: Expression, *, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
+    """(reads, writes): the names that it takes from the variables, and those that it sets there.
+
+    `script`: it is statements, not an expression. Functions, classes and imports of a script are not variables, nor are
+    names of the interface and builtins that it does not set (in ``${...}`` and FEEL: ``robot``). Raises ModelError if
+    the text is wrong.
+    """
+    if expression.language == "javascript":
+        words = identifiers_of(expression.text)
+        return words.reads, words.writes
+    if expression.language != "python":
+        return frozenset(parse_expression(expression)[1]) - {"robot"}, frozenset()
+    tree = parse_python(expression, "exec" if script else "eval")
+    top = symtable.symtable(ast.unparse(tree), "<script>", "exec")
+    inner = _comprehended(tree)  # CPython 3.12 counts them among the names around the comprehension
+    code = _code(top)
+    reads, writes = set[str](), set[str]()
+    for table in _tables(top):
+        for symbol in table.get_symbols():
+            if table is top or symbol.is_global():
+                reads |= {symbol.get_name()} if symbol.is_referenced() else set()
+                writes |= {symbol.get_name()} if symbol.is_assigned() else set()
+    reads |= {name for name in writes if name in _augmented(tree)}
+    reads, writes = reads - inner, writes - inner
+    provided = interface(robot=None, signal=print, log=lambda level, text: None).keys() - writes
+    return frozenset(reads - code - provided), frozenset(writes - code)
+
+
+@lru_cache(maxsize=1024)
+def code_names(script: Expression) -> frozenset[str]:
+    """The functions, classes and modules that a script leaves for the scripts after it; ``*`` for all of a module.
+
+    Raises ModelError if the text is wrong.
+    """
+    if script.language != "python":
+        return frozenset()
+    tree = parse_python(script)
+    everything = any(isinstance(node, ast.ImportFrom) and node.names[0].name == "*" for node in ast.walk(tree))
+    return _code(symtable.symtable(ast.unparse(tree), "<script>", "exec")) | ({"*"} if everything else set())
+
+
+def _code(table: symtable.SymbolTable) -> frozenset[str]:
+    symbols = table.get_symbols()
+    return frozenset(symbol.get_name() for symbol in symbols if symbol.is_imported() or symbol.is_namespace())
+
+
+def _augmented(tree: ast.AST) -> set[str]:
+    """What ``x += 1`` is done to; symbol tables do not count it as read."""
+    targets = (node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign))
+    return {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def _comprehended(tree: ast.AST) -> set[str]:
+    """The names that only comprehensions bind."""
+    nodes = list(ast.walk(tree))
+    inner = {id(name) for node in nodes if isinstance(node, ast.comprehension) for name in ast.walk(node.target)}
+    stored = [node for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+    return {node.id for node in stored if id(node) in inner} - {node.id for node in stored if id(node) not in inner}
+
+
+def _tables(table: symtable.SymbolTable) -> Iterator[symtable.SymbolTable]:
+    yield table
+    for child in table.get_children():
+        yield from _tables(child)
+
+
+# ---- topics ----------------------------------------------------------------------------------------------------------
+
+
+Direction = Literal["publish", "subscribe", "call", "act"]
+
+_CALLS: dict[str, Direction] = {
+    "receive": "subscribe",
+    "robot.subscribe": "subscribe",
+    "robot.latest": "subscribe",
+    "robot.publish": "publish",
+    "robot.call": "call",
+    "robot.act": "act",
+    "signal": "publish",
+}
+_MAKES: dict[str, Direction] = {"Publisher": "publish", "Subscription": "subscribe", "Client": "call"}
+_MADE = re.compile(
+    r"""\bcreate(?P<kind>Publisher|Subscription|Client)\s*\(
+    \s*(?P<q>["'`])(?P<type>[\w/]+)(?P=q)\s*,\s*(?P<r>["'`])(?P<name>[\w/~]+)(?P=r)""",
+    re.VERBOSE,
+)
+
+
+_TOPIC_WORDS = ("receive", "robot", "signal")
+"""One of these stands in every text that names a topic."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptTopic:
+    """A topic as a script names it (relative to its robot), or a service or an action.
+
+    `type` is None where the script does not say.
+    """
+
+    name: str
+    direction: Direction
+    type: str | None = None
+    line: int = 0
+
+
+@lru_cache(maxsize=1024)
+def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
+    """All of them in the order of the text, each once. A signal's topic is everyone's: ``signal("done")`` is ``/done``.
+
+    A text in Python that names none is not looked at further. Raises ModelError if one that does is wrong.
+    """
+    if expression.language == "javascript":
+        return tuple(dict.fromkeys(_endpoints(expression)))
+    if expression.language != "python" or not any(name in expression.text for name in _TOPIC_WORDS):
+        return ()
+    calls = [node for node in ast.walk(parse_python(expression)) if isinstance(node, ast.Call)]
+    calls.sort(key=lambda call: (call.lineno, call.col_offset))
+    found: dict[tuple[str, Direction, str | None], ScriptTopic] = {}
+    for call in calls:
+        topic = _topic(call)
+        if topic is not None:
+            found.setdefault((topic.name, topic.direction, topic.type), topic)
+    return tuple(found.values())
+
+
+def _endpoints(expression: Expression) -> Iterator[ScriptTopic]:
+    """What a script in JavaScript makes with two literal texts: type and topic."""
+    for found in _MADE.finditer(expression.text):
+        kind, type, name = found["kind"], found["type"], found["name"]
+        yield ScriptTopic(name, _MAKES[kind], type, expression.line + expression.text.count("\n", 0, found.start()))
+
+
+def _topic(call: ast.Call) -> ScriptTopic | None:
+    called = called_name(call)
+    direction = _CALLS.get(called)
+    name = _argument(call, 0, "name" if called == "signal" else "topic")
+    if direction is None or name is None:
+        return None
+    if called == "signal":
+        return ScriptTopic(name if name.startswith(("/", "~/")) else f"/{name}", direction, None, call.lineno)
+    return ScriptTopic(name, direction, _argument(call, 1, "type"), call.lineno)
+
+
+def _argument(call: ast.Call, place: int, name: str) -> str | None:
+    """The literal text of an argument, if it is one."""
+    given = call.args[place] if place < len(call.args) else None
+    for keyword in call.keywords:
+        if keyword.arg == name:
+            given = keyword.value
+    return given.value if isinstance(given, ast.Constant) and isinstance(given.value, str) else None

@@ -1,0 +1,13 @@
+"""All functions of FEEL: those of DMN 1.5 (section 10.3.4) and of Camunda 8, by name. docs/feel.md lists them."""
+
+from __future__ import annotations
+
+from fame.scripting.feel.functions.contexts import CONTEXTS
+from fame.scripting.feel.functions.dates import MOMENTS
+from fame.scripting.feel.functions.lists import COLLECTIONS
+from fame.scripting.feel.functions.numbers import NUMBERS
+from fame.scripting.feel.functions.ranges import RANGES
+from fame.scripting.feel.functions.strings import TEXTS
+
+FUNCTIONS = NUMBERS | TEXTS | COLLECTIONS | CONTEXTS | MOMENTS | RANGES
+"""Name -> its signatures."""
