@@ -50,7 +50,7 @@ def _flow(condition: str, attributes: str = "") -> str:
 
 _NO_TIME, _NO_CONDITION = "the timer has no time", "the conditional event has no condition"
 _NO_ITEMS = "neither a collection nor a cardinality"
-_LANGUAGE = "accepted are python"
+_LANGUAGE = "expected python"
 
 FEATURES: dict[str, Feature] = {
     # what is not said yet

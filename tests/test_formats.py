@@ -346,9 +346,7 @@ def test_the_language_of_a_text_is_told_by_what_is_said_and_how_it_looks() -> No
 def test_another_language_is_an_error_that_names_the_accepted_forms() -> None:
     with pytest.raises(ModelError) as caught:
         fame.Simulation(fame.read(FORMATS / "language_unknown.bpmn"))
-    assert caught.value.text == (
-        "language 'groovy': accepted are python (meant if nothing is said), javascript, ${...} and =..."
-    )
+    assert caught.value.text == ("language 'groovy': expected python (the default), javascript, ${...} or =...")
     assert (caught.value.element, caught.value.line) == ("Do", 7)
 
 

@@ -262,7 +262,7 @@ REFUSED = {
         + flow("s", "x"),
     "it runs the Java class org.example.Grip; FAME has no Java: make it a script task, or name an operation that is "
     "registered": START + "<serviceTask id='x' camunda:class='org.example.Grip'/>" + flow("s", "x"),
-    "language 'groovy': accepted are python (meant if nothing is said), javascript, ${...} and =...":
+    "language 'groovy': expected python (the default), javascript, ${...} or =...":
         START + "<scriptTask id='x' scriptFormat='groovy'><script>1</script></scriptTask>" + flow("s", "x"),
     "has no called element: give it the id of a process or the name of a library file": START + "<callActivity id='x'/>"
         + flow("s", "x"),

@@ -152,18 +152,18 @@ def waiting(sim: fame.Simulation) -> list[str]:
 
 # ---- what does not ---------------------------------------------------------------------------------------------------
 
-_LANGUAGES = "accepted are python (meant if nothing is said), javascript, ${...} and =..."
+_LANGUAGES = "expected python (the default), javascript, ${...} or =..."
 REFUSED = {
-    "bonita.bpmn": f":16: _HbIkUE3cEeqW: language 'http://groovy.codehaus.org/': {_LANGUAGES}",
+    "bonita.bpmn": f":16: \"low\" (_HbIkUE3cEeqW): language 'http://groovy.codehaus.org/': {_LANGUAGES}",
     "jbpm_java.bpmn": f":10: _2-_3: language 'http://www.java.com/java': {_LANGUAGES}",
     "jbpm_mvel.bpmn": f":10: _2-_3: language 'http://www.mvel.org/2.0': {_LANGUAGES}",
-    "flowable_groovy.bpmn": f":6: add: language 'groovy': {_LANGUAGES}",
-    "flowable_java.bpmn": ":5: motor: it runs the Java class org.example.MotorDelegate; FAME has no Java: "
+    "flowable_groovy.bpmn": f":6: \"Add\" (add): language 'groovy': {_LANGUAGES}",
+    "flowable_java.bpmn": ':5: "Motor" (motor): it runs the Java class org.example.MotorDelegate; FAME has no Java: '
     "make it a script task, or name an operation that is registered",
     "flowable_http.bpmn": ":1: h: it is a task of type http of its tool; make it a script task, or name an "
     "operation that is registered",
-    "ibm_script.bpmn": f":7: bpdid:2: language 'text/x-javascript': {_LANGUAGES}",
-    "trisotech.bpmn": ":6: _c: it calls the <globalUserTask> _g1: make it a process with that task in it",
+    "ibm_script.bpmn": f":7: \"Weigh\" (bpdid:2): language 'text/x-javascript': {_LANGUAGES}",
+    "trisotech.bpmn": ':6: "Confirm" (_c): it calls the <globalUserTask> _g1: make it a process with that task in it',
     "choreography.bpmn": ": name the process to run: the file has none",
     "beta.bpmn": ":2: the root is <definitions> of namespace http://schema.omg.org/spec/BPMN/2.0: expected "
     "<definitions> of http://www.omg.org/spec/BPMN/20100524/MODEL",

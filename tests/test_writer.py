@@ -263,7 +263,7 @@ def test_ids_that_the_reader_makes_stay_what_they_are() -> None:
 
 
 def test_a_process_that_is_not_there_is_named_with_those_that_are() -> None:
-    with pytest.raises(ModelError, match=r"mission\.bpmn: the file has no process 'X': it has A, B"):
+    with pytest.raises(ModelError, match=r"mission\.bpmn: the file has no process 'X'; its processes are: A, B"):
         extracted("X")
     with pytest.raises(ModelError, match=r"Turn\.bpmn: the file has no process 'gone'"):
         extracted("A", called={"GoTo": (TURN, "gone")})

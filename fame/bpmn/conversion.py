@@ -1,8 +1,8 @@
-"""Writes a file of any dialect in the current form, so that it means and does the same (FORMATS).
+"""Converts a file of any dialect to the current form, with the same behaviour.
 
-It works on the XML, so that what FAME does not know comes along. Extension elements of other dialects are read by their
-adapters and written again by `dialects.current`; topics get the signal that names them; embedded processes become
-processes of the file. Scripts stay in their language. A file that is in the current form stays as it is, to the byte.
+It works on the XML, so that unknown content is kept. The adapters read extension elements of other dialects, and
+`extension_elements` writes them in the current form. Every topic gets a signal or message with its name. Embedded
+processes become processes of the file. Scripts keep their language. A file in the current form does not change.
 """
 
 from __future__ import annotations
@@ -29,16 +29,19 @@ Semantics = Literal["standard", "original"]
 _B, _C = f"{{{BPMN}}}", f"{{{CAMUNDA}}}"
 _DIAGRAM = f"{{{BPMNDI}}}BPMNDiagram"
 _PLATFORM = "{http://camunda.org/schema/modeler/1.0}executionPlatform"
-_EIGHT = {
+_CAMUNDA8 = {
     "properties", "taskHeaders", "ioMapping", "taskDefinition", "calledElement", "loopCharacteristics", "script",
     "subscription",
 }  # fmt: skip
-"""Elements of Camunda 8 that have a current form."""
+"""Camunda 8 elements that have a current form."""
 _KINDS = {f"{_B}signalEventDefinition": "signal", f"{_B}messageEventDefinition": "message"}
 
 
 def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> bytes:
-    """The file in the current form, UTF-8; `semantics` becomes that of its processes, if given."""
+    """The file in the current form, UTF-8. `semantics` sets that of its processes.
+
+    Raises ModelError if an embedded process cannot be read.
+    """
     root = full_tree(definitions)
     before, context = etree.tostring(root), Context(definitions.file)
     _rename_vendors(root)
@@ -47,7 +50,7 @@ def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> 
     by_id = {one.get("id", ""): one for one in root.iter(f"{_B}*")}
     for process in definitions.processes:
         _name_signals(root, process, by_id)
-        _say_rules(root, process, by_id[process.id], semantics)
+        _write_rules(root, process, by_id[process.id], semantics)
     return definitions.source if etree.tostring(root) == before else _written(root)
 
 
@@ -55,7 +58,7 @@ def convert(definitions: Definitions, *, semantics: Semantics | None = None) -> 
 
 
 def _rewrite(context: Context, root: Node, element: Node) -> None:
-    """What one element says in other dialects, in the current form."""
+    """Rewrite the extension elements of one element."""
     for name in ("scriptFormat", "language"):
         if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
             element.set(name, "javascript")
@@ -63,7 +66,7 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     if not holders:
         return
     holder = holders[0]
-    for another in holders[1:]:  # the standard has one
+    for another in holders[1:]:  # the standard allows one
         holder.extend(another)
         element.remove(another)
     foreign = [one for one in holder if _is_foreign(one)]
@@ -77,13 +80,13 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     if found.key is not None:
         _correlate(root, element, found)
     if any(one.tag in _KINDS for one in element):
-        _unlist(element, holder)
+        _rewrite_message_lists(element, holder)
     if not len(holder):
         element.remove(holder)
 
 
 def _without_comments(element: Node) -> Node:
-    """A copy as the reader sees it."""
+    """A copy without comments and processing instructions, as the reader gets it."""
     copy = deepcopy(element)
     etree.strip_tags(copy, etree.Comment, etree.PI)
     return copy
@@ -93,11 +96,11 @@ def _is_foreign(element: Node) -> bool:
     if not isinstance(element.tag, str):
         return False
     namespace = element.tag[1:].partition("}")[0]
-    return namespace in original_fame.NAMESPACES or (namespace == ZEEBE and local_name(element) in _EIGHT)
+    return namespace in original_fame.NAMESPACES or (namespace == ZEEBE and local_name(element) in _CAMUNDA8)
 
 
-def _unlist(event: Node, holder: Node) -> None:
-    """The oldest form: a list of type and payload, under the name of the topic."""
+def _rewrite_message_lists(event: Node, holder: Node) -> None:
+    """Rewrite the lists of type and payload of the oldest FaMe models as properties."""
     for mapping in holder.findall(f"{_C}inputOutput"):
         for parameter in mapping.findall(f"{_C}inputParameter"):
             first = next(parameter.iterchildren("*"), None)
@@ -111,7 +114,7 @@ def _unlist(event: Node, holder: Node) -> None:
 
 
 def _correlate(root: Node, message: Node, found: Extensions) -> None:
-    """The key of a message, as a correlation property of the standard (chapter 8.3.2)."""
+    """Write the key of a message as a correlation property (BPMN 2.0, chapter 8.3.2)."""
     assert found.key is not None
     key = found.key.text.strip("${} ")
     said = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
@@ -121,7 +124,7 @@ def _correlate(root: Node, message: Node, found: Extensions) -> None:
 
 
 def _rename_vendors(root: Node) -> None:
-    """Flowable and Activiti have the words of Camunda 7, in namespaces of their own."""
+    """Move the elements and attributes of Flowable and Activiti to the namespace of Camunda 7."""
     for element in root.iter("*"):
         for key in attributes(element):
             namespace, _, name = key[1:].partition("}")
@@ -135,7 +138,7 @@ def _rename_vendors(root: Node) -> None:
 
 
 def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> None:
-    """Let every signal and message event, and the tasks that refer to a message, refer to what has its topic's name."""
+    """Make every event and task refer to a signal or message with the name of its topic."""
     for node in process.body.walk():
         topics = [topic for topic, _ in topics_of(node)]
         drawn = [one for one in by_id[node.id] if one.tag in _KINDS]
@@ -149,7 +152,7 @@ def _name_signals(root: Node, process: Process, by_id: Mapping[str, Node]) -> No
 
 
 def _named(root: Node, kind: str, name: str) -> str:
-    """The id of the signal or message of that name, made if there is none."""
+    """The id of the signal or message of that name, which is created if it is missing."""
     for one in root.iterchildren(f"{_B}{kind}"):
         if one.get("name", "").strip() == name and one.get("id"):
             return one.get("id", "")
@@ -164,7 +167,7 @@ def _named(root: Node, kind: str, name: str) -> str:
 
 
 def _add_to_root(root: Node, element: Node) -> None:
-    """Before the diagrams, where the schema wants it."""
+    """Insert a root element before the diagrams, as the schema requires."""
     diagram = root.find(_DIAGRAM)
     root.insert(len(root) if diagram is None else root.index(diagram), element)
 
@@ -172,8 +175,8 @@ def _add_to_root(root: Node, element: Node) -> None:
 # ---- rules of the process --------------------------------------------------------------------------------------------
 
 
-def _say_rules(root: Node, process: Process, element: Node, semantics: Semantics | None) -> None:
-    """What followed from the looks of the file or from a rule for old ones, as properties of the process."""
+def _write_rules(root: Node, process: Process, element: Node, semantics: Semantics | None) -> None:
+    """Write the rules that the reader inferred from the dialect as properties of the process."""
     if semantics not in (None, process.semantics) and any(
         isinstance(node, SubProcess) and node.triggered_by_event for node in process.body.walk()
     ):

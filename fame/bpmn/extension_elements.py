@@ -1,7 +1,7 @@
-"""What the extensions of one element say, written in the current form: Camunda 7 properties, mappings, attributes.
+"""Writes extensions in the current form: Camunda 7 properties, mappings and attributes.
 
-The counterpart of the adapters: they tell a dialect in the neutral vocabulary, this writes the vocabulary. What the
-element says in the current form already stays and comes first, as it does when the file is read.
+The counterpart of the adapters in `fame.bpmn.reader.dialects`. Extensions that an element already has in the current
+form are kept and take precedence, as when the file is read.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ EXTENSION_ELEMENTS = f"{_B}extensionElements"
 
 
 def write_extensions(element: Node, found: Extensions) -> None:
-    """Add to a BPMN element what other dialects said of it."""
+    """Add extensions read from other dialects to a BPMN element."""
     if found.service:
         add_property(element, "service", found.operation)
     elif found.operation:
@@ -29,7 +29,7 @@ def write_extensions(element: Node, found: Extensions) -> None:
         add_property(element, "payload", found.payload.value)
     for name, value in found.qos.items():
         add_property(element, f"qos.{name}", value)
-    for place, (name, one) in enumerate(found.values):  # they are read before properties
+    for place, (name, one) in enumerate(found.values):  # the reader takes them before properties
         add_property(element, name, one.value, place)
     for name, one in found.properties.items():
         add_property(element, name, one.value)
@@ -41,7 +41,7 @@ def write_extensions(element: Node, found: Extensions) -> None:
 
 
 def add_property(element: Node, name: str, value: str, place: int | None = None) -> None:
-    """A Camunda property, as Camunda Modeler writes it, unless there is one of that name; the last, or at `place`."""
+    """Add a property, unless the element has one of that name; as the last one, or at index `place`."""
     properties = _inside(element, f"{_C}properties")
     if all(one.get("name") != name for one in properties):
         made = etree.Element(f"{_C}property", {"name": name, "value": value})
@@ -49,12 +49,12 @@ def add_property(element: Node, name: str, value: str, place: int | None = None)
 
 
 def text_of_expression(expression: Expression) -> str:
-    """The text that is read as that expression where its look tells the language."""
+    """The text that the reader recognises as that expression by its form."""
     return f"={expression.text}" if expression.language == "feel" else expression.text
 
 
 def _inside(element: Node, tag: str) -> Node:
-    """The extension element of that tag, made if there is none."""
+    """The extension element with that tag, which is created if it is missing."""
     extensions = _extensions(element)
     found = extensions.find(tag)
     return found if found is not None else etree.SubElement(extensions, tag, nsmap={"camunda": CAMUNDA})

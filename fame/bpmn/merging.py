@@ -1,7 +1,7 @@
-"""What one file gives to a file that is put together: copies of processes and of all that belongs to them.
+"""Copies processes of a file, with everything that they need, for merging into a new file.
 
-A copy holds the pool (if it is wanted), the processes, what these refer to at the root (signals, messages, errors ...)
-and the diagrams that show them; the types of topics that are said elsewhere are written into the events.
+A fragment has the processes, their root elements (signals, messages, errors ...) and diagrams, and the pool if wanted.
+Events without a type get that of their topic.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ARTIFACTS = {f"{_B}{name}" for name in ("textAnnotation", "group", "association
 
 @dataclass(slots=True)
 class Fragment:
-    """What one file gives to the new one: copies, not yet in it. `ids`: of its processes, there -> in the new file."""
+    """The copied parts of one source file. `ids`: process id in the source file -> in the new file."""
 
     definitions: Definitions
     root: Node
@@ -49,14 +49,14 @@ class Fragment:
     diagrams: list[Node] = field(default_factory=list)
 
     def elements(self) -> Iterator[Node]:
-        """Every element of the model in it (not of the drawing)."""
+        """All its elements, without those of the diagrams."""
         if self.collaboration is not None:
             yield from self.collaboration.iter("*")
         for one in (*self.processes, *self.shared):
             yield from one.iter("*")
 
     def everything(self) -> Iterator[Node]:
-        """Also those of the drawing."""
+        """All its elements, with those of the diagrams."""
         yield from self.elements()
         for one in self.diagrams:
             yield from one.iter("*")
@@ -65,31 +65,31 @@ class Fragment:
 def copy_fragment(
     definitions: Definitions, processes: Iterable[Process], pool: Participant | None, types: Mapping[str, str]
 ) -> Fragment:
-    """Copies of what processes of a file are made of, with the types of their topics written down."""
+    """A copy of processes and of all that they need of their file. Events get the `types` of their topics."""
     root = full_tree(definitions)
-    piece = Fragment(definitions, root, {process.id: process.id for process in processes})
+    fragment = Fragment(definitions, root, {process.id: process.id for process in processes})
     by_id = {one.get("id"): one for one in root.iterchildren(_PROCESS)}
     for process in processes:
-        piece.processes.append(deepcopy(by_id[process.id]))
-        _write_types(piece.processes[-1], process, types)
-        if process.by_prefix and not _says(piece.processes[-1], "fields"):
-            add_property(piece.processes[-1], "fields", "prefix")  # what tells it may stand in another pool
-    for process_copy in piece.processes:
-        _bring_stores(process_copy, piece, root)
+        fragment.processes.append(deepcopy(by_id[process.id]))
+        _write_types(fragment.processes[-1], process, types)
+        if process.by_prefix and not _has_property(fragment.processes[-1], "fields"):
+            add_property(fragment.processes[-1], "fields", "prefix")  # its reason may be in another pool
+    for process_copy in fragment.processes:
+        _copy_shared_stores(process_copy, fragment, root)
     if pool is not None:
-        piece.collaboration = _collaboration(definitions, root, pool)
-    piece.shared = [deepcopy(one) for one in _needed(root, piece)]
-    kept = {id for one in piece.elements() if (id := one.get("id"))}
+        fragment.collaboration = _collaboration(definitions, root, pool)
+    fragment.shared = [deepcopy(one) for one in _referenced_roots(root, fragment)]
+    kept = {id for one in fragment.elements() if (id := one.get("id"))}
     for diagram in root.iterchildren(_DIAGRAM):
-        copy = _diagram(diagram, kept, piece.processes[0].get("id", ""), root)
+        copy = _diagram(diagram, kept, fragment.processes[0].get("id", ""), root)
         if copy is not None:
-            piece.diagrams.append(copy)
-    return piece
+            fragment.diagrams.append(copy)
+    return fragment
 
 
-def _bring_stores(copy: Node, piece: Fragment, root: Node) -> None:
-    """Give a process the data stores that it shares with one that is left behind."""
-    context, here = Context(piece.definitions.file), {one.get("id") for one in piece.elements()}
+def _copy_shared_stores(copy: Node, fragment: Fragment, root: Node) -> None:
+    """Copy data stores into a process that it shares with a process that is not copied."""
+    context, here = Context(fragment.definitions.file), {one.get("id") for one in fragment.elements()}
     original = next(one for one in root.iterchildren(_PROCESS) if one.get("id") == copy.get("id"))
     for store in shared_stores(context, original):
         around = store.getparent()
@@ -98,7 +98,7 @@ def _bring_stores(copy: Node, piece: Fragment, root: Node) -> None:
 
 
 def _flow_elements(process: Node) -> Iterator[Node]:
-    """What stands in it from the first flow node, flow or data object on."""
+    """Its children from the first flow node, flow or data object on."""
     return (one for one in process.iterchildren(f"{_B}*") if one.tag not in _BEFORE_FLOWS)
 
 
@@ -106,17 +106,17 @@ def _collaboration(definitions: Definitions, root: Node, pool: Participant) -> N
     for original in root.iterchildren(_COLLABORATION):
         if any(one.get("id") == pool.id for one in original.iterchildren("*")):
             copy = deepcopy(original)
-            inside = _inside(definitions, pool.id) | {pool.id}
+            inside = _artifacts_inside(definitions, pool.id) | {pool.id}
             for one in list(copy.iterchildren("*")):
                 of_another = one.tag in _OF_OTHER_POOLS or one.tag in _ARTIFACTS
-                if of_another and one.get("id") not in inside and not _joins(one, definitions, pool, inside):
+                if of_another and one.get("id") not in inside and not _is_within_pool(one, definitions, pool, inside):
                     copy.remove(one)
             return copy
     return None
 
 
-def _joins(association: Node, definitions: Definitions, pool: Participant, inside: set[str]) -> bool:
-    """Whether it is an association between things of the pool."""
+def _is_within_pool(association: Node, definitions: Definitions, pool: Participant, inside: set[str]) -> bool:
+    """Whether both ends of an association belong to the pool."""
     if association.tag != f"{_B}association":
         return False
     process = definitions.process(pool.process)
@@ -124,8 +124,8 @@ def _joins(association: Node, definitions: Definitions, pool: Participant, insid
     return all(association.get(end, "") in own | inside for end in ("sourceRef", "targetRef"))
 
 
-def _inside(definitions: Definitions, pool: str) -> set[str]:
-    """Ids of the artifacts that are drawn within a pool."""
+def _artifacts_inside(definitions: Definitions, pool: str) -> set[str]:
+    """The ids of the artifacts drawn inside a pool."""
     frame = next((shape.bounds for shape in definitions.shapes if shape.element == pool), None)
     artifacts = {one.id for one in definitions.artifacts}
     shapes = [shape for shape in definitions.shapes if shape.element in artifacts]
@@ -137,13 +137,13 @@ def _holds(frame: Bounds, bounds: Bounds) -> bool:
     return frame.x <= x <= frame.x + frame.width and frame.y <= y <= frame.y + frame.height
 
 
-def _needed(root: Node, piece: Fragment) -> list[Node]:
-    """What stands at the root and is referred to, directly or through one another; in document order."""
+def _referenced_roots(root: Node, fragment: Fragment) -> list[Node]:
+    """The root elements that the fragment refers to, directly or indirectly, in document order."""
     roots = [one for one in root.iterchildren("*") if one.tag not in _OF_THE_FILE]
     homes = {id: one for one in roots for inner in one.iter("*") if (id := inner.get("id"))}
     homes.update({one.get("id", ""): one for one in roots})
     found: dict[Node, None] = {}
-    waiting = list(piece.elements())
+    waiting = list(fragment.elements())
     for element in waiting:
         for reference in _references(element):
             home = resolve(homes, reference)
@@ -159,7 +159,7 @@ def _needed(root: Node, piece: Fragment) -> list[Node]:
 
 
 def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | None:
-    """The part of a diagram that shows what is kept. The plane of a lost collaboration becomes the process'."""
+    """The part of a diagram that shows copied elements. The plane of a missing collaboration shows the process."""
     copy = deepcopy(diagram)
     plane = copy.find(_PLANE)
     if plane is None:
@@ -176,7 +176,7 @@ def _diagram(diagram: Node, kept: set[str], process: str, root: Node) -> Node | 
 
 
 def full_tree(definitions: Definitions) -> Node:
-    """The file with all that is in it, and the ids that the reader makes where there is none."""
+    """The complete XML tree of a file, with the ids that the reader generates for elements without one."""
     root = parse(definitions.source, definitions.file, keep_all=True)
     context = Context(definitions.file)
     prepare(context, root)
@@ -213,14 +213,14 @@ def _write_types(element: Node, process: Process, types: Mapping[str, str]) -> N
 
 
 def _holders(element: Node, node: FlowNode, count: int) -> list[Node]:
-    """Where the type of each topic of a node is written: on the node if it has one, else on each definition."""
+    """The elements to write the types of a node's topics to: the node, or its definitions if it has several topics."""
     if count == 1:
         return [element]
     tags = (f"{_B}signalEventDefinition", f"{_B}messageEventDefinition")
     return [one for one in element.iterchildren("*") if one.tag in tags]
 
 
-def _says(element: Node, name: str) -> bool:
-    """Whether its own extension elements have a property of that name."""
+def _has_property(element: Node, name: str) -> bool:
+    """Whether the extension elements of the element have a property of that name."""
     extensions = element.find(_EXTENSION_ELEMENTS)
     return extensions is not None and any(one.get("name") == name for one in extensions.iter("*"))

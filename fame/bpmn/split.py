@@ -1,9 +1,9 @@
 """Splits a collaboration into one self-contained file per pool.
 
-It works on the XML, so that what FAME does not know comes along. The new file has the pool and its process, the
-processes that it calls, what these declare at the root (signals, messages, errors ...), and their drawings. Files that
-were drawn apart use the same ids, so those of a called process that are taken get a number; and every event whose
-topic's type is said elsewhere gets it written down, for elsewhere is another robot's file from now on.
+It works on the XML, so that unknown content is kept. A new file has the pool and its process, the processes that it
+calls, the root elements that these use (signals, messages, errors ...), and their diagrams. Ids that several source
+files use get a number. Every event gets the message type of its topic, since the event that gives the type may be in
+another robot's file.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one robot (or many alike) gets: a self-contained executable model, as XML. `filename` has no folder."""
+    """The self-contained executable model of a pool, as XML. `filename` has no folder."""
 
     name: str
     multi_instance: bool
@@ -40,18 +40,18 @@ class Part:
 
     @property
     def filename(self) -> str:
-        """A name for its file: that of the pool, without what file systems do not like."""
+        """The name of the pool as a file name, with only letters, digits, ``.``, ``-`` and ``_``."""
         return re.sub(r"[^\w.-]+", "_", self.name).strip("._") + ".bpmn"
 
 
 CalledProcesses = Mapping[str, tuple[Definitions, str]]
-"""What call activities name -> the file that has it, and the id of the process in it."""
+"""Called element -> its file, and the id of the process there."""
 
 
 def split(definitions: Definitions | str | Path, library: Library | None = None) -> list[Part]:
-    """One self-contained model per pool: its process, what that calls, its signals with their types, its drawing.
+    """One self-contained model per pool: its process, called processes, signals with their types, and diagram.
 
-    The model may be a path. Raises ModelError.
+    `definitions` may be a path. Raises ModelError.
     """
     definitions, library = read(definitions), library or Library()
     pools = pools_of(definitions)
@@ -81,44 +81,43 @@ def extract_process(
     called: CalledProcesses | None = None,
     topic_types: Mapping[str, str] | None = None,
 ) -> bytes:
-    """One process as an executable file of its own, self-contained, UTF-8.
+    """One process as a self-contained executable file, UTF-8.
 
-    `name` picks the pool where several have this process, and is the name of the pool in the new file. `called` says
-    which process each call activity means, at any depth; processes of the same file need not be there. `topic_types`
-    maps qualified topics to types. Message flows are left out: topics carry messages. Raises ModelError if a file lacks
-    a process that it should have.
+    `name` selects the pool if several have this process, and becomes the name of the pool. `called` maps called
+    elements, at any depth, to processes; processes of the same file may be omitted. `topic_types` maps qualified topics
+    to types. Message flows are left out, since topics carry the messages. Raises ModelError if a process is missing.
     """
     process = _process(definitions, process_id)
     reached = _reachable(definitions, process, called or {})
     files = _by_file(definitions, process, reached.values())
     pool = _pool(definitions, process_id, name)
-    pieces: list[Fragment] = []
+    fragments: list[Fragment] = []
     taken: set[str] = set()
     for file, processes in files:
-        piece = copy_fragment(file, processes, pool if file is definitions else None, topic_types or {})
-        _make_unique(piece, taken)
-        pieces.append(piece)
-    homes = {_key(piece.definitions): piece for piece in pieces}
+        fragment = copy_fragment(file, processes, pool if file is definitions else None, topic_types or {})
+        _make_unique(fragment, taken)
+        fragments.append(fragment)
+    homes = {_key(fragment.definitions): fragment for fragment in fragments}
     ids = {key: homes[_key(file)].ids[id] for key, (file, id) in reached.items()}
-    for piece in pieces:
-        _point_calls(piece, ids)
-    if pieces[0].collaboration is not None and name:
-        next(pieces[0].collaboration.iterchildren(f"{_B}participant")).set("name", name)
-    return etree.tostring(_assemble(pieces), xml_declaration=True, encoding="UTF-8") + b"\n"
+    for fragment in fragments:
+        _update_calls(fragment, ids)
+    if fragments[0].collaboration is not None and name:
+        next(fragments[0].collaboration.iterchildren(f"{_B}participant")).set("name", name)
+    return etree.tostring(_assemble(fragments), xml_declaration=True, encoding="UTF-8") + b"\n"
 
 
 def _process(definitions: Definitions, id: str) -> Process:
     process = definitions.process(id)
     if process is None:
         has = ", ".join(one.id for one in definitions.processes) or "none"
-        raise ModelError(f"the file has no process {id!r}: it has {has}", file=definitions.file)
+        raise ModelError(f"the file has no process {id!r}; its processes are: {has}", file=definitions.file)
     return process
 
 
 def _by_file(
     definitions: Definitions, process: Process, reached: Iterable[tuple[Definitions, str]]
 ) -> list[tuple[Definitions, list[Process]]]:
-    """Files with the processes that are wanted of them; that of the pool first."""
+    """The files with their needed processes; the file of the pool comes first."""
     found = {_key(definitions): (definitions, [process])}
     for file, id in reached:
         home, processes = found.setdefault(_key(file), (file, []))
@@ -128,24 +127,24 @@ def _by_file(
 
 
 def _key(definitions: Definitions) -> str | bytes:
-    """What tells files apart: the name, or the content of one that has no name."""
+    """The identity of a file: its name, or its content if it has no name."""
     return definitions.file or definitions.source
 
 
 def _reachable(
     definitions: Definitions, process: Process, called: CalledProcesses
 ) -> dict[str, tuple[Definitions, str]]:
-    """What the process calls, and what that calls, in the order of meeting; all of `called` if a call is computed."""
+    """All processes called directly or indirectly; all of `called` if a called element is computed."""
     found: dict[str, tuple[Definitions, str]] = {}
     waiting = [(definitions, process)]
     for file, one in waiting:
         for node in one.body.walk():
             if isinstance(node, CallActivity):
                 named = {node.called: called.get(node.called) or (file, node.called)}
-                for key, there in (called if node.called_expression is not None else named).items():
+                for key, target in (called if node.called_expression is not None else named).items():
                     if key not in found and (key in called or file.process(key) is not None):
-                        found[key] = there
-                        waiting.append((there[0], _process(*there)))
+                        found[key] = target
+                        waiting.append((target[0], _process(*target)))
     return found
 
 
@@ -158,15 +157,15 @@ def _pool(definitions: Definitions, process_id: str, name: str) -> Participant |
 # ---- ids -------------------------------------------------------------------------------------------------------------
 
 
-def _make_unique(piece: Fragment, taken: set[str]) -> None:
-    """Gives ids that are taken a number, wherever the piece uses them."""
-    renamed = unique_ids(piece.everything(), taken)
-    piece.ids = {id: renamed.get(id, id) for id in piece.ids}
+def _make_unique(fragment: Fragment, taken: set[str]) -> None:
+    """Number the ids that are already taken, and their uses in the fragment."""
+    renamed = unique_ids(fragment.everything(), taken)
+    fragment.ids = {id: renamed.get(id, id) for id in fragment.ids}
 
 
-def _point_calls(piece: Fragment, ids: Mapping[str, str]) -> None:
-    """Makes every call activity name the process as it is called in the new file."""
-    for element in piece.elements():
+def _update_calls(fragment: Fragment, ids: Mapping[str, str]) -> None:
+    """Update the called elements to the ids in the new file."""
+    for element in fragment.elements():
         for tag, attribute in _CALLS:
             value = element.get(attribute) if element.tag == tag else None
             called = resolve(ids, value)
@@ -188,16 +187,16 @@ def _new_root(home: Node, others: Iterable[Node]) -> Node:
     prefixes: dict[str | None, str] = {"camunda": CAMUNDA}
     for other in (*others, home):
         prefixes.update({prefix: uri for prefix, uri in other.nsmap.items() if prefix or other is home})
-    prefixes = {prefix: uri for prefix, uri in prefixes.items() if _can_be_new(f"{{{uri}}}any")}
-    known = {name: value for name, value in home.attrib.items() if _can_be_new(name)}
+    prefixes = {prefix: uri for prefix, uri in prefixes.items() if _is_valid_name(f"{{{uri}}}any")}
+    known = {name: value for name, value in home.attrib.items() if _is_valid_name(name)}
     root = etree.Element(home.tag, known, nsmap=prefixes)  # type: ignore[arg-type]
     for one in home.iterchildren(f"{_B}documentation", f"{_B}extensionElements"):
         root.append(deepcopy(one))
     return root
 
 
-def _can_be_new(name: str | bytes) -> bool:
-    """Whether a name can be given to a new element: a namespace that is no URI can only be copied."""
+def _is_valid_name(name: str | bytes) -> bool:
+    """Whether a new element can have this name: lxml only copies a namespace that is not a URI."""
     try:
         etree.Element(name)
     except ValueError:
@@ -205,12 +204,12 @@ def _can_be_new(name: str | bytes) -> bool:
     return True
 
 
-def _assemble(pieces: list[Fragment]) -> Node:
-    root = _new_root(pieces[0].root, [piece.root for piece in pieces[1:]])
-    parts = [piece.collaboration for piece in pieces if piece.collaboration is not None]
-    parts += [one for piece in pieces for one in piece.processes]
-    parts += [one for piece in pieces for one in piece.shared]
-    parts += [one for piece in pieces for one in piece.diagrams]
+def _assemble(fragments: list[Fragment]) -> Node:
+    root = _new_root(fragments[0].root, [fragment.root for fragment in fragments[1:]])
+    parts = [fragment.collaboration for fragment in fragments if fragment.collaboration is not None]
+    parts += [one for fragment in fragments for one in fragment.processes]
+    parts += [one for fragment in fragments for one in fragment.shared]
+    parts += [one for fragment in fragments for one in fragment.diagrams]
     for part in parts:
         update_type_prefixes(part, root)
         root.append(part)
@@ -219,7 +218,7 @@ def _assemble(pieces: list[Fragment]) -> Node:
 
 
 def update_type_prefixes(part: Node, root: Node) -> None:
-    """``xsi:type`` holds a prefix in its value: that of the new file."""
+    """Update the namespace prefix in the values of ``xsi:type`` to that of the new file."""
     prefix = next((prefix for prefix, uri in root.nsmap.items() if uri == BPMN), None)
     for element in part.iter("*"):
         value = element.get(_XSI_TYPE)

@@ -1,4 +1,4 @@
-"""What the readers of one file share: what is wrong and where, which ids are taken, what the file has at its root."""
+"""The state that the readers of one file share: faults and notes, registered ids, root elements."""
 
 from __future__ import annotations
 
@@ -14,17 +14,21 @@ T = TypeVar("T")
 
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 _PARTS = ("Expression", "Definition", "Characteristics", "ondition", "Cardinality", "Duration", "Date", "Cycle", "Path")
-"""Endings of tags within an event, activity or flow: modelers give such elements ids, and show them nowhere."""
+"""Endings of tags inside an event, activity or flow: these elements have ids that modelers do not show."""
 _TYPE = re.compile(r"([A-Za-z]\w*)/(?:(msg|srv|action)/)?([A-Za-z]\w*)")
 
 
 @dataclass(slots=True)
 class Context:
-    """Of one file.
+    """The state of reading one file.
 
-    `roots`: signals, messages, errors ... by id; `language`: its expressionLanguage; `elements`: what has been read;
-    `original`: it is one of the original FaMe's, by its looks; `associations`: those that begin at an element, by its
-    id; `faults`: why what is being read cannot be executed.
+    roots          signals, messages, errors ... by id
+    language       the expressionLanguage of the file
+    original       whether it is a file of the original FaMe
+    notes          remarks about the file
+    faults         reasons why the process that is being read cannot be executed
+    associations   id -> the associations that start there
+    elements       id -> the elements read so far
     """
 
     file: str
@@ -38,41 +42,44 @@ class Context:
     elements: dict[str, Node] = field(default_factory=dict)
 
     def error(self, element: Node, text: str) -> ModelError:
-        """The error to raise at an element."""
+        """The ModelError of an element, to be raised."""
         id, name = id_and_name(element)
         return ModelError(text, file=self.file, line=line_of(element), element=id, name=name)
 
     def fault(self, element: Node, text: str) -> None:
-        """Something that is wrong with an element: its process can be read, drawn and written, but not executed."""
+        """Record a fault: the process can be read, drawn and written, but not executed."""
         id, name = id_and_name(element)
         self.faults.append(Fault(text, id, line_of(element), name))
 
     def take_faults(self) -> tuple[Fault, ...]:
-        """Those found since this was last asked, in the order of their lines."""
+        """Return the faults since the last call, by line, and clear them."""
         found, self.faults = sorted(self.faults, key=lambda one: one.line), []
         return tuple(dict.fromkeys(found))
 
     def note(
         self, element: Node, text: str, level: Literal["warning", "note", "reading"] = "note", quirk: bool = False
     ) -> None:
-        """Something to tell that stops nothing."""
+        """Record a remark that does not prevent execution."""
         id, name = id_and_name(element)
         self.notes.append(Note(level, text, id, line_of(element), quirk, name))
 
     def quirk(self, element: Node, text: str) -> None:
-        """A habit of the tool that wrote the file, and what it is read as: told to those who ask for it."""
+        """Record how a peculiarity of the tool that wrote the file is read."""
         self.note(element, text, "reading", quirk=True)
 
     def register(self, element: Node) -> str:
-        """Its id, now taken; made from tag and line where the standard lets it have none."""
-        id = element.get("id") or self._made_up(element)
+        """Register an element and return its id, generated from tag and line if it has none.
+
+        Raises ModelError if another element has the id.
+        """
+        id = element.get("id") or self._generate_id(element)
         other = self.elements.setdefault(id, element)
         if other is not element:
-            text = f"two elements have this id, the other one in line {line_of(other)}: ids are unique"
+            text = f"two elements have this id, the other in line {line_of(other)}: ids must be unique"
             raise self.error(element, text)
         return id
 
-    def _made_up(self, element: Node) -> str:
+    def _generate_id(self, element: Node) -> str:
         stem, number = f"{local_name(element)}_{line_of(element)}", 1
         id = stem
         while id in self.elements:
@@ -82,25 +89,25 @@ class Context:
         return id
 
     def add_association(self, association: Node) -> None:
-        """Find it by the element that it begins at from now on."""
+        """Register an association under the id of its source."""
         source = association.get("sourceRef", "").strip()
         for id in {source, source.rpartition(":")[2]}:
             self.associations.setdefault(id, []).append(association)
 
     def find_in_file(self, element: Node, reference: str | None) -> Node | None:
-        """What a reference names in the whole file of an element, read or not."""
+        """The element of the whole file that a reference names, also if it has not been read."""
         if self._ids is None:
             found = list(element.getroottree().getroot().iter("*"))
             self._ids = {id: one for one in reversed(found) if (id := one.get("id"))}
         return resolve(self._ids, reference)
 
     def root(self, reference: str | None) -> Node | None:
-        """The root element that a reference names, if there is one."""
+        """The root element that a reference names, or None."""
         return resolve(self.roots, reference)
 
 
 def id_and_name(element: Node) -> tuple[str, str]:
-    """Id and name of the nearest element that modelers show, else of any around it that has an id, else its tag."""
+    """Id and name of the nearest ancestor (or the element itself) that modelers show, or its tag if none has an id."""
     shown, root = None, element.getroottree().getroot()
     for one in (element, *element.iterancestors()):
         if one.get("id") and one is not root:
@@ -111,7 +118,7 @@ def id_and_name(element: Node) -> tuple[str, str]:
 
 
 def boolean_attribute(context: Context, element: Node, name: str, default: bool = False) -> bool:
-    """An attribute of type xsd:boolean."""
+    """An attribute of type xsd:boolean. Another value is a fault."""
     text = element.get(name)
     if text is None:
         return default
@@ -121,14 +128,14 @@ def boolean_attribute(context: Context, element: Node, name: str, default: bool 
 
 
 def boolean_property(context: Context, element: Node, name: str, text: str) -> bool:
-    """A property that is true or false."""
+    """An extension property that is true or false. Another value is a fault."""
     if text.strip().lower() not in _BOOLEANS:
         context.fault(element, f"property {name}={text!r}: expected true or false")
     return _BOOLEANS.get(text.strip().lower(), False)
 
 
 def whole_number(context: Context, element: Node, name: str, text: str, least: int) -> int:
-    """A property or attribute that is a whole number of at least `least`."""
+    """A property or attribute that is a whole number. A number below `least` is a fault."""
     try:
         number = int(text)
     except ValueError:
@@ -139,7 +146,10 @@ def whole_number(context: Context, element: Node, name: str, text: str, least: i
 
 
 def message_type(context: Context, element: Node, text: str, kind: str = "msg") -> str | None:
-    """A message or service type as ``pkg/msg/Type``; ``pkg/Type`` is taken as that."""
+    """A message, service or action type as ``pkg/msg/Type``; ``pkg/Type`` is completed with `kind`.
+
+    None for another text, which is a fault.
+    """
     match = _TYPE.fullmatch(text.strip())
     if match is None:
         context.fault(element, f"type={text!r}: expected pkg/{kind}/Type, such as std_msgs/msg/String")
@@ -148,6 +158,6 @@ def message_type(context: Context, element: Node, text: str, kind: str = "msg") 
 
 
 def is_message_type(text: str) -> bool:
-    """Whether a text looks like a full message type, ``pkg/msg/Type``."""
+    """Whether a text has the form of a full type, ``pkg/msg/Type``."""
     match = _TYPE.fullmatch(text.strip())
     return match is not None and match[2] is not None

@@ -27,15 +27,15 @@ _LANGUAGES: dict[str, Language | None] = {
     "feel": "feel",
     "juel": "juel",
 }
-"""Names as files write them; XPath is what the standard says where a file says nothing, so it says nothing."""
+"""Language names in files. XPath is the default of the standard, so it counts as unspecified (None)."""
 _FEEL = re.compile(r"https?://(www\.)?omg\.org/spec/(dmn/[0-9]+/feel|feel/[0-9]+)/?")
-"""Its namespaces: of its own at first, of each version of DMN since."""
-_ACCEPTED = "accepted are python (meant if nothing is said), javascript, ${...} and =..."
+"""The namespaces of FEEL and of the versions of DMN."""
+_ACCEPTED = "expected python (the default), javascript, ${...} or =..."
 _NAME = re.compile(r"[^\W\d]\w*")
 
 
 def language_of(context: Context, element: Node, language: str) -> Language | Literal["unknown"] | None:
-    """The language of that name, None if it says nothing. One that is not known is a fault."""
+    """The language with that name, None if unspecified. An unknown language is a fault."""
     name = language.strip().lower()
     if _FEEL.fullmatch(name):
         return "feel"
@@ -46,7 +46,7 @@ def language_of(context: Context, element: Node, language: str) -> Language | Li
 
 
 def is_single_expression(text: str) -> bool:
-    """Whether all of it is one ``${...}`` or ``#{...}``.
+    """Whether a text is a single ``${...}`` or ``#{...}``.
 
     >>> is_whole("${a + 1}"), is_whole("${a}-${b}"), is_whole("${ {'}': 1} }")
     (True, False, True)
@@ -71,23 +71,23 @@ def is_single_expression(text: str) -> bool:
 
 
 def is_name(text: str) -> bool:
-    """Whether it can be the name of a variable."""
+    """Whether a text is a valid variable name."""
     return _NAME.fullmatch(text) is not None
 
 
 def variable_name(element: Node) -> str:
-    """The variable that an element of data is: it has its name or, where that can be none, its id."""
+    """The variable of a data element: its name if that is a valid variable name, else its id."""
     name = element.get("name", "").strip()
     return name if is_name(name) else re.sub(r"\W|^(?=\d)", "_", element.get("id", ""))
 
 
 def has_placeholders(text: str) -> bool:
-    """Whether ``${...}`` stands inside it."""
+    """Whether a text contains ``${...}`` or ``#{...}``."""
     return "${" in text or "#{" in text
 
 
 def by_form(text: str, line: int) -> Expression | None:
-    """The expression, if its look tells the language."""
+    """The expression, if the form of the text decides its language; else None."""
     if text.startswith("="):
         return Expression(text[1:].strip(), "feel", line)
     if is_single_expression(text):
@@ -96,58 +96,58 @@ def by_form(text: str, line: int) -> Expression | None:
 
 
 def code_expression(context: Context, element: Node, text: str, language: str | None, line: int) -> Expression | None:
-    """A condition, a script or the like: something that is computed. None if nobody could compute it, a fault."""
-    said = language_of(context, element, language or context.language)
-    if said == "unknown":
+    """A condition, script or other code. None for a text in no known language, which is a fault."""
+    language_name = language_of(context, element, language or context.language)
+    if language_name == "unknown":
         return None
-    if said == "javascript":
-        return Expression(text, said, line)
-    seen = by_form(text, line)
-    if seen is not None:
-        return seen
-    if said is None and has_placeholders(text) and local_name(element) != "script":
-        context.fault(element, f"{text!r} mixes text and ${{...}}: put the whole of it into one ${{...}}")
+    if language_name == "javascript":
+        return Expression(text, language_name, line)
+    recognised = by_form(text, line)
+    if recognised is not None:
+        return recognised
+    if language_name is None and has_placeholders(text) and local_name(element) != "script":
+        context.fault(element, f"{text!r} mixes text and ${{...}}: put all of it into one ${{...}}")
         return None
-    if said == "juel":
-        return Expression(f"${{{text}}}", said, line)
-    return Expression(text, said or "python", line)
+    if language_name == "juel":
+        return Expression(f"${{{text}}}", language_name, line)
+    return Expression(text, language_name or "python", line)
 
 
 def code_of(context: Context, element: Node, language: str | None = None) -> Expression | None:
-    """The text of an element as code, with the line where its first line stands; None if there is none, or a fault."""
+    """The text of an element as code, with the line of its first line; None if it is empty, or after a fault."""
     text, line = _block(element)
     return code_expression(context, element, text, language or element.get("language"), line) if text else None
 
 
 def condition_of(context: Context, element: Node) -> Expression | None:
-    """The same as a condition."""
-    said = code_of(context, element)
-    return None if said is None else replace(said, condition=True)
+    """The text of an element as a condition; None as for `code_of`."""
+    expression = code_of(context, element)
+    return None if expression is None else replace(expression, condition=True)
 
 
 def timer_text(context: Context, element: Node) -> Expression | None:
-    """The text of an element where a literal is usual (a timer): code if it looks so, else a text to fill in."""
+    """The text of an element that is usually a literal (a timer): an expression by its form, else a template."""
     text, line = _block(element)
     if not text:
         return None
-    said = element.get("language")
-    if said and language_of(context, element, said) is not None:
-        return code_expression(context, element, text, said, line)
+    language_name = element.get("language")
+    if language_name and language_of(context, element, language_name) is not None:
+        return code_expression(context, element, text, language_name, line)
     return by_form(text, line) or Expression(text, "template", line)
 
 
 def mapping_source(text: str, line: int) -> Expression:
-    """The source of a mapping: code if it looks so, text to fill in if it has ``${...}`` inside, else a YAML scalar."""
+    """The source of a mapping: an expression by its form, a template if it contains ``${...}``, else a YAML scalar."""
     text = text.strip()
     return by_form(text, line) or Expression(text, "template" if has_placeholders(text) else "value", line)
 
 
 def variable_or_expression(context: Context, element: Node, text: str) -> Expression | None:
-    """An attribute that names a variable or is an expression; None if it does neither, a fault."""
+    """An attribute with a variable name or an expression. None for another text, which is a fault."""
     text, line = text.strip(), line_of(element)
-    seen = by_form(text, line)
-    if seen is not None:
-        return seen
+    recognised = by_form(text, line)
+    if recognised is not None:
+        return recognised
     if not _NAME.fullmatch(text):
         right = f"; the constant is ${{{text}}}" if text.lstrip("+-").replace(".", "", 1).isdecimal() else ""
         context.fault(element, f"{text!r}: expected the name of a variable, ${{...}} or =...{right}")
@@ -168,7 +168,7 @@ _PLAIN = re.compile(r"[\w.+-]*")
 
 
 def scalar(text: str) -> str:
-    """A text as an item of flow-style YAML: as it is if it can be one, else in quotes.
+    """A text as an item of flow-style YAML, quoted if necessary.
 
     >>> scalar("${x}"), scalar("1.5"), scalar("[1, 2]"), scalar("left, then right")
     ('${x}', '1.5', '[1, 2]', '"left, then right"')
@@ -182,10 +182,10 @@ def scalar(text: str) -> str:
 
 
 def flow_sequence(items: Iterable[str]) -> str:
-    """``[a, b]``"""
+    """Texts as a flow-style list: ``[a, b]``."""
     return f"[{', '.join(map(scalar, items))}]"
 
 
 def flow_mapping(entries: Iterable[tuple[str, str]]) -> str:
-    """``{a: 1, b: 2}``"""
+    """Names and texts as a flow-style map: ``{a: 1, b: 2}``."""
     return f"{{{', '.join(f'{scalar(name)}: {scalar(text)}' for name, text in entries)}}}"

@@ -1,4 +1,4 @@
-"""A flow node half read: what its element says whatever kind it is, for the readers of the kinds to go on from."""
+"""Reads what all flow nodes have in common, for the readers of events, gateways and activities."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import Node, Parts, children, line_of, parts_of, text_of
 
 Connections = Mapping[str, tuple[list[str], list[str]]]
-"""Flow node -> ids of its incoming and outgoing sequence flows, in document order."""
+"""Flow node id -> ids of its incoming and outgoing sequence flows, in document order."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessContext:
-    """What flow nodes share.
+    """What the flow nodes of one process share.
 
-    `data`, `variables`: see `data_ids` and `data_variables`; `labels`: they name the topics of this process.
+    `data`, `variables`: see `data_ids` and `data_variables`. `labels`: labels of events name their topics.
     """
 
     context: Context
@@ -31,7 +31,7 @@ class ProcessContext:
 
 @dataclass(slots=True)
 class NodeReader:
-    """A flow node as far as it has been read."""
+    """A flow node whose common parts have been read. Readers take what they use from `extensions`."""
 
     context: Context
     process: ProcessContext
@@ -40,7 +40,7 @@ class NodeReader:
     extensions: Extensions
     associations: DataAssociations
     common: dict[str, Any]
-    """Arguments that the dataclasses of all flow nodes take, but for the properties."""
+    """Arguments for the dataclasses of all flow nodes, except the properties."""
 
     @property
     def id(self) -> str:
@@ -49,24 +49,24 @@ class NodeReader:
 
     @property
     def label(self) -> str:
-        """Its name on one line, empty if it has none."""
+        """The name on one line, or empty."""
         return " ".join(self.element.get("name", "").split())
 
     def get(self, name: str) -> str:
-        """An attribute, empty if it is not there."""
+        """The value of an attribute, or empty."""
         return self.element.get(name, "")
 
     def flag(self, name: str, default: bool = False) -> bool:
-        """An attribute that is true or false."""
+        """An attribute of type xsd:boolean."""
         return boolean_attribute(self.context, self.element, name, default)
 
     def fault(self, text: str) -> None:
-        """What is wrong with it."""
+        """Record a fault of the flow node."""
         self.context.fault(self.element, text)
 
 
 def read_node(process: ProcessContext, element: Node, wiring: Connections) -> NodeReader:
-    """Reads what all flow nodes have. Raises ModelError for an id that is taken."""
+    """Read what all flow nodes have in common. Raises ModelError for an id that another element has."""
     context, parts = process.context, parts_of(element)
     moves = read_data_associations(context, process.data, process.variables, parts)
     id = context.register(element)
@@ -88,5 +88,5 @@ def read_node(process: ProcessContext, element: Node, wiring: Connections) -> No
 
 
 def documentation(element: Node) -> str:
-    """The text of its documentation."""
+    """The text of the documentation elements."""
     return "\n".join(text_of(one).strip() for one in children(element, "documentation"))

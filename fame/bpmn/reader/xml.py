@@ -27,7 +27,7 @@ FLOWABLE = "http://flowable.org/bpmn"
 ZEEBE = "http://camunda.org/schema/zeebe/1.0"
 
 LIMIT = 20_000_000
-"""Bytes of the largest document that is read."""
+"""Largest size of a document, in bytes."""
 
 _B = f"{{{BPMN}}}"
 _IN_BPMN = f"{{{BPMN}"
@@ -38,7 +38,7 @@ _MARKS = b"\xef\xbb\xbf\xff\xfe"
 def parse(source: bytes, file: str, *, keep_all: bool = False) -> Node:
     """The root element of a BPMN document.
 
-    `keep_all` keeps comments, processing instructions and CDATA sections, for those who write it again. Raises
+    `keep_all` keeps comments, processing instructions and CDATA sections, for writing the document again. Raises
     ModelError if it is too large, has a document type, is not well-formed, or its root is not ``definitions`` of BPMN
     2.0.
     """
@@ -52,7 +52,7 @@ def parse(source: bytes, file: str, *, keep_all: bool = False) -> Node:
 
 
 def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
-    """As `parse`, whatever the root is."""
+    """The root element of any XML document; otherwise as `parse`."""
     check_size(len(source), file)
     if _PROLOG.match(source.replace(b"\0", b"").lstrip(_MARKS)):
         raise _has_document_type(file)
@@ -60,7 +60,7 @@ def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
         root = _tree(source, keep_all)
     except etree.XMLSyntaxError as error:
         if source.startswith(b"PK\x03\x04"):
-            raise ModelError("is a zip archive: take the .bpmn file out of it", file=file) from None
+            raise ModelError("is a zip archive: extract the .bpmn file from it", file=file) from None
         reason = re.sub(r", line \d+, column \d+.*", "", error.msg or "it is empty")
         raise ModelError(f"not well-formed XML: {reason}", file=file, line=error.lineno or 0) from None
     if root.getroottree().docinfo.internalDTD is not None:
@@ -69,7 +69,7 @@ def parse_any(source: bytes, file: str, *, keep_all: bool = False) -> Node:
 
 
 def _tree(source: bytes, keep_all: bool, recover: bool = False) -> Node:
-    """The root of a document; `recover` passes over what is wrong with it."""
+    """The root of a document. `recover` ignores errors."""
     parser = etree.XMLParser(
         resolve_entities=False,
         load_dtd=False,
@@ -86,38 +86,38 @@ def _tree(source: bytes, keep_all: bool, recover: bool = False) -> Node:
     except etree.XMLSyntaxError:
         if any(one.type != etree.ErrorTypes.WAR_NS_URI for one in parser.error_log):
             raise
-    return _tree(source, keep_all, recover=True)  # names of namespaces are compared, so any text is one
+    return _tree(source, keep_all, recover=True)  # only warnings about namespace names, which need not be URIs here
 
 
 def check_size(size: int, file: str) -> None:
-    """Raises ModelError if a document of `size` bytes would be too large."""
+    """Raise ModelError if a document of `size` bytes is too large."""
     if size > LIMIT:
-        text = f"{size / 1e6:.0f} MB are more than a model has: at most {LIMIT // 1_000_000} MB are read"
+        text = f"expected at most {LIMIT // 1_000_000} MB, got {size / 1e6:.0f} MB"
         raise ModelError(text, file=file)
 
 
 def _has_document_type(file: str) -> ModelError:
-    return ModelError("the file has a document type (<!DOCTYPE ...>), which is refused: take it out", file=file)
+    return ModelError("the file has a document type (<!DOCTYPE ...>), which is not allowed: remove it", file=file)
 
 
 def line_of(element: Node) -> int:
-    """The line where its opening tag ends, 1-based; 0 if it has none."""
+    """The line where the opening tag ends, 1-based; 0 if unknown."""
     line: int | None = element.sourceline  # type: ignore[assignment]
     return line or 0
 
 
 def local_name(element: Node) -> str:
-    """The name of its tag without namespace."""
+    """The tag without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
 def attributes(element: Node) -> list[str]:
-    """The names of its attributes, those with a namespace as ``{namespace}name``."""
+    """The names of the attributes, ``{namespace}name`` for those with a namespace."""
     return element.keys()  # type: ignore[return-value]
 
 
 def text_of(element: Node) -> str:
-    """All text in it."""
+    """The text of an element and all its descendants."""
     return element.text or "" if not len(element) else "".join(str(piece) for piece in element.itertext())
 
 
@@ -125,7 +125,7 @@ Parts = dict[str, list[Node]]
 
 
 def parts_of(element: Node) -> Parts:
-    """Its BPMN children by local name, in document order."""
+    """The BPMN children by local name, in document order."""
     found: Parts = {}
     for child in element:
         namespace, _, name = child.tag.rpartition("}")
@@ -138,12 +138,12 @@ def parts_of(element: Node) -> Parts:
 
 
 def children(element: Node, name: str) -> Iterator[Node]:
-    """Its BPMN children of that local name."""
+    """The BPMN children with that local name."""
     return element.iterchildren(_B + name)
 
 
 def child(element: Node, name: str) -> Node | None:
-    """The first of them."""
+    """The first BPMN child with that local name, or None."""
     return element.find(_B + name)
 
 
@@ -151,7 +151,7 @@ def child(element: Node, name: str) -> Node | None:
 
 
 def resolve(table: Mapping[str, T], reference: str | None) -> T | None:
-    """What a reference names; references are qualified names, so a prefix may stand before the id."""
+    """The entry that a reference names, or None. References are qualified names: the id may have a prefix."""
     if not reference:
         return None
     reference = reference.strip()
@@ -160,15 +160,15 @@ def resolve(table: Mapping[str, T], reference: str | None) -> T | None:
 
 
 def local_id(element: Node, name: str) -> str:
-    """The id in an attribute that is a qualified name: without the prefix, if that is one of the file."""
+    """The id in an attribute that is a qualified name, without a prefix that the file declares."""
     prefix, colon, id = element.get(name, "").strip().partition(":")
     return id if colon and prefix in element.nsmap else prefix + colon + id
 
 
 def unique_ids(elements: Iterable[Node], taken: set[str]) -> dict[str, str]:
-    """Give ids that are taken a number, wherever the elements use them. Those that they have now are taken too.
+    """Number the ids of elements that are already taken, also in their references. Adds all their ids to `taken`.
 
-    Returns the new ones by the old.
+    Returns old id -> new id.
     """
     elements = list(elements)
     renamed: dict[str, str] = {}
@@ -185,7 +185,7 @@ def unique_ids(elements: Iterable[Node], taken: set[str]) -> dict[str, str]:
 
 
 def is_reference(name: str) -> bool:
-    """Whether an attribute of that name holds an id."""
+    """Whether attributes of that name are references to ids."""
     return name in ("default", "bpmnElement") or name.endswith("Ref")
 
 
