@@ -368,7 +368,11 @@ def redeployed() -> Iterator[Row]:
 
 
 def _holdings(team: Field, pid: int) -> dict[str, float]:
-    owner = [nodes for nodes in team.middleware.discovery.nodes.values() if any("fame_engine" in n.name for n in nodes)]
+    owner = [
+        nodes
+        for nodes in team.middleware.participant.discovery.nodes.values()
+        if any("fame_engine" in n.name for n in nodes)
+    ]
     return {
         "memory": round(_memory(pid) / 1e6, 1),
         "threads": len(os.listdir(f"/proc/{pid}/task")),

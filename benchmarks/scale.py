@@ -54,14 +54,14 @@ def scenario(size: int, seconds: float) -> Scenario:
 def measure(size: int, seconds: float) -> dict[str, Any]:
     """One run, in this process."""
     delivered: dict[str, int] = {}
-    accept = LocalSubscription.accept
+    enqueue = LocalSubscription.enqueue
 
     def count(self: LocalSubscription, message: Any) -> None:
         name = self.topic.rpartition("/")[2]
         delivered[name] = delivered.get(name, 0) + 1
-        accept(self, message)
+        enqueue(self, message)
 
-    LocalSubscription.accept = count  # type: ignore[method-assign]
+    LocalSubscription.enqueue = count  # type: ignore[method-assign]
     begun = time.process_time()
     run = Run(scenario(size, seconds), False, None, None, False, False)
     built = time.process_time()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fame.middleware.interface import Later, Node, QoS
+from fame.middleware.interface import DeferredResponse, Node, QoS
 from fame.middleware.messages import create, register_files
 
 DRIVE = "farm_msgs/action/Drive"
@@ -28,7 +28,7 @@ class Server:
         self.refuse: Callable[[float], bool] = lambda distance: distance < 0
         self.goals: dict[bytes, list[float]] = {}  # id -> wanted, driven
         self.cancelled: list[bytes] = []
-        self._results: dict[bytes, Later] = {}
+        self._results: dict[bytes, DeferredResponse] = {}
         self._feedback = node.publisher(f"{name}/_action/feedback", f"{DRIVE}_FeedbackMessage", QoS(depth=10))
         node.service(f"{name}/_action/send_goal", f"{DRIVE}_SendGoal", self._goal)
         node.service(f"{name}/_action/get_result", f"{DRIVE}_GetResult", self._result)
@@ -44,7 +44,7 @@ class Server:
 
     def end(self, id: bytes, status: int) -> None:
         _, driven = self.goals.pop(id)
-        self._later(id).answer({"status": status, "result": {"driven": driven}})
+        self._later(id).respond({"status": status, "result": {"driven": driven}})
 
     def _goal(self, request: Any) -> Any:
         if self.refuse(request.goal.distance):
@@ -52,7 +52,7 @@ class Server:
         self.goals[bytes(request.goal_id.uuid)] = [request.goal.distance, 0.0]
         return {"accepted": True}
 
-    def _result(self, request: Any) -> Later:
+    def _result(self, request: Any) -> DeferredResponse:
         return self._later(bytes(request.goal_id.uuid))
 
     def _cancel(self, request: Any) -> Any:
@@ -61,5 +61,5 @@ class Server:
         self.end(id, 5)
         return {"goals_canceling": [{"goal_id": {"uuid": id}}]}
 
-    def _later(self, id: bytes) -> Later:
-        return self._results.setdefault(id, Later())
+    def _later(self, id: bytes) -> DeferredResponse:
+        return self._results.setdefault(id, DeferredResponse())

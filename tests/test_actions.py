@@ -116,7 +116,7 @@ def test_what_cannot_be_sent_is_refused(here: World, place: Place) -> None:
         place.client.send({"distance": "far"}, print)
     nobody = ActionClient(here.node("other"), "/fly", DRIVE)
     assert not nobody.available
-    with pytest.raises(MessageError, match="nobody offers the service /fly/_action/send_goal"):
+    with pytest.raises(MessageError, match="no node offers the service /fly/_action/send_goal"):
         nobody.send(None, print)
     nobody.close()
 

@@ -107,7 +107,7 @@ def test_a_service_that_nobody_offers_is_an_error_that_events_catch() -> None:
     assert (instance.status, instance.visits["b"]) == ("completed", 1)
     failed = asked(service_task(service="nowhere"), cmd="up")
     assert failed.status == "failed"
-    assert "nobody offers the service /Drone/nowhere" in str(failed.error)
+    assert "no node offers the service /Drone/nowhere" in str(failed.error)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from fame.middleware.messages import create
 
 pytest.importorskip("cyclonedds")
 
-from fame.middleware.dds import information, wire
-from fame.middleware.dds.information import NodeEntry
+from fame.middleware.dds import discovery, wire
+from fame.middleware.dds.discovery import NodeEntry
 
 TEXTS = ("", "a", "drive", "tracteur à deux étages", "\U0001f69c", "x" * 1001)
 
@@ -96,17 +96,17 @@ def some_nodes(chance: random.Random) -> list[NodeEntry]:
 def test_the_nodes_of_a_participant_are_packed_as_rosbags_does(seed: int) -> None:
     chance = random.Random(seed)
     participant, nodes = chance.randbytes(16), some_nodes(chance)
-    data = information.pack(participant, nodes)
+    data = discovery.pack_nodes(participant, nodes)
     assert data == described(participant, nodes)
-    assert information.unpack(data) == (participant, tuple(nodes))
+    assert discovery.unpack_nodes(data) == (participant, tuple(nodes))
 
 
 def test_bytes_that_tell_of_no_nodes_are_refused() -> None:
-    data = information.pack(bytes(16), [NodeEntry("engine", "REX", (bytes(16),), ())])
+    data = discovery.pack_nodes(bytes(16), [NodeEntry("engine", "REX", (bytes(16),), ())])
     endless = data[:20] + b"\xff\xff\xff\x7f" + data[24:]
     for wrong in (b"", b"\7\7\0\0", *(data[:length] for length in range(len(data))), endless):
         with pytest.raises(MessageError, match="cannot read"):
-            information.unpack(wrong)
+            discovery.unpack_nodes(wrong)
 
 
 def test_the_descriptions_of_basic_types_are_what_cyclone_computes() -> None:

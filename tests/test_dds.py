@@ -36,9 +36,8 @@ from fame.clock import SECOND, Kind
 from fame.errors import ConfigError, MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
-from fame.middleware.dds.domain import configuration, domain_id
-from fame.middleware.dds.loopback_filter import sockets
-from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN, QoS
+from fame.middleware.dds.domain import configuration, domain_id, sockets
+from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN_NODE, QoS
 from fame.middleware.messages import create
 
 pytestmark = pytest.mark.dds
@@ -153,7 +152,7 @@ def test_ros_discovery_info_says_which_endpoints_belong_to_which_node(
     publisher, subscription = node.publisher("/x", TEXT), node.subscription("/y", TEXT, print)
     kept = Qos(Policy.Durability.TransientLocal, Policy.History.KeepAll, base=RELIABLE)
     reader = DataReader(stranger, Topic(stranger, "ros_discovery_info", Info), kept)
-    ours = here.middlewares[-1].discovery.participant
+    ours = here.middlewares[-1].participant.discovery.participant
     latest: dict[bytes, Any] = {}
 
     def nodes() -> list[tuple[str, str, list[bytes], list[bytes]]]:
@@ -177,7 +176,7 @@ def _gids(sequence: Any) -> list[bytes]:
 def test_nodes_of_others_are_known_by_what_they_say_of_themselves(here: WallWorld, stranger: DomainParticipant) -> None:
     us = here.middlewares[0]
     writer = DataWriter(stranger, Topic(stranger, "rt/answer", String), RELIABLE)
-    here.until(lambda: [info.publishers for info in us.graph()] == [(UNKNOWN,)])
+    here.until(lambda: [info.publishers for info in us.graph()] == [(UNKNOWN_NODE,)])
     kept = Qos(Policy.Durability.TransientLocal, base=RELIABLE)
     teller = DataWriter(stranger, Topic(stranger, "ros_discovery_info", Info), kept)
     entry = NodeInfo("/DINGO/arm", "gripper", [], [Gid(list(writer.guid.bytes))])
@@ -231,7 +230,7 @@ def test_another_type_on_the_topic_elsewhere_is_told_on_both_sides(here: WallWor
     seen: list[Any] = []
     here.node("a").subscription("/x", TEXT, seen.append)
     here.node("b").publisher("/x", INT).publish(create(INT, 1))
-    text = f"/x: /a hears nothing from /b: type: offered {INT}, requested {TEXT}"
+    text = f"/x: /a receives nothing from /b: type: offered {INT}, requested {TEXT}"
     here.until(lambda: [middleware.warnings for middleware in here.middlewares] == [[text], [text]])
     assert here.middlewares[0].graph()[0].types == (INT, TEXT)
     assert seen == []
@@ -310,7 +309,7 @@ def test_a_subscriber_may_come_while_subscribers_are_counted(here: WallWorld) ->
         return int(ask(*words))
 
     writer._get_matched_subscriptions = ask_late
-    assert publisher.subscribers() == 2  # type: ignore[attr-defined]
+    assert publisher.subscriber_count() == 2  # type: ignore[attr-defined]
 
 
 def test_a_message_older_than_its_lifespan_is_not_kept_for_late_comers(here: WallWorld) -> None:
@@ -334,7 +333,7 @@ def test_the_domain_is_that_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (domain_id(), domain_id(7)) == (42, 7)
     for wrong in ("233", "-1", "one", "1.0", "9" * 30):
         monkeypatch.setenv("ROS_DOMAIN_ID", wrong)
-        with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID: found '{wrong}', expected a DDS domain from 0 to 232"):
+        with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID: expected a DDS domain from 0 to 232, got '{wrong}'"):
             domain_id()
 
 
@@ -406,7 +405,7 @@ def test_timers_run_in_their_order_while_it_waits_for_data(resting: WallWorld) -
 
 
 def test_other_threads_wake_it(resting: WallWorld, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fame.middleware.dds.scheduler._NAP", 60 * SECOND)
+    monkeypatch.setattr("fame.middleware.dds.waitset._MAX_WAIT", 60 * SECOND)
     scheduler, seen = resting.scheduler, list[int]()
     began = time.monotonic()
     threading.Timer(0.02, lambda: scheduler.soon(lambda: seen.append(1))).start()
@@ -445,11 +444,11 @@ def test_it_is_a_plain_scheduler_before_and_after_its_middleware() -> None:
     scheduler.soon(lambda: seen.append(1))
     scheduler.run(until=scheduler.now)
     middleware = DdsMiddleware(scheduler, domain=DOMAIN)
-    assert scheduler.watch is not None
+    assert scheduler.waiter is not None
     scheduler.soon(middleware.close)
     scheduler.soon(lambda: seen.append(2))
     scheduler.run(until=scheduler.now + MILLISECOND)
-    assert (scheduler.watch, seen) == (None, [1, 2])
+    assert (scheduler.waiter, seen) == (None, [1, 2])
 
 
 # ---- coming and going ------------------------------------------------------------------------------------------------
@@ -476,7 +475,7 @@ def test_after_many_deployments_everything_is_where_it_was(here: WallWorld) -> N
     def present() -> tuple[list[int], int, int, list[int]]:
         gc.collect()
         topics = [len(middleware.graph()) for middleware in here.middlewares]
-        ends = [len(middleware.discovery.endpoints) for middleware in here.middlewares]
+        ends = [len(middleware.participant.discovery.endpoints) for middleware in here.middlewares]
         return topics, threading.active_count(), len(Entity._entities), ends
 
     deploy()
@@ -494,7 +493,7 @@ def test_whoever_leaves_leaves_its_types_to_others_of_the_process(here: WallWorl
     staying, *leaving = here.middlewares
     for middleware in reversed(leaving):
         middleware.close()
-    assert staying.entities.types >= {"nav_msgs/msg/Path", "nav_msgs/msg/Odometry"}
+    assert staying.participant.entities.types >= {"nav_msgs/msg/Path", "nav_msgs/msg/Odometry"}
 
 
 def test_a_middleware_that_closed_leaves_no_thread_and_is_gone_for_the_others(here: WallWorld) -> None:
@@ -547,7 +546,7 @@ def test_a_process_that_is_killed_is_gone_when_its_lease_is_over_and_garbage_bef
     node.subscription("/raw", TEXT, raw.append, SENSOR_DATA)
     here.connect("/raw")
     here.until(lambda: "/OTHER/child" in here.middlewares[0].node_names())
-    (writer,) = (end for end in here.middlewares[0].discovery.on_topic("rt/raw") if end.writes)
+    (writer,) = (end for end in here.middlewares[0].participant.discovery.on_topic("rt/raw") if end.writes)
     for number, data in enumerate(GARBAGE, 1):
         _forge(writer.gid, number, data)
     _forge(writer.gid, len(GARBAGE) + 1, b"\0\1\0\0\4\0\0\0abc\0")

@@ -41,7 +41,7 @@ WRONG = {
     ),
     "a service that nobody offers": (
         f"{NODE}const go = node.createClient('std_srvs/srv/SetBool', 'go');\ngo.sendRequest({{ data: true }}, next);",
-        2, "nobody offers the service /REX/go",
+        2, "no node offers the service /REX/go",
     ),
     "a way to the host": (
         "const F = this.constructor.constructor;\nF('return process')();\nnext();", 1, "process is not defined",

@@ -184,7 +184,7 @@ def test_topics_and_services_that_scripts_name_are_known_before_they_run() -> No
         ("node.createPublisher('std_msgs/msg/Bool', 'a');\nnode.createPublisher('std_msgs/msg/Char', 'a').publish(1);",
          5, "std_msgs/msg/Char"),
         ("const c = node.createClient('std_srvs/srv/Trigger', 'stop');\nc.sendRequest({}, () => next());", 5,
-         "nobody offers the service /REX/stop"),
+         "no node offers the service /REX/stop"),
     ],
 )  # fmt: skip
 def test_a_wrong_type_or_field_is_an_error_of_the_script_at_its_line(text: str, line: int, complaint: str) -> None:

@@ -136,7 +136,7 @@ def test_an_unknown_type_is_refused(middleware: Middleware) -> None:
 @pytest.mark.parametrize("thing", [True, {"data": True}, None, create(INT)])
 def test_only_messages_of_the_type_can_be_published(middleware: Middleware, thing: object) -> None:
     publisher = middleware.node("engine").publisher("/done", "std_msgs/Bool")
-    with pytest.raises(MessageError, match=r"std_msgs/msg/Bool: found .* to publish on /done"):
+    with pytest.raises(MessageError, match=r"std_msgs/msg/Bool: /done: expected a message, got .*"):
         publisher.publish(thing)
 
 
@@ -160,7 +160,7 @@ def test_ends_that_do_not_match_hear_nothing_and_a_warning_says_why(scheduler: S
     assert seen == []
     assert told == middleware.warnings
     assert told == [
-        "/REX/odom: /REX/controller hears nothing from /world: reliability: offered best_effort, requested reliable"
+        "/REX/odom: /REX/controller receives nothing from /world: reliability: offered best_effort, requested reliable"
     ]
 
 
@@ -345,7 +345,7 @@ def test_calls_that_cannot_succeed_are_refused_at_once(middleware: Middleware) -
     node = middleware.node("a")
     client = node.client("/grip", "std_srvs/SetBool")
     assert not client.available
-    with pytest.raises(MessageError, match="nobody offers the service /grip"):
+    with pytest.raises(MessageError, match="no node offers the service /grip"):
         client.call(None, print)
     service = node.service("/grip", "std_srvs/SetBool", lambda request: None)
     with pytest.raises(MessageError, match="data: found 'open', expected true or false"):

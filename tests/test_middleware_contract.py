@@ -10,7 +10,7 @@ import pytest
 from middleware_contract import BACKENDS, World, middlewares, world
 
 from fame.errors import MessageError
-from fame.middleware.interface import LATCHED, SENSOR_DATA, Later, QoS
+from fame.middleware.interface import LATCHED, SENSOR_DATA, DeferredResponse, QoS
 from fame.middleware.messages import create
 
 INT, TEXT, FLAG = "std_msgs/msg/Int64", "std_msgs/msg/String", "std_msgs/msg/Bool"
@@ -181,7 +181,7 @@ def test_an_unknown_type_is_refused(here: World) -> None:
 @pytest.mark.parametrize("thing", [True, {"data": True}, None, create(INT)])
 def test_only_messages_of_the_type_can_be_published(here: World, thing: object) -> None:
     publisher = here.node("engine").publisher("/done", "std_msgs/Bool")
-    with pytest.raises(MessageError, match=r"std_msgs/msg/Bool: found .* to publish on /done"):
+    with pytest.raises(MessageError, match=r"std_msgs/msg/Bool: /done: expected a message, got .*"):
         publisher.publish(thing)
 
 
@@ -205,7 +205,7 @@ def test_ends_that_do_not_match_hear_nothing_and_a_warning_says_why(
     here.node("controller", "REX").subscription("odom", INT, seen.append, requested)
     publisher = here.node("world").publisher("/REX/odom", INT, offered)
     publisher.publish(create(INT))
-    expected = f"/REX/odom: /REX/controller hears nothing from /world: {reason}"
+    expected = f"/REX/odom: /REX/controller receives nothing from /world: {reason}"
     here.until(lambda: here.warnings == [expected])
     publisher.publish(create(INT))
     here.settle()
@@ -394,7 +394,7 @@ def test_calls_that_cannot_succeed_are_refused_at_once(here: World) -> None:
     node = here.node("a")
     client = node.client("/grip", SET_BOOL)
     assert not client.available
-    with pytest.raises(MessageError, match="nobody offers the service /grip"):
+    with pytest.raises(MessageError, match="no node offers the service /grip"):
         client.call(None, print)
     service = node.service("/grip", SET_BOOL, lambda request: None)
     here.until(lambda: client.available)
@@ -420,13 +420,13 @@ def test_a_response_that_does_not_fit_is_the_fault_of_the_service(here: World) -
 
 def test_a_response_may_come_later(here: World) -> None:
     seen: list[str] = []
-    later: list[Later] = []
+    later: list[DeferredResponse] = []
     node = here.node("a")
 
-    def asked(request: Any) -> Later:
-        later.append(Later())
+    def asked(request: Any) -> DeferredResponse:
+        later.append(DeferredResponse())
         if request.data:
-            later[-1].answer({"message": "known already"})
+            later[-1].respond({"message": "known already"})
         return later[-1]
 
     node.service("/grip", SET_BOOL, asked)
@@ -436,7 +436,7 @@ def test_a_response_may_come_later(here: World) -> None:
     here.until(lambda: later)
     client.call(True, lambda response: seen.append(response.message))
     here.until(lambda: seen == ["known already"])
-    later[0].answer({"message": "now"})
+    later[0].respond({"message": "now"})
     here.until(lambda: seen == ["known already", "now"])
 
 

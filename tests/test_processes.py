@@ -359,7 +359,7 @@ def test_after_many_redeployments_an_engine_holds_what_it_held_after_ten(team):
 def held_by(team: Field, robot: str) -> dict[str, int]:
     """What its engine has open, as the system and the others see it."""
     proc = Path(f"/proc/{team.process(robot).pid}")
-    there = team.middleware.discovery.nodes.values()
+    there = team.middleware.participant.discovery.nodes.values()
     nodes = [node for nodes in there for node in nodes if node.namespace.strip("/") == robot]
     return {
         "threads": len(os.listdir(proc / "task")),

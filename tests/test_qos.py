@@ -52,14 +52,14 @@ def test_policies_are_merged_into_a_base() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [
-        ("reliability", "good", "qos.reliability: found 'good', accepted is best_effort (0) or reliable (1)"),
-        ("history", "2", "qos.history: found '2', accepted is keep_last (0) or keep_all (1)"),
-        ("depth", "0", "qos.depth: found '0', accepted is a number of messages, from 1 on"),
-        ("depth", "9999999999", "qos.depth: found '9999999999', accepted is a number of messages, from 1 on"),
-        ("depth", "²", "qos.depth: found '²', accepted is a number of messages, from 1 on"),
-        ("deadline", "-1", "qos.deadline: found '-1', accepted is a time in seconds, or infinite"),
-        ("lifespan", "nan", "qos.lifespan: found 'nan', accepted is a time in seconds, or infinite"),
-        ("leaseDuration", "5s", "qos.lease_duration: found '5s', accepted is a time in seconds, or infinite"),
+        ("reliability", "good", "qos.reliability: expected best_effort (0) or reliable (1), got 'good'"),
+        ("history", "2", "qos.history: expected keep_last (0) or keep_all (1), got '2'"),
+        ("depth", "0", "qos.depth: expected a number of messages, from 1 on, got '0'"),
+        ("depth", "9999999999", "qos.depth: expected a number of messages, from 1 on, got '9999999999'"),
+        ("depth", "²", "qos.depth: expected a number of messages, from 1 on, got '²'"),
+        ("deadline", "-1", "qos.deadline: expected a time in seconds, or infinite, got '-1'"),
+        ("lifespan", "nan", "qos.lifespan: expected a time in seconds, or infinite, got 'nan'"),
+        ("leaseDuration", "5s", "qos.lease_duration: expected a time in seconds, or infinite, got '5s'"),
     ],
 )
 def test_a_bad_value_is_refused_with_the_policy_and_what_is_accepted(name: str, value: str, text: str) -> None:

@@ -223,7 +223,7 @@ def test_a_service_that_nobody_offers_fails_its_task_after_a_while() -> None:
     sim.run()
     (instance,) = sim.instances
     assert (instance.status, sim.now) == ("failed", 5.0)
-    assert "nobody offers the service /gone" in str(instance.error)
+    assert "no node offers the service /gone" in str(instance.error)
 
 
 def test_a_function_of_that_name_takes_the_place_of_a_ros_service() -> None:

@@ -94,8 +94,7 @@ def say_warning(text: str) -> None:
 def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Steps:
     """What keeps the messages of nodes of such names for their step. Raises ConfigError where there is none."""
     from fame.errors import ConfigError
-    from fame.middleware.dds import DdsMiddleware
-    from fame.middleware.dds.lockstep import Lockstep
+    from fame.middleware.dds import DdsMiddleware, Lockstep
 
     if not isinstance(middleware, DdsMiddleware):
         raise ConfigError("--lockstep needs --middleware dds")

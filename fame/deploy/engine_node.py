@@ -112,7 +112,7 @@ class EngineNode:
         self._stopped = False
         self.node = middleware.node("fame_deployment", robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
-        self._process.limit = SIZE
+        self._process.max_size = SIZE
         self.warn = Warnings(middleware, self._on_warning)
         self.status: Status = Status(
             robot,
@@ -128,7 +128,7 @@ class EngineNode:
             scheduler=scheduler,
             warnings=self.warn,
         )
-        self._process.dropped = lambda text: self.status.publish("refused", reason=text)
+        self._process.on_dropped = lambda text: self.status.publish("refused", reason=text)
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self.status.begin()
 

@@ -106,8 +106,8 @@ class TaskServer:
         self._running, self._report, self._check = running, report, check
         self._answers: dict[str, tuple[str, str]] = {}
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
-        self._end.limit = SIZE
-        self._end.dropped = lambda text: report("refused", "", text)
+        self._end.max_size = SIZE
+        self._end.on_dropped = lambda text: report("refused", "", text)
 
     def close(self) -> None:
         """Close the endpoint."""

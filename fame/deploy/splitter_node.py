@@ -76,7 +76,7 @@ class SplitterNode:
         self.node.subscription(STATUS, STRING, lambda message: self._others.heard(message.data), STATUS_QOS)
         self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
         self.node.subscription(DEPLOYED, STRING, self._inherit, LATCHED)
-        self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS).limit = LIMIT
+        self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS).max_size = LIMIT
         self._leads = False
         self._refused = RateLimiter(scheduler, self._report)
         self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # elders speak first

@@ -1,9 +1,8 @@
-"""What FAME asks of a middleware: nodes that publish on topics and subscribe to them. Three backends give it.
+"""What FAME asks of a middleware: nodes with publishers, subscriptions, services and clients.
 
 Names follow ROS 2: a topic is absolute (``/weed_found``), relative to the namespace of the node (``odom``), or private
 to the robot (``~/odom``: here the same as relative, since a robot is a namespace). A node never receives what it
-published itself. Callbacks run as entries of the scheduler (`fame.clock.Kind.MESSAGE`), never inside `publish` or
-`call`.
+published itself. Callbacks run as entries of the scheduler (`fame.clock.Kind.MESSAGE`), not inside `publish` or `call`.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ SIGNAL = QoS()
 SENSOR_DATA = QoS(reliability="best_effort", depth=5)
 LATCHED = QoS(durability="transient_local", depth=1)
 
-UNKNOWN = "/_NODE_NAME_UNKNOWN_"
-"""The node of an end that no node claims (yet); what ROS tools show there too, without the slash."""
+UNKNOWN_NODE = "/_NODE_NAME_UNKNOWN_"
+"""The node of an endpoint that no node has announced (yet); what ROS tools show there too, without the slash."""
 
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic as the graph shows it: its types, and the full names of the nodes at its ends (one per endpoint)."""
+    """A topic as the graph shows it: its types, and the full names of its nodes (one per endpoint)."""
 
     name: str
     types: tuple[str, ...]
@@ -49,67 +48,71 @@ class TopicInfo:
     subscribers: tuple[str, ...]
 
 
-LARGEST = 100_000_000
+MAX_MESSAGE_SIZE = 100_000_000
 """Bytes of the largest message that is read, whatever its topic."""
 
 
 class Publisher(Protocol):
-    """One end of a topic. `topic` is the full name."""
+    """A publisher. `topic` is the full name."""
 
     topic: str
     type: str
 
     def publish(self, message: Message) -> None:
-        """Send it to all subscribers but those of the own node. The message must not be changed afterwards."""
+        """Send it to all subscriptions but those of the same node. The message must not be changed afterwards.
+
+        Raises MessageError if it is not a message of the topic's type, and if the publisher is closed.
+        """
 
     def close(self) -> None: ...
 
 
 class Subscription(Protocol):
-    """The other end. `dropped` is told of each message that cannot be read; if nothing else is set, it is a warning.
+    """A subscription. `topic` is the full name.
 
-    On the wire a message of more than `limit` bytes is not read.
+    max_size    on the wire a message of more bytes is dropped
+    on_dropped  called with a text for each message that cannot be read; by default the first one is a warning
     """
 
     topic: str
     type: str
-    limit: int
-    dropped: Callable[[str], object]
+    max_size: int
+    on_dropped: Callable[[str], object]
 
     def close(self) -> None: ...
 
 
-class Later:
-    """A response that is not known yet: a handler returns it, and `answer`s it once when it is."""
+class DeferredResponse:
+    """A response that is not known yet: a handler returns it, and calls `respond` once when it is."""
 
     def __init__(self) -> None:
-        self._given: list[Any] = []
-        self._tell: Callable[[Any], object] | None = None
+        self._responses: list[Any] = []
+        self._send: Callable[[Any], object] | None = None
 
-    def answer(self, response: Any) -> None:
-        """Respond: a message, a mapping, or None for one of defaults."""
-        if self._tell is None:
-            self._given.append(response)
+    def respond(self, response: Any) -> None:
+        """Respond with a message, a mapping, or None for a message of defaults."""
+        if self._send is None:
+            self._responses.append(response)
         else:
-            self._tell(response)
+            self._send(response)
 
-    def then(self, tell: Callable[[Any], object]) -> None:
-        """For backends: what to do with the response."""
-        self._tell = tell
-        for response in self._given:
-            tell(response)
+    def send_with(self, send: Callable[[Any], object]) -> None:
+        """For backends: send the response with this function."""
+        self._send = send
+        for response in self._responses:
+            send(response)
 
 
-def respond(answer: Any, tell: Callable[[Any], object]) -> None:
-    """For backends: tell what a handler gave, now or `Later`."""
-    if isinstance(answer, Later):
-        answer.then(tell)
+def deliver_response(response: Any, send: Callable[[Any], object]) -> None:
+    """For backends: send what a handler returned, or will respond with."""
+    if isinstance(response, DeferredResponse):
+        response.send_with(send)
     else:
-        tell(answer)
+        send(response)
 
 
 class Service(Protocol):
-    """What answers requests. `name` is the full name, `type` is ``pkg/srv/Name``."""
+    """A service. `name` is the full name, `type` is ``pkg/srv/Name``."""
 
     name: str
     type: str
@@ -118,27 +121,27 @@ class Service(Protocol):
 
 
 class Client(Protocol):
-    """What asks a service."""
+    """A client of a service."""
 
     name: str
     type: str
 
     @property
     def available(self) -> bool:
-        """Whether somebody offers the service now."""
+        """Whether a node offers the service now."""
 
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
-        """Send a request (a message, a mapping, or None for one of defaults); the response comes to `callback`.
+        """Send a request (a message, a mapping, or None for a message of defaults); `callback` gets the response.
 
-        Raises MessageError if the request does not fit its type, or nobody offers the service.
+        Raises MessageError if the request does not fit its type, or no node offers the service.
         """
 
     def close(self) -> None:
-        """Leave: responses that are still to come are dropped."""
+        """Close the client. Responses that come later are dropped."""
 
 
 class Node(Protocol):
-    """A participant. `namespace` has no slashes (``REX``; empty for none), `full_name` is ``/REX/name``."""
+    """A node. `namespace` has no slashes (``REX``; empty for none), `full_name` is ``/REX/name``."""
 
     name: str
     namespace: str
@@ -150,27 +153,29 @@ class Node(Protocol):
     def subscription(
         self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS = SIGNAL
     ) -> Subscription:
-        """Calls back for every message. Errors as `publisher`."""
+        """Call `callback` with every message. Errors as `publisher`."""
 
     def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> Service:
-        """Answer requests: `handler` gives the response (a message, a mapping, None for one of defaults), or `Later`.
+        """Offer a service. `handler` returns the response (a message, a mapping, None for a message of defaults), or a
+        `DeferredResponse`.
 
-        Names of services are resolved like those of topics. Raises MessageError if the type is unknown, or somebody
-        offers a service of that name already.
+        Names of services are resolved like those of topics. Raises MessageError if the type is unknown, or if there is
+        a service of that name already.
         """
 
     def client(self, name: str, type: str) -> Client:
         """Raises MessageError if the type is unknown."""
 
     def close(self) -> None:
-        """Leave: all its ends are closed."""
+        """Close all endpoints."""
 
 
 class Middleware(Protocol):
-    """A backend. `confined` tells whether other machines cannot reach it: what carries code relies on that.
+    """A backend.
 
-    `use_sim_time` is ROS's parameter of that name, as far as the backend has it: time is that of ``/clock``. `warnings`
-    collects what a person should know, such as ends that cannot hear each other; what is about a topic begins with it.
+    confined      whether other machines cannot reach it: sending models without signatures relies on that
+    use_sim_time  ROS's parameter of that name: time is that of ``/clock``
+    warnings      what a person should know, such as endpoints that do not match; one about a topic begins with its name
     """
 
     warnings: list[str]
@@ -182,23 +187,24 @@ class Middleware(Protocol):
     def use_sim_time(self) -> bool: ...
 
     def warn(self, text: str, /) -> object:
-        """Add to `warnings`, unless it is there."""
+        """Add a text to `warnings`, once."""
 
     def losses(self) -> list[str]:
-        """Which own ends have lost messages, and how many each, in words."""
+        """Which of its endpoints have lost messages, and how many each, in words."""
 
     def node(self, name: str, namespace: str = "") -> Node: ...
 
     def graph(self) -> Sequence[TopicInfo]:
-        """Every topic that has an end, in the order of names."""
+        """Every topic that has an endpoint, in the order of names."""
 
     def connecting(self, node: Any) -> Sequence[str]:
-        """Topics on which a node publishes to somebody who is there and does not hear it yet."""
+        """Topics on which a node has a publisher that is not connected yet to every subscription that it matches."""
 
     def namespaces(self) -> Sequence[str]:
         """Namespaces in use, without slashes, in order."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close all nodes."""
 
 
 def resolve(topic: str, namespace: str) -> str:

@@ -1,13 +1,14 @@
-"""Topics within one process: deterministic, and so quick that a topic nobody hears costs next to nothing.
+"""The backend within one process: deterministic, and so fast that a topic without subscribers costs next to nothing.
 
 A message travels as the same object, which is why it must not be changed. `publish` hands it to every subscription of
 another node that it matches: there it waits for an entry of the scheduler at the present time. So messages arrive in
 the order in which they were published and, of one message, in the order of subscription. The history of a subscription
-bounds what waits: with keep last, a message too many pushes out the oldest.
+bounds its queue: with keep last, a message too many pushes out the oldest.
 
-Quality of service counts as on the wire: ends that do not match hear nothing of each other, and `warnings` says so; who
-joins late and asks for it gets the last messages of transient local publishers that are still there. Deadline and
-liveliness are compared, not watched. Everything happens in the thread of the scheduler; others use `scheduler.soon`.
+Quality of service counts as on the wire: endpoints that do not match are not connected, and `warnings` says so; a
+transient local subscription that comes late gets the last messages of the transient local publishers that are still
+there. Deadline and liveliness are compared, not monitored. A request and its response are two entries of the scheduler,
+one after the other. Everything happens in the thread of the scheduler; others use `scheduler.soon`.
 """
 
 from __future__ import annotations
@@ -15,19 +16,27 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
-from fame.middleware.errors import loss, second_type, unpublishable
-from fame.middleware.interface import LARGEST, SIGNAL, Message, QoS, TopicInfo, resolve
-from fame.middleware.local_services import LocalClient, LocalService
+from fame.middleware.errors import (
+    lost_text,
+    mismatch_text,
+    publish_error,
+    service_conflict,
+    type_conflict,
+    unanswered_text,
+    unavailable_error,
+)
+from fame.middleware.interface import MAX_MESSAGE_SIZE, SIGNAL, Message, QoS, TopicInfo, deliver_response, resolve
 from fame.middleware.qos import compatible, counts_losses
 
 
 class LocalMiddleware:
-    """The nodes of one process. `warnings` collects what a person should know; `on_warning` is told of each at once."""
+    """The nodes of one process. `warnings` has what a person should know; `on_warning` is called with each at once."""
 
     confined, use_sim_time = True, False
 
@@ -49,14 +58,14 @@ class LocalMiddleware:
         return [self.topics[name].info() for name in sorted(self.topics)]
 
     def connecting(self, node: LocalNode) -> list[str]:
-        return []  # ends are connected as they are made
+        return []  # endpoints are connected as they are made
 
     def namespaces(self) -> list[str]:
         return sorted({node.namespace for node in self.nodes if node.namespace})
 
     def losses(self) -> list[str]:
-        ends = (end for node in self.nodes for end in node.ends if isinstance(end, LocalSubscription))
-        return [loss(end.topic, end.node.full_name, end.lost) for end in ends if end.lost]
+        ends = (end for node in self.nodes for end in node.endpoints if isinstance(end, LocalSubscription))
+        return [lost_text(end.topic, end.node.full_name, end.lost) for end in ends if end.lost]
 
     def close(self) -> None:
         for node in list(self.nodes):
@@ -72,7 +81,7 @@ class LocalMiddleware:
             topic = self.topics[name] = Topic(name, type)
         if topic.type != type:
             info = topic.info()
-            raise second_type(name, topic.type, (*info.publishers, *info.subscribers), type)
+            raise type_conflict(name, topic.type, (*info.publishers, *info.subscribers), type)
         return topic
 
     def warn(self, text: str) -> None:
@@ -85,7 +94,7 @@ class LocalMiddleware:
 
 @dataclass(slots=True)
 class Topic:
-    """The ends of a topic, each in the order in which they came."""
+    """A topic and its endpoints, in the order in which they were made."""
 
     name: str
     type: str
@@ -93,18 +102,18 @@ class Topic:
     subscriptions: list[LocalSubscription] = field(default_factory=list)
 
     def info(self) -> TopicInfo:
-        """What the graph shows of it."""
+        """The topic as the graph shows it."""
         publishers = tuple(end.node.full_name for end in self.publishers)
         return TopicInfo(self.name, (self.type,), publishers, tuple(end.node.full_name for end in self.subscriptions))
 
 
 class LocalNode:
-    """A participant. See `fame.middleware.interface.Node`."""
+    """A node. See `fame.middleware.interface.Node`."""
 
     def __init__(self, middleware: LocalMiddleware, name: str, namespace: str) -> None:
         self.middleware, self.name, self.namespace = middleware, name, namespace
         self.full_name = resolve(name, namespace)
-        self.ends: list[LocalPublisher | LocalSubscription | LocalService | LocalClient] = []
+        self.endpoints: list[LocalPublisher | LocalSubscription | LocalService | LocalClient] = []
 
     def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> LocalPublisher:
         shared = self.middleware.topic(resolve(topic, self.namespace), type)
@@ -112,7 +121,7 @@ class LocalNode:
         for subscription in shared.subscriptions:
             self._match(publisher, subscription)
         shared.publishers.append(publisher)
-        self.ends.append(publisher)
+        self.endpoints.append(publisher)
         return publisher
 
     def subscription(
@@ -122,49 +131,49 @@ class LocalNode:
         subscription = LocalSubscription(self, shared, callback, qos)
         for publisher in shared.publishers:
             if self._match(publisher, subscription) and qos.durability == "transient_local":
-                publisher.repeat(subscription)
+                publisher.send_history(subscription)
         shared.subscriptions.append(subscription)
-        self.ends.append(subscription)
+        self.endpoints.append(subscription)
         return subscription
 
     def service(self, name: str, type: str, handler: Callable[[Message], Any]) -> LocalService:
         service = LocalService(self, resolve(name, self.namespace), type, handler)
-        self.ends.append(service)
+        self.endpoints.append(service)
         return service
 
     def client(self, name: str, type: str) -> LocalClient:
         client = LocalClient(self, resolve(name, self.namespace), type)
-        self.ends.append(client)
+        self.endpoints.append(client)
         return client
 
     def close(self) -> None:
-        """Leave: all its ends are closed. Does nothing the second time."""
-        for end in list(self.ends):
+        """Close all endpoints. Does nothing the second time."""
+        for end in list(self.endpoints):
             end.close()
         if self in self.middleware.nodes:
             self.middleware.nodes.remove(self)
 
-    def leave(self, end: LocalPublisher | LocalSubscription, topic: Topic) -> None:
-        """An end has closed. A topic without ends is gone, and with it its type."""
-        self.ends.remove(end)
+    def remove(self, end: LocalPublisher | LocalSubscription, topic: Topic) -> None:
+        """Forget a closed endpoint. A topic without endpoints is gone, and with it its type."""
+        self.endpoints.remove(end)
         if not topic.publishers and not topic.subscriptions:
             del self.middleware.topics[topic.name]
 
     def _match(self, publisher: LocalPublisher, subscription: LocalSubscription) -> bool:
-        """Connect two ends of different nodes, unless their quality of service keeps them apart."""
+        """Connect two endpoints of different nodes, if their quality of service matches."""
         if publisher.node is subscription.node:
             return False
         mismatch = compatible(publisher.qos, subscription.qos)
         if mismatch is None:
             publisher.matched.append(subscription)
             return True
-        ends = f"{subscription.node.full_name} hears nothing from {publisher.node.full_name}"
-        self.middleware.warn(f"{publisher.topic}: {ends}: {mismatch}")
+        nodes = subscription.node.full_name, publisher.node.full_name
+        self.middleware.warn(mismatch_text(publisher.topic, *nodes, mismatch))
         return False
 
 
 class LocalPublisher:
-    """One end of a topic. `matched` are the subscriptions that it reaches, in the order in which they came."""
+    """A publisher. `matched` are the subscriptions that it is connected to, in the order in which they were made."""
 
     def __init__(self, node: LocalNode, shared: Topic, qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
@@ -178,64 +187,122 @@ class LocalPublisher:
     def publish(self, message: Message) -> None:
         """Send it. Raises MessageError if it is not a message of the topic's type, and if the publisher is closed."""
         if message.__class__ is not self._class:
-            raise unpublishable(self, message, closed=self._class is None)
+            raise publish_error(self.topic, self.type, message, closed=self._class is None)
         if self._kept is not None:
             self._kept.append((self.node.middleware.scheduler.now, message))
         for subscription in self.matched:
-            subscription.accept(message)
+            subscription.enqueue(message)
 
-    def repeat(self, subscription: LocalSubscription) -> None:
-        """Send what is kept for those who come late, as far as its lifespan is not over."""
+    def send_history(self, subscription: LocalSubscription) -> None:
+        """Send the messages kept for late subscriptions whose lifespan is not over."""
         lifespan, now = self.qos.lifespan, self.node.middleware.scheduler.now
         for time, message in self._kept or ():
             if lifespan is None or now - time <= lifespan * SECOND:
-                subscription.accept(message)
+                subscription.enqueue(message)
 
     def close(self) -> None:
         if self._class is not None:
             self._class = None
             self.matched.clear()
             self._shared.publishers.remove(self)
-            self.node.leave(self, self._shared)
+            self.node.remove(self, self._shared)
 
 
 class LocalSubscription:
-    """The other end."""
+    """A subscription, and the queue of messages that wait for their entry of the scheduler."""
 
     def __init__(self, node: LocalNode, shared: Topic, callback: Callable[[Message], object], qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self._shared, self._callback = shared, callback
-        self.limit = LARGEST
-        self.dropped: Callable[[str], object] = node.middleware.warn  # never: nothing is written and read here
-        self._waiting: deque[Message] = deque()
+        self.max_size: int = MAX_MESSAGE_SIZE
+        self.on_dropped: Callable[[str], object] = node.middleware.warn  # never: nothing is written and read here
+        self._queue: deque[Message] = deque()
         self._depth = -1 if qos.history == "keep_all" else qos.depth
         self.lost = 0  # messages, since it was made
-        self._pushed_out = 0  # entries of the scheduler, always the first to come up, whose message waits no more
+        self._pushed_out = 0  # entries of the scheduler, always the next ones, whose message was pushed out
         self._counts = counts_losses(qos)
         self._soon = node.middleware.scheduler.soon
         self._deliver = self._deliver_next  # bound once
 
-    def accept(self, message: Message) -> None:
-        """Let a message wait for its entry of the scheduler."""
-        waiting = self._waiting
-        if len(waiting) == self._depth:
-            waiting.popleft()
+    def enqueue(self, message: Message) -> None:
+        """Queue a message, with an entry of the scheduler that delivers it."""
+        queue = self._queue
+        if len(queue) == self._depth:
+            queue.popleft()
             self._pushed_out += 1
             self.lost += self._counts
-        waiting.append(message)
+        queue.append(message)
         self._soon(self._deliver)
 
     def close(self) -> None:
         if self in self._shared.subscriptions:
-            self._waiting.clear()
+            self._queue.clear()
             self._shared.subscriptions.remove(self)
             for publisher in self._shared.publishers:
                 if self in publisher.matched:
                     publisher.matched.remove(self)
-            self.node.leave(self, self._shared)
+            self.node.remove(self, self._shared)
 
     def _deliver_next(self) -> None:
         if self._pushed_out:
             self._pushed_out -= 1
-        elif self._waiting:
-            self._callback(self._waiting.popleft())
+        elif self._queue:
+            self._callback(self._queue.popleft())
+
+
+class LocalService:
+    """A service. `name` is the full name. There is one service of a name at a time."""
+
+    def __init__(self, node: LocalNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+        self.node, self.name, self.type, self._handler = node, name, type, handler
+        self.request_type, self.response_type = messages.service(type)
+        offered = node.middleware.services.setdefault(name, self)
+        if offered is not self:
+            raise service_conflict(name, offered.node.full_name, type)
+
+    def handle(self, request: Message, send: Callable[[Message], object]) -> None:
+        """Call the handler; `send` gets the response. Raises MessageError if it does not fit the type."""
+        response_type = self.response_type
+        deliver_response(self._handler(request), lambda response: send(messages.create(response_type, response)))
+
+    def close(self) -> None:
+        if self.node.middleware.services.get(self.name) is self:
+            del self.node.middleware.services[self.name]
+            self.node.endpoints.remove(self)
+
+
+class LocalClient:
+    """A client. See `fame.middleware.interface.Client`."""
+
+    def __init__(self, node: LocalNode, name: str, type: str) -> None:
+        self.node, self.name, self.type = node, name, type
+        self.request_type, _ = messages.service(type)
+
+    @property
+    def available(self) -> bool:
+        """Whether a node offers the service now."""
+        return self.name in self.node.middleware.services
+
+    def call(self, request: Any, callback: Callable[[Message], object]) -> None:
+        """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
+        service = self.node.middleware.services.get(self.name)
+        if service is None or service.request_type != self.request_type:
+            offered = () if service is None else (service.request_type.removesuffix("_Request"),)
+            raise unavailable_error(self.name, self.request_type, offered)
+        message = messages.create(self.request_type, request)
+        self.node.middleware.scheduler.soon(partial(self._send, service, message, callback))
+
+    def close(self) -> None:
+        if self in self.node.endpoints:
+            self.node.endpoints.remove(self)
+
+    def _send(self, service: LocalService, request: Message, callback: Callable[[Message], object]) -> None:
+        middleware = self.node.middleware
+        if middleware.services.get(self.name) is service:
+            service.handle(request, lambda said: middleware.scheduler.soon(partial(self._deliver, said, callback)))
+        else:
+            middleware.warn(unanswered_text(self.name, self.node.full_name))
+
+    def _deliver(self, response: Message, callback: Callable[[Message], object]) -> None:
+        if self in self.node.endpoints:
+            callback(response)

@@ -1,4 +1,4 @@
-"""Quality of service: reading policies from a model, and whether two ends of a topic understand each other."""
+"""Quality of service: reading policies from a model, and whether two endpoints of a topic match."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CHOICES: dict[str, tuple[str, str]] = {
     "durability": ("transient_local", "volatile"),
     "liveliness": ("automatic", "manual_by_topic"),
 }
-"""What a policy can be. The place of a value is its code in models of the original FaMe's web modeler."""
+"""The values of each policy. Their position is their code in models of the original FaMe's web modeler."""
 
 _DEEPEST = 2**31 - 1
 
@@ -51,8 +51,8 @@ def compatible(offered: QoS, requested: QoS) -> str | None:
     return None
 
 
-def one_more(qos: QoS) -> QoS:
-    """For a subscription that has a queue of its own: what holds one message more, so that a loss is noticed there."""
+def one_deeper(qos: QoS) -> QoS:
+    """The policies with room for one message more, where a loss is noticed by a message too many."""
     return replace(qos, depth=min(qos.depth + 1, _DEEPEST))
 
 
@@ -108,4 +108,4 @@ def _seconds(time: float | None) -> str:
 
 
 def _refused(policy: str, text: str, accepted: str) -> MessageError:
-    return MessageError(f"found {text!r}, accepted is {accepted}", field=f"qos.{policy}")
+    return MessageError(f"expected {accepted}, got {text!r}", field=f"qos.{policy}")

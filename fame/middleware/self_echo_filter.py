@@ -1,8 +1,9 @@
-"""Messages that come back to the node that sent them, told from those of others by their bytes.
+"""Drops the messages that come back to the node that sent them; they are recognised by their bytes.
 
-Needed where a middleware cannot say whose a message is. A subscription notes what publishers of its own node have sent
-to it, and drops the next sample with the same bytes. Echoes of one publisher come in its order, so the ones before a
-found one were lost; one that does not come within a second was lost too.
+Needed where a middleware does not say who sent a message (rclpy; it needs no ROS itself, so that it is tested
+everywhere). A subscription records what publishers of its own node have sent to it, and drops the next sample with the
+same bytes. Echoes of one publisher come in its order, so those before a recognised one were lost; one that does not
+come within a second was lost too.
 """
 
 from __future__ import annotations
@@ -12,27 +13,27 @@ from collections.abc import Hashable, Iterable
 
 from fame.clock import SECOND
 
-_LOST = SECOND
+_TIMEOUT = SECOND
 """How long an echo may take (ns)."""
 _HEADER = 4
 """Length of the encapsulation header of CDR (bytes): its last two may come back changed."""
 
 
-class Echoes:
-    """Those that one subscription expects."""
+class EchoFilter:
+    """The echoes that one subscription expects."""
 
     def __init__(self) -> None:
         self._sent: dict[Hashable, deque[tuple[int, bytes]]] = {}
 
     def expect(self, publisher: Hashable, messages: Iterable[bytes], now: int) -> None:
-        """A publisher has sent these (CDR) at `now` (ns)."""
+        """Record what a publisher has sent (CDR) at `now` (ns)."""
         self._sent.setdefault(publisher, deque()).extend((now, _content(data)) for data in messages)
 
     def take(self, data: bytes, now: int) -> bool:
-        """Whether a sample that has come is an echo. It is expected no more."""
+        """Whether a sample that has come is an echo. An echo is recognised once."""
         content = _content(data)
         for sent in self._sent.values():
-            while sent and now - sent[0][0] > _LOST:
+            while sent and now - sent[0][0] > _TIMEOUT:
                 sent.popleft()
             for place, (_, echo) in enumerate(sent):
                 if echo == content:
@@ -43,5 +44,5 @@ class Echoes:
 
 
 def _content(data: bytes) -> bytes:
-    """What a sample says: DDS fills it up to a multiple of four bytes, and notes that in the header, or does not."""
+    """The content of a sample: DDS may pad it to a multiple of four bytes, and may record that in the header."""
     return data[_HEADER:] + bytes(-len(data) % 4)

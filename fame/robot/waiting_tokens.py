@@ -18,7 +18,7 @@ from fame.clock import SECOND, Scheduler
 from fame.engine import Engine, waiting
 from fame.engine.program import USER, Node as ProgramNode
 from fame.engine.state import Wait, joins_reached
-from fame.middleware.interface import UNKNOWN, Middleware, Node, resolve
+from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, resolve
 from fame.robot.mission import Mission
 from fame.scripting import Runner, script_names
 
@@ -68,7 +68,7 @@ class PublisherGaps:
             for topic in known.keys() - publishers.keys():
                 del known[topic]
         for topic, names in publishers.items():
-            there, left = set(names) - {UNKNOWN}, self._left.setdefault(topic, {})
+            there, left = set(names) - {UNKNOWN_NODE}, self._left.setdefault(topic, {})
             left.update(dict.fromkeys(self._there.get(topic, there) - there, now))
             for name in sorted(there & left.keys()):
                 self._last[topic] = PublisherGap(name, left.pop(name), now)

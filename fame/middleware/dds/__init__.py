@@ -5,20 +5,15 @@ the package raises UnavailableError where Cyclone is not installed.
 
 ::
 
-    middleware        the backend: one participant, its nodes, the graph, warnings, clean leaving
-    nodes             nodes, publishers and subscriptions
-    services          services and clients, as rmw_cyclonedds writes them
-    discovery         who is there: endpoints, and the nodes that they belong to
-    information       what a participant tells of its nodes
-    reading           waiting for data
-    scheduler         the wall clock that does so itself
-    lockstep          messages that wait for their step, and come in the same order every time
-    domain            which domain and network interface
-    confinement       loopback that is loopback
-    entities          writers and readers, and their topics
-    policies          quality of service in the words of Cyclone
-    described         what Cyclone tells of the few basic types
-    wire              types, names and hashes as ROS 2 writes them; messages as bytes
+    middleware   the backend: nodes, the graph, lockstep
+    endpoints    publishers and subscriptions
+    services     services and clients, as rmw_cyclonedds writes them
+    participant  the participant: discovery, warnings, waiting for data
+    discovery    who is there: endpoints, and the nodes that they belong to
+    waitset      waiting for data; the wall clock that does so itself
+    entities     writers and readers, their topics and quality of service
+    domain       which domain and network interface; sockets bound to loopback
+    wire         types, names and hashes as ROS 2 writes them in DDS
 """
 
 from __future__ import annotations
@@ -31,7 +26,7 @@ except ImportError:
     text = "DDS needs Eclipse Cyclone DDS: pip install 'fame-robots[dds]' (or use ROS 2's: --middleware ros)"
     raise UnavailableError(text) from None
 
-from fame.middleware.dds.middleware import DdsMiddleware
-from fame.middleware.dds.scheduler import DdsScheduler
+from fame.middleware.dds.middleware import DdsMiddleware, Lockstep
+from fame.middleware.dds.waitset import DdsScheduler
 
-__all__ = ["DdsMiddleware", "DdsScheduler"]
+__all__ = ["DdsMiddleware", "DdsScheduler", "Lockstep"]

@@ -1,14 +1,19 @@
 """Who is there: every endpoint of the domain, and the ROS nodes that they belong to.
 
-DDS itself knows endpoints and participants (its built-in topics), not nodes: each participant that speaks ROS writes on
-`ros_discovery_info` which nodes it has, and which endpoints belong to them. The two are joined by gid, the 16 bytes of
-a GUID, whenever somebody asks. Own endpoints are found in the same way as all others.
+DDS itself knows endpoints and participants (its built-in topics), not nodes: each participant of ROS publishes on
+`ros_discovery_info` which nodes it has, and which endpoints belong to them (``rmw_dds_common/msg/
+ParticipantEntitiesInfo``). The two are joined by gid, the 16 bytes of a GUID, on demand. Endpoints of this participant
+are found in the same way as all others.
 
-`refresh` takes what has come in since the last time. Any thread may call; one lock guards the tables.
+`refresh` takes what has come in since the last time. Any thread may call it; one lock guards the tables.
+
+The message is packed by hand, not by the codec: everybody sends it anew whenever a node changes and gets that of
+everybody, and it is all that an engine without a process would need the codec for.
 """
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -19,18 +24,18 @@ from cyclonedds.core import InstanceState
 from cyclonedds.sub import DataReader
 
 from fame.errors import MessageError
-from fame.middleware.builtin_types import PARTICIPANT
-from fame.middleware.dds import information, policies, wire
-from fame.middleware.dds.entities import Entities
-from fame.middleware.dds.information import NodeEntry
-from fame.middleware.dds.reading import Watch, delete
-from fame.middleware.interface import QoS
+from fame.middleware.builtin_types import LITTLE, ORDERS, PARTICIPANT
+from fame.middleware.dds import wire
+from fame.middleware.dds.entities import Entities, from_dds
+from fame.middleware.dds.waitset import DataWaiter, delete
+from fame.middleware.interface import QoS, resolve
 
 _INFO_TOPIC = "ros_discovery_info"
-_KEPT = QoS(durability="transient_local", depth=1)
-_HEARD = QoS(durability="transient_local", history="keep_all")
+_ANNOUNCED = QoS(durability="transient_local", depth=1)
+_RECEIVED = QoS(durability="transient_local", history="keep_all")
 """Not keep last 1: the topic has no key, so that it would hold one sample of all participants."""
 
+_GID = 16  # bytes
 _MANY = 256
 """Samples taken at a time."""
 
@@ -48,45 +53,64 @@ class Endpoint:
     type_hash: str
 
 
+@dataclass(frozen=True, slots=True)
+class NodeEntry:
+    """A node as its participant announces it. `namespace` has no slashes around it."""
+
+    name: str
+    namespace: str
+    readers: tuple[bytes, ...]
+    writers: tuple[bytes, ...]
+
+    @property
+    def full_name(self) -> str:
+        return resolve(self.name, self.namespace)
+
+    @property
+    def gids(self) -> frozenset[bytes]:
+        """The gids of its endpoints."""
+        return frozenset((*self.readers, *self.writers))
+
+
 class Discovery:
     """The tables. `endpoints`: gid -> endpoint; `nodes`: gid of a participant -> its nodes.
 
-    `changed` is called, in the thread of the watch, when there is something to `refresh`.
+    `changed` is called, in the thread of the waiter, when there is something to `refresh`.
     """
 
-    def __init__(self, entities: Entities, watch: Watch, changed: Callable[[], object]) -> None:
+    def __init__(self, entities: Entities, waiter: DataWaiter, changed: Callable[[], object]) -> None:
         participant = entities.participant
         self.participant: bytes = participant.guid.bytes
         self.endpoints: dict[bytes, Endpoint] = {}
         self.nodes: dict[bytes, tuple[NodeEntry, ...]] = {}
         self._lock = threading.RLock()
         data = wire.type_hash(PARTICIPANT)
-        self._writer = entities.writer(_INFO_TOPIC, PARTICIPANT, _KEPT, data)
-        self._reader = entities.reader(_INFO_TOPIC, PARTICIPANT, _HEARD, data)
+        self._writer = entities.writer(_INFO_TOPIC, PARTICIPANT, _ANNOUNCED, data)
+        self._reader = entities.reader(_INFO_TOPIC, PARTICIPANT, _RECEIVED, data)
         self._participants = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsParticipant)
-        self._ends = {
+        self._endpoint_readers = {
             True: builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication),
             False: builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsSubscription),
         }
-        for built_in in (self._participants, *self._ends.values()):
-            built_in._cqos_conv = policies.from_dds
-            watch.add(built_in, changed)
-        watch.add(self._reader, changed)
+        for built_in in (self._participants, *self._endpoint_readers.values()):
+            built_in._cqos_conv = from_dds
+            waiter.add(built_in, changed)
+        waiter.add(self._reader, changed)
 
     def close(self) -> None:
-        """Give all readers and the writer back, when nobody watches them any more."""
-        for end in (self._writer, self._reader, self._participants, *self._ends.values()):
+        """Delete all readers and the writer, when no waiter has them any more."""
+        for end in (self._writer, self._reader, self._participants, *self._endpoint_readers.values()):
             delete(end)
 
-    def describe(self, nodes: Iterable[NodeEntry]) -> None:
-        """Note which nodes this participant has."""
+    def set_nodes(self, nodes: Iterable[NodeEntry]) -> None:
+        """Set the nodes of this participant, for `announce`."""
         with self._lock:
             self.nodes[self.participant] = tuple(nodes)
 
     def announce(self) -> None:
-        """Tell the domain which nodes this participant has: the whole list, each time."""
+        """Publish which nodes this participant has: the whole list, each time."""
         with self._lock:
-            data = information.pack(self.participant, self.nodes[self.participant])
+            data = pack_nodes(self.participant, self.nodes[self.participant])
             self._writer.write(self._writer.data_type(data))
 
     def refresh(self) -> tuple[list[Endpoint], list[Endpoint]]:
@@ -94,25 +118,25 @@ class Discovery:
         came: list[Endpoint] = []
         went: list[Endpoint] = []
         with self._lock:
-            for writes, reader in self._ends.items():
+            for writes, reader in self._endpoint_readers.items():
                 for sample in _samples(reader):
-                    self._note(sample, writes, came, went)
+                    self._update(sample, writes, came, went)
             for sample in _samples(self._reader):
                 if sample.sample_info.valid_data:
-                    self._hear(sample.data)
+                    self._on_nodes(sample.data)
             for sample in _samples(self._participants):
                 if sample.sample_info.instance_state != InstanceState.Alive:
                     self.nodes.pop(sample.key.bytes, None)
         return came, went
 
-    def ends(self) -> list[Endpoint]:
+    def all_endpoints(self) -> list[Endpoint]:
         """All endpoints, in the order in which they came."""
         with self._lock:
             return list(self.endpoints.values())
 
     def on_topic(self, topic: str) -> list[Endpoint]:
         """The endpoints of a DDS topic."""
-        return [endpoint for endpoint in self.ends() if endpoint.topic == topic]
+        return [endpoint for endpoint in self.all_endpoints() if endpoint.topic == topic]
 
     def all_nodes(self) -> list[NodeEntry]:
         """The nodes of all participants."""
@@ -123,7 +147,7 @@ class Discovery:
         """Gid of an endpoint -> full name of its node."""
         return {gid: node.full_name for node in self.all_nodes() for gid in node.gids}
 
-    def _note(self, sample: Any, writes: bool, came: list[Endpoint], went: list[Endpoint]) -> None:
+    def _update(self, sample: Any, writes: bool, came: list[Endpoint], went: list[Endpoint]) -> None:
         gid = sample.key.bytes
         known = self.endpoints.get(gid)
         if sample.sample_info.instance_state != InstanceState.Alive:
@@ -142,10 +166,10 @@ class Discovery:
             )
             came.append(endpoint)
 
-    def _hear(self, data: bytes) -> None:
-        """Note what a participant says of its nodes. What cannot be read is not from a ROS node, and means nothing."""
+    def _on_nodes(self, data: bytes) -> None:
+        """Keep what a participant announces. What cannot be read is not from a ROS node, and is ignored."""
         try:
-            participant, nodes = information.unpack(data)
+            participant, nodes = unpack_nodes(data)
         except MessageError:
             return
         if participant != self.participant:
@@ -155,3 +179,62 @@ class Discovery:
 def _samples(reader: DataReader[Any]) -> Iterator[Any]:
     while samples := reader.take(_MANY):
         yield from samples
+
+
+# ---- the announcement of nodes, as CDR -------------------------------------------------------------------------------
+
+
+def pack_nodes(participant: bytes, nodes: Iterable[NodeEntry]) -> bytes:
+    """The gid of a participant and its nodes, as CDR."""
+    parts = [_pack_node(node) for node in nodes]
+    return b"".join((LITTLE, participant, struct.pack("<I", len(parts)), *parts))
+
+
+def unpack_nodes(data: bytes) -> tuple[bytes, tuple[NodeEntry, ...]]:
+    """The inverse of `pack_nodes`. Raises MessageError for data that are not from a ROS node."""
+    try:
+        return _unpack_nodes(data)
+    except (KeyError, ValueError, struct.error) as error:
+        raise MessageError(f"cannot read {len(data)} bytes of CDR: {error}", type=PARTICIPANT) from None
+
+
+def _pack_node(node: NodeEntry) -> bytes:
+    """A node, padded to a multiple of 4 bytes, so that all begin where numbers may."""
+    names = _pack_text(f"/{node.namespace}") + _pack_text(node.name)
+    ends = (part for gids in (node.readers, node.writers) for part in (struct.pack("<I", len(gids)), *gids))
+    return b"".join((names, *ends))
+
+
+def _pack_text(text: str) -> bytes:
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data + bytes(-len(data) % 4)
+
+
+def _unpack_nodes(data: bytes) -> tuple[bytes, tuple[NodeEntry, ...]]:
+    unsigned = struct.Struct(f"{ORDERS[data[:2]]}I")
+    at = len(LITTLE)
+
+    def take(length: int) -> bytes:
+        nonlocal at
+        at += length
+        if at > len(data):
+            raise ValueError("it ends too early")
+        return data[at - length : at]
+
+    def number() -> int:
+        take(-at % 4)
+        value: int = unsigned.unpack(take(4))[0]
+        return value
+
+    def text() -> str:
+        return take(number())[:-1].decode()
+
+    def gids() -> tuple[bytes, ...]:
+        return tuple([take(_GID) for _ in range(number())])
+
+    participant = take(_GID)
+    nodes = []
+    for _ in range(number()):
+        namespace, name = text().strip("/"), text()
+        nodes.append(NodeEntry(name, namespace, gids(), gids()))
+    return participant, tuple(nodes)

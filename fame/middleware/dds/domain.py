@@ -1,29 +1,41 @@
 """Which DDS domain to join, over which network interface.
 
 A domain is ROS's: `ROS_DOMAIN_ID`, 0 if it is not set. Without an interface everything stays on loopback, where there
-is no multicast: participants look for each other at 127.0.0.1, up to 121 of them per domain. Nothing but the argument
-opens the network. Then, and only then, CYCLONEDDS_URI is read too (peers where multicast is switched off, buffers).
+is no multicast: participants look for each other at 127.0.0.1, up to 121 of them per domain. Only the argument opens
+the network. Then, and only then, CYCLONEDDS_URI is read too (peers where multicast is switched off, buffers).
+
+Cyclone sends over the interface that it is given, but listens on all of them (eclipse-cyclonedds/cyclonedds, issue
+1923): whoever reaches the machine could put samples on our topics, models to be run among them. So the sockets of a
+loopback domain are bound to the loopback device, from outside; that needs no privilege on Linux from 5.7 on, and none
+on macOS.
 """
 
 from __future__ import annotations
 
 import os
+import socket
+import sys
+from collections.abc import Callable, Iterator
 from weakref import WeakValueDictionary
 
 from cyclonedds.core import DDSException
 from cyclonedds.domain import Domain
 
 from fame.errors import ConfigError
-from fame.middleware.dds.loopback_filter import confine
-from fame.middleware.interface import LARGEST
+from fame.middleware.interface import MAX_MESSAGE_SIZE
 
 _LAST_DOMAIN = 232
 """The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
 
+_FIRST_PORT, _PORTS = 7400, 250
+"""The first port of domain 0, and how many a domain has (DDSI-RTPS 2.5, section 9.6.2)."""
+
+_BIND_TO_DEVICE = 25  # <asm-generic/socket.h>
+_IP_BOUND_IF = 25  # <netinet/in.h> of macOS
 _SHARED = f"""
 <Discovery><LeaseDuration>3s</LeaseDuration></Discovery>
 <Internal>
-  <MaxSampleSize>{LARGEST} B</MaxSampleSize>
+  <MaxSampleSize>{MAX_MESSAGE_SIZE} B</MaxSampleSize>
   <WriterLingerDuration>200ms</WriterLingerDuration>
   <HeartbeatInterval minsched="5ms">10ms</HeartbeatInterval>
 </Internal>
@@ -64,7 +76,7 @@ def domain_id(given: int | None = None) -> int:
     if text.isascii() and text.isdigit() and int(text[:9]) <= _LAST_DOMAIN:
         return int(text)
     source = "ROS_DOMAIN_ID" if given is None else "domain"
-    raise ConfigError(f"found {text!r}, expected a DDS domain from 0 to {_LAST_DOMAIN}", element=source)
+    raise ConfigError(f"expected a DDS domain from 0 to {_LAST_DOMAIN}, got {text!r}", element=source)
 
 
 def configuration(network: str | None) -> str:
@@ -88,7 +100,7 @@ def open_domain(number: int, network: str | None) -> Domain:
         except DDSException as error:
             raise ConfigError(f"cannot open DDS domain {number} on {network or 'loopback'}: {error}") from None
         _open[number], _configurations[number] = domain, wanted
-        _confined[number] = network is None and confine(number)  # before the first participant is made
+        _confined[number] = network is None and bind_to_loopback(number)  # before the first participant is made
     if _configurations[number] != wanted:
         raise ConfigError(f"DDS domain {number} is open in this process already, on another network than {network}")
     return domain
@@ -108,3 +120,55 @@ def _interface(network: str) -> str:
     except ValueError:
         return f"name={quoteattr(network)}"
     return f"address={quoteattr(network)}"
+
+
+# ---- sockets bound to loopback ---------------------------------------------------------------------------------------
+
+
+def _linux(end: socket.socket) -> None:
+    end.setsockopt(socket.SOL_SOCKET, _BIND_TO_DEVICE, b"lo\0")
+
+
+def _macos(end: socket.socket) -> None:
+    end.setsockopt(socket.IPPROTO_IP, _IP_BOUND_IF, socket.if_nametoindex("lo0"))
+
+
+_BIND: dict[str, Callable[[socket.socket], None]] = {"linux": _linux, "darwin": _macos}
+"""Platform -> the function that binds a socket to loopback."""
+
+
+def bind_to_loopback(domain: int) -> bool:
+    """Bind the sockets that this process has in a domain to loopback. Returns whether that was possible."""
+    bind = _BIND.get(sys.platform)
+    if bind is None:
+        return False
+    try:
+        for end in sockets(domain):
+            with end:
+                bind(end)
+    except OSError:
+        return False
+    return True
+
+
+def sockets(domain: int) -> Iterator[socket.socket]:
+    """A duplicate of each UDP socket of this process on a port of the domain, to be closed by the caller."""
+    first = _FIRST_PORT + _PORTS * domain
+    for entry in os.listdir("/dev/fd"):
+        try:
+            number = os.dup(int(entry))
+        except OSError:
+            continue  # the one of the listing
+        try:
+            end = socket.socket(fileno=number)
+        except OSError:
+            os.close(number)  # not a socket
+            continue
+        if (
+            end.type == socket.SOCK_DGRAM
+            and end.family == socket.AF_INET
+            and end.getsockname()[1] - first in range(_PORTS)
+        ):
+            yield end
+        else:
+            end.close()

@@ -1,8 +1,9 @@
 """Services and clients, as rmw_cyclonedds writes them: two topics, and two numbers before each message.
 
 A request to ``/grip`` goes to DDS topic ``rq/gripRequest``, its response to ``rr/gripReply``, which all clients of the
-service hear. Both carry the instance handle of the client's writer and a number of the client's own, by which it knows
-its response. USER_DATA of both ends of a client or service holds one id, so that others see which belong together.
+service receive. Both carry the instance handle of the client's writer and a number of the client's own, by which it
+recognises its response. USER_DATA of both endpoints of a client or service holds one id, which shows that they belong
+together.
 """
 
 from __future__ import annotations
@@ -11,57 +12,55 @@ import struct
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from cyclonedds.qos import Policy
 
 from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import codec, messages
-from fame.middleware.dds import policies, wire
-from fame.middleware.dds.entities import matched
-from fame.middleware.interface import Message, QoS, respond
-from fame.middleware.wire_base import ClientEnd, ServiceEnd
-
-if TYPE_CHECKING:
-    from fame.middleware.dds.nodes import DdsNode
+from fame.middleware.dds import wire
+from fame.middleware.dds.entities import matched, user_data
+from fame.middleware.dds.participant import Participant
+from fame.middleware.interface import Message, QoS
+from fame.middleware.wire_base import Warnings, WireClient, WireNode, WireService
 
 _QOS = QoS(depth=10)
-"""That of services in ROS: reliable, volatile, keep last 10."""
+"""The quality of service of services in ROS: reliable, volatile, keep last 10."""
 
 _NUMBERS = struct.Struct("<Qq")
 _START = wire.HEADER + _NUMBERS.size
 _RETRY = SECOND // 200
 _PATIENCE = SECOND
-"""How often a response looks whether its client has been discovered, and for how long (ns)."""
+"""How often a service checks whether it has discovered the reader of a client, and for how long (ns)."""
 
 _ids = count(1)
 Numbers = tuple[int, int]
 
 
 class _Exchange:
-    """The two ends of a service or client. `hear` is called for each message, with its numbers and its sender."""
+    """The two DDS endpoints of a service or client. `on_message` gets each message, its numbers and its sender."""
 
     def __init__(
         self,
-        node: DdsNode,
+        participant: Participant,
+        warn: Warnings,
         name: str,
         type: str,
         role: Literal["service", "client"],
-        hear: Callable[[Message, Numbers, int], object],
+        on_message: Callable[[Message, Numbers, int], object],
     ) -> None:
         request_type, response_type = messages.service(type)
         request = wire.dds_topic(name, wire.REQUEST, "Request"), request_type
         reply = wire.dds_topic(name, wire.REPLY, "Reply"), response_type
-        heard, said = (request, reply) if role == "service" else (reply, request)
-        self.middleware, self.name, self.closed = node.middleware, name, False
-        self._hear, self._heard_type = hear, heard[1]
-        entities = node.middleware.entities
-        identity = node.middleware.discovery.participant[:12] + next(_ids).to_bytes(4)
+        received, sent = (request, reply) if role == "service" else (reply, request)
+        self.participant, self.name, self.closed = participant, name, False
+        self._warn, self._on_message, self._received_type = warn, on_message, received[1]
+        identity = participant.discovery.participant[:12] + next(_ids).to_bytes(4)
         data = f"{role}id={'.'.join(f'{byte:x}' for byte in identity)};"
-        self.writer = entities.writer(*said, _QOS, data, header=True)
-        self.reader = entities.reader(*heard, _QOS, data, header=True)
-        node.middleware.data.add(self.reader, partial(node.middleware.scheduler.soon, self.take))
+        self.writer = participant.entities.writer(*sent, _QOS, data, header=True)
+        self.reader = participant.entities.reader(*received, _QOS, data, header=True)
+        participant.data.add(self.reader, partial(participant.scheduler.soon, self.take))
         self.writer_gid, self.reader_gid = self.writer.guid.bytes, self.reader.guid.bytes
 
     def write(self, message: Message, numbers: Numbers) -> None:
@@ -73,54 +72,54 @@ class _Exchange:
         for sample in () if self.closed else self.reader.take(_QOS.depth):
             if sample.sample_info.valid_data:
                 action = partial(self._read, sample.data, sample.sample_info.publication_handle)
-                self.middleware.scheduler.soon(action)
+                self.participant.scheduler.soon(action)
 
     def close(self) -> None:
         self.closed = True
-        self.middleware.discard(self.writer)
-        self.middleware.discard(self.reader)
+        self.participant.delete(self.writer)
+        self.participant.delete(self.reader)
 
     def _read(self, data: bytes, sender: int) -> None:
         try:
-            message = codec.deserialize(data[: wire.HEADER] + data[_START:], self._heard_type)
+            message = codec.deserialize(data[: wire.HEADER] + data[_START:], self._received_type)
         except MessageError as error:
-            self.middleware.warn(f"{self.name}: dropped a message: {error}")
+            self._warn(f"{self.name}: dropped a message: {error}")
         else:
             if not self.closed:
-                self._hear(message, _NUMBERS.unpack_from(data, wire.HEADER), sender)
+                self._on_message(message, _NUMBERS.unpack_from(data, wire.HEADER), sender)
 
 
-class DdsService(ServiceEnd):
-    """What answers requests. See `fame.middleware.interface.Service`."""
+class DdsService(WireService):
+    """A service. See `fame.middleware.interface.Service`."""
 
-    def __init__(self, node: DdsNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
-        super().__init__(node, name, type)
-        self.check_offer()
-        self._handler = handler
-        self.exchange = _Exchange(node, name, type, "service", self._answer)
+    def __init__(
+        self, node: WireNode, participant: Participant, name: str, type: str, handler: Callable[[Message], Any]
+    ) -> None:
+        super().__init__(node, name, type, handler)
+        self.exchange = _Exchange(participant, node.middleware.warn, name, type, "service", self._on_request)
         self._reachable: set[int] = set()
 
-    def leave(self) -> None:
+    def release(self) -> None:
         self.exchange.close()
+        self.node.middleware.on_endpoints_changed()
 
-    def _answer(self, request: Message, numbers: Numbers, client: int) -> None:
-        def tell(said: Any) -> None:
-            response = messages.create(self.response_type, said)
+    def _on_request(self, request: Message, numbers: Numbers, client: int) -> None:
+        def send(response: Message) -> None:
             self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
 
-        respond(self._handler(request), tell)
+        self.handle(request, send)
 
     def _respond(self, response: Message, numbers: Numbers, client: int, deadline: int) -> None:
-        """Respond as soon as the reader of the client has been discovered: before that, it would not hear."""
+        """Respond as soon as the reader of the client is discovered: before that, it would not get the response."""
         scheduler = self.node.middleware.scheduler
         if self.exchange.closed or client not in map(wire.handle, matched(self.exchange.reader)):
-            return  # one of the two left
+            return  # one of the two has closed
         if client in self._reachable or self._reaches(client):
             self.exchange.write(response, numbers)
         elif scheduler.now < deadline:
             scheduler.after(_RETRY, partial(self._respond, response, numbers, client, deadline))
         else:
-            self.node.middleware.warn(f"{self.name}: a client does not listen to the response that it asked for")
+            self.node.middleware.warn(f"{self.name}: a client does not listen to the response to its request")
 
     def _reaches(self, client: int) -> bool:
         reader, writer = self.exchange.reader, self.exchange.writer
@@ -133,52 +132,44 @@ class DdsService(ServiceEnd):
         return True
 
 
-class DdsClient(ClientEnd):
-    """What asks a service. See `fame.middleware.interface.Client`."""
+class DdsClient(WireClient):
+    """A client. See `fame.middleware.interface.Client`."""
 
-    def __init__(self, node: DdsNode, name: str, type: str) -> None:
+    def __init__(self, node: WireNode, participant: Participant, name: str, type: str) -> None:
         super().__init__(node, name, type)
-        self.exchange = _Exchange(node, name, type, "client", self._hear)
+        self.exchange = _Exchange(participant, node.middleware.warn, name, type, "client", self._on_message)
         self._guid = wire.handle(self.exchange.writer.get_instance_handle())
         self._numbers = count(1)
-        self._waiting: dict[int, Callable[[Message], object]] = {}
 
     @property
     def available(self) -> bool:
-        """Whether somebody offers the service now, and both topics have been matched."""
+        """Whether a node offers the service now, and both topics are matched."""
         ends = self.exchange
         return not ends.closed and bool(matched(ends.writer) and matched(ends.reader))
 
-    def call(self, request: Any, callback: Callable[[Message], object]) -> None:
-        """Send a request. Raises MessageError if it does not fit, or if nobody offers the service with this type."""
-        message = self.request(request)
+    def send(self, request: Message) -> int:
         number = next(self._numbers)
-        self._waiting[number] = callback
-        self.exchange.write(message, (self._guid, number))
+        self.exchange.write(request, (self._guid, number))
+        return number
 
-    def leave(self) -> None:
-        self._waiting.clear()
+    def release(self) -> None:
         self.exchange.close()
+        self.node.middleware.on_endpoints_changed()
 
-    def check(self) -> None:
-        """Some service has left. If it was this one, those who wait for it wait in vain."""
-        self.exchange.take()  # what it answered before
-        self.node.middleware.scheduler.soon(self._give_up)
+    def on_service_gone(self) -> None:
+        """Some service has left. If it was the one of this client, give up what waits for it."""
+        self.exchange.take()  # its last responses
+        self.node.middleware.scheduler.soon(self.give_up)
 
-    def _give_up(self) -> None:
-        if self._waiting and not self.available:
-            self._waiting.clear()
-            self.give_up()
-
-    def _hear(self, response: Message, numbers: Numbers, service: int) -> None:
+    def _on_message(self, response: Message, numbers: Numbers, service: int) -> None:
         guid, number = numbers
-        if guid == self._guid and number in self._waiting:
-            self._waiting.pop(number)(response)
+        if guid == self._guid:
+            self.on_response(number, response)
 
 
 def _identity(endpoint: Any) -> str:
-    """What tells which ends belong to one client: its id or, where there is none, the participant."""
+    """What the endpoints of one client have in common: its id or, where there is none, the participant."""
     if endpoint is None:
-        return ""  # it left
+        return ""  # it has left
     policy = endpoint.qos[Policy.Userdata]
-    return policies.user_data(policy.data if policy else b"").get("clientid") or str(endpoint.participant_key)
+    return user_data(policy.data if policy else b"").get("clientid") or str(endpoint.participant_key)

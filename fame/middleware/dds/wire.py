@@ -1,25 +1,31 @@
-"""What stands on the wire: names of topics and types as ROS 2 mangles them, and messages as bytes.
+"""Names of topics and types as ROS 2 mangles them in DDS, and the types that Cyclone gets.
 
-Cyclone gets and gives CDR as it is; `fame.middleware.codec` packs and unpacks. It wants to know the fields of a type
-nevertheless, for its own check of what comes in, so each type is declared with its true fields (keyless, final).
+Cyclone takes and gives CDR as it is; `fame.middleware.codec` packs and unpacks. It needs the fields of a type
+nevertheless, to check what comes in, so each type is declared with its true fields (keyless, final).
+
+Each endpoint carries a descriptor of its type (DDS XTypes 1.3, section 7.3.4: TypeInformation and TypeMapping). To
+compute it, cyclonedds needs 30 ms for the first type, a fifth of the start of an engine; so those of the types in
+`fame.middleware.builtin_types` are stored here.
 """
 
 from __future__ import annotations
 
+import base64
 import re
+import zlib
 from functools import cache
 from typing import Any
 
 from cyclonedds.idl import make_idl_struct, types
 
 from fame.middleware import codec, typesystem
-from fame.middleware.dds.type_descriptors import describe
+from fame.middleware.builtin_types import PARTICIPANT, STRING
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.errors import check_name
 
 idl: Any = types  # for mypy: its types are made by indexing instances
 TOPIC, REQUEST, REPLY = "rt", "rq", "rr"
-"""What the name of a DDS topic begins with: that of a ROS topic, of requests to a service, of its responses."""
+"""Prefixes of DDS topics: of a ROS topic, of the requests to a service, of its responses."""
 
 HEADER = 4
 """Length of the encapsulation header of CDR (bytes)."""
@@ -54,7 +60,7 @@ def ros_type(name: str) -> str:
 
 
 def type_hash(name: str) -> str:
-    """The entry of an end's USER_DATA by which ROS 2 tells whether both ends mean the same type."""
+    """The entry of the USER_DATA of an endpoint by which ROS 2 compares the types of two endpoints."""
     return f"typehash={codec.type_hash(name)};"
 
 
@@ -79,30 +85,30 @@ def declared(name: str, header: bool) -> Any:
         dataclassify=False,
     )
     if not header:
-        describe(content.name, cls)
+        _set_descriptor(content.name, cls)
     # Not by inheritance, which would become part of the type.
-    for method, function in _AS_IT_IS.items():
+    for method, function in _CDR_METHODS.items():
         setattr(cls, method, function)
     return cls
 
 
-def _keep(self: Any, data: bytes) -> None:
+def _set_data(self: Any, data: bytes) -> None:
     self.data = data
 
 
-def _give(self: Any, *args: Any, **options: Any) -> bytes:
+def _get_data(self: Any, *args: Any, **options: Any) -> bytes:
     return self.data  # type: ignore[no-any-return]
 
 
-def _take(cls: Any, data: bytes, *args: Any, **options: Any) -> Any:
+def _from_data(cls: Any, data: bytes, *args: Any, **options: Any) -> Any:
     return cls(data)
 
 
-_AS_IT_IS = {
-    "__init__": _keep,
-    "serialize": _give,
-    "deserialize": classmethod(_take),
-    "deserialize_key": classmethod(_take),
+_CDR_METHODS = {
+    "__init__": _set_data,
+    "serialize": _get_data,
+    "deserialize": classmethod(_from_data),
+    "deserialize_key": classmethod(_from_data),
 }
 
 
@@ -120,3 +126,32 @@ def _primitive(field: Field) -> Any:
     if field.base == "string":
         return idl.bounded_str[field.bound] if field.bound else str
     return bool if field.base == "bool" else getattr(idl, field.base)
+
+
+def _set_descriptor(name: str, declared: Any) -> None:
+    """Give a declared type its stored descriptor, if there is one; cyclonedds computes the others."""
+    if name in _DESCRIPTORS:
+        length, packed = _DESCRIPTORS[name]
+        data = zlib.decompress(base64.b64decode(packed))
+        declared.__idl__._xt_data = name, name  # only says that they exist
+        declared.__idl__._xt_bytedata = data[:length], data[length:]
+
+
+_DESCRIPTORS = {
+    STRING: (
+        100,
+        "eNpLYGBgYBRgcNAA0ipALALEHyNTczm4dqotNl42V23ORgaQHAiwQGkmNPWfDt9quGbxUnr+Wq7ssphDDMFo6m1AdmAxF6T/YyAjWI4BahaI"
+        "zQPlMzIUMPSW11ukQ8XR7fEHiQH1q0LVywJxcUlKfG5xerGVFZC0skpJKY63sgouKcrMS48HqZGGmiWMZAcrkE5JLEkE8ZWw24XmdACXeEJ8",
+    ),
+    PARTICIPANT: (
+        196,
+        "eNo7wMDAwCjA4BABpEOAWASIP15dtORafJXn5qrNz5OamBiigGJMQGwCpcFqOJul50/kyktbod34M+QHgxFMvKoqtqz8xJzuf55e8ifmM7SB"
+        "9KCZ/0mv6SsP3+HE74tWP+7/ep5hKxbzPy27F5Zh1elvekzl9dSOpQzxMHHjyjcOG/O4LrvOOWxir8LAyMjA4AXEzFjcHQYSC2RkAEqDgRvU"
+        "fEkonxHdF7rBK34DxeXAciDc8JERw0tTjZR90X3JwNCEZlcRELMAsQDcrkKwoZ6BPy0E4OZDxB65hCrKQd0GsxPVYRJp169D3MWMU03Otgmn"
+        "0WOFgUEPzV0wv4nB3TXhMyNUTIC3t7zegoHBnQliD3o8bQSJAc2ygeoFxVdRbnl8SkpxfHJ+bm5+npVVbnG6lRVIwMoqILGoJDM5syAxr8Q1"
+        "rySzJDO12DMvLT+eIRPqVyW4G9BjGxJ26ZkpYHlLRHx8YsRMAgziQLm8/JTU+FSoNfGZIHuKUwsxE8xfqB9MoXbr4veDH9BYVMcDwU6o+xTR"
+        "4pYf5o68xNzU4oLE5FSIvAxafHMhqwOyDRFxD/YfemCAzC1KTUxJLYoHBgnUX1B9zAT0lRdllqDoQ1MVDQ0PDahfFPCHhzvQHAZ1qH/ksaYh"
+        "BgZWIJ2SWJIIkotjwJqW0LIqWiShZS80J6MlcgA2lFF3",
+    ),
+}
+"""Type -> length of the TypeInformation, and it with the TypeMapping, compressed."""

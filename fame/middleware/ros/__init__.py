@@ -5,10 +5,9 @@ brings. Needed are Jazzy or newer and this Python.
 
 ::
 
-    middleware        the backend: a context, its executor in a thread, the graph, warnings
-    nodes             nodes, publishers and subscriptions
-    services          services and clients
-    translation       types, messages and quality of service in the words of rclpy, and back
+    middleware   the backend: a context, its nodes, its executor in a thread, the graph, warnings
+    endpoints    publishers, subscriptions, services and clients
+    translation  types, messages and quality of service in the words of rclpy, and back
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
@@ -19,26 +20,28 @@ from rclpy.node import Node
 
 from fame.clock import WallScheduler
 from fame.errors import ConfigError
-from fame.middleware.interface import TopicInfo, resolve
+from fame.middleware.errors import mismatch_text
+from fame.middleware.interface import Message, QoS, TopicInfo, resolve
 from fame.middleware.qos import compatible
-from fame.middleware.ros.nodes import RosNode, RosPublisher
+from fame.middleware.ros.endpoints import RosClient, RosHandle, RosPublisher, RosService, RosSubscription
 from fame.middleware.ros.translation import from_profile, owner
-from fame.middleware.wire_base import NAMING, WireMiddleware
+from fame.middleware.wire_base import NAMING_DELAY, WireMiddleware, WireNode
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_EVERYWHERE = ("/rosout", "/parameter_events")
+_OF_EVERY_NODE = ("/rosout", "/parameter_events")
 """Topics that every node of ROS has; the graph leaves them out."""
 
 
 class RosMiddleware(WireMiddleware):
-    """Nodes of rclpy. `warnings` collects what a person should know; `on_warning` is told of each in the scheduler.
+    """Nodes of rclpy. `warnings` has what a person should know; `on_warning` is called with each in the scheduler.
 
     `domain` None is ROS_DOMAIN_ID. `network` None confines discovery to this machine; anything else opens it, on the
     interfaces that the configuration of ROS's own middleware names. Raises ConfigError if ROS refuses.
     """
 
-    confined = False
-    """Discovery is confined, not the sockets: what carries code must not rely on it."""
+    confined: bool = False
+    """Discovery is confined, not the sockets: other machines can reach us."""
+    nodes: list[RosNode]
 
     def __init__(
         self,
@@ -50,10 +53,10 @@ class RosMiddleware(WireMiddleware):
     ) -> None:
         super().__init__(scheduler, network, on_warning)
         confine(network)
-        self.context = Context()
+        self.context: Context = Context()
         try:
             self.context.init(ros_arguments(sys.argv), domain_id=domain)
-            self.executor = SingleThreadedExecutor(context=self.context)
+            self.executor: SingleThreadedExecutor = SingleThreadedExecutor(context=self.context)
             hidden = {"enable_rosout": False, "start_parameter_services": False}
             self._observer = Node(f"_fame_{os.getpid()}", context=self.context, **hidden)
         except Exception as error:  # rclpy raises what its C++ gives it
@@ -69,48 +72,44 @@ class RosMiddleware(WireMiddleware):
         return bool(self._observer.get_parameter("use_sim_time").value)
 
     def node(self, name: str, namespace: str = "") -> RosNode:
-        """A new node. Several may have the same name, as in ROS. Raises ConfigError if ROS refuses the name."""
+        """Make a node. Several may have the same name, as in ROS. Raises ConfigError if ROS refuses the name."""
         return RosNode(self, name, namespace.strip("/"))
 
     def graph(self) -> list[TopicInfo]:
-        """Every topic that has an end, in the order of names; but those that every node of ROS has."""
+        """Every topic that has an endpoint, in the order of names; without those that every node of ROS has."""
         topics = dict(self._observer.get_topic_names_and_types())
-        return [self._info(name, topics[name]) for name in sorted(topics) if name not in _EVERYWHERE]
+        return [self._info(name, topics[name]) for name in sorted(topics) if name not in _OF_EVERY_NODE]
 
     def namespaces(self) -> list[str]:
-        """The namespaces of all nodes, hidden ones apart."""
-        found = {space.strip("/") for name, space in self._observer.get_node_names_and_namespaces() if name[0] != "_"}
-        return sorted(found - {""})
-
-    def leave(self) -> None:
-        self._observer.destroy_node()  # ROS leaves the domain with the last node of a context
-        self.context.try_shutdown()
-        self._thread.join()
-        self.executor.shutdown(timeout_sec=0)  # who still waits for a response waits in vain
-
-    # ---- for nodes and their ends ------------------------------------------------------------------------------------
-
-    def mismatched(self, topic: str) -> None:
-        """Ends of a topic do not match, which rclpy says without saying which: find out when nodes have names."""
-        self.scheduler.after(NAMING, partial(self._report, topic))
+        """The namespaces of all nodes but hidden ones."""
+        nodes = self._observer.get_node_names_and_namespaces()
+        return sorted({space.strip("/") for name, space in nodes if name[0] != "_"} - {""})
 
     def offers(self, service: str) -> list[tuple[str, str]]:
-        """Type and node of each service of that name."""
         observer, found = self._observer, []
         for name, space in observer.get_node_names_and_namespaces():
             try:
                 services = dict(observer.get_service_names_and_types_by_node(name, space))
-            except Exception:  # it left meanwhile: rclpy's own NodeNameNonExistentError, or its C++'s
+            except Exception:  # the node has left: rclpy's own NodeNameNonExistentError, or its C++'s
                 continue
             found += [(type, resolve(name, space.strip("/"))) for type in services.get(service, ())]
         return found
 
-    def hearers(self, end: RosPublisher) -> int:
-        """How many subscriptions there are that can hear a publisher."""
+    def matching_subscriptions(self, publisher: RosPublisher) -> int:
         return sum(
-            other.topic_type == end.type and compatible(end.qos, from_profile(other.qos_profile)) is None
-            for other in self._observer.get_subscriptions_info_by_topic(end.topic)
+            other.topic_type == publisher.type and compatible(publisher.qos, from_profile(other.qos_profile)) is None
+            for other in self._observer.get_subscriptions_info_by_topic(publisher.topic)
         )
+
+    def release(self) -> None:
+        self._observer.destroy_node()  # ROS leaves the domain with the last node of a context
+        self.context.try_shutdown()
+        self._thread.join()
+        self.executor.shutdown(timeout_sec=0)  # coroutines that wait for a response end
+
+    def on_mismatch(self, topic: str) -> None:
+        """Endpoints of a topic do not match; rclpy does not say which: find out when nodes have names."""
+        self.scheduler.after(NAMING_DELAY, partial(self._report, topic))
 
     def _info(self, topic: str, types: list[str]) -> TopicInfo:
         writers = self._observer.get_publishers_info_by_topic(topic)
@@ -123,25 +122,64 @@ class RosMiddleware(WireMiddleware):
         own = {node.full_name for node in self.nodes}
         for writer in self._observer.get_publishers_info_by_topic(topic):
             for reader in self._observer.get_subscriptions_info_by_topic(topic):
-                ends = owner(writer), owner(reader)
+                nodes = owner(reader), owner(writer)
                 mismatch = compatible(from_profile(writer.qos_profile), from_profile(reader.qos_profile))
-                if mismatch is not None and own.intersection(ends) and ends[0] != ends[1]:
-                    self.warn(f"{topic}: {ends[1]} hears nothing from {ends[0]}: {mismatch}")
+                if mismatch is not None and own.intersection(nodes) and nodes[0] != nodes[1]:
+                    self.warn(mismatch_text(topic, *nodes, mismatch))
 
     def _spin(self) -> None:
         while self.context.ok():
             try:
                 self.executor.spin()
             except InvalidHandle:
-                pass  # an end was closed while rclpy was about to ask it
+                pass  # an endpoint was closed while rclpy was about to use it
             except ExternalShutdownException:
                 return  # the context was shut down
             except Exception as error:  # rclpy raises what its C++ gives it, and stops; a robot must not go deaf
                 self.warn(f"ROS 2: {error}")
 
 
+class RosNode(WireNode):
+    """A node of rclpy, which is `ros`."""
+
+    publishers: list[RosPublisher]
+    subscriptions: list[RosSubscription]
+    services: list[RosService | RosClient]
+
+    def __init__(self, middleware: RosMiddleware, name: str, namespace: str) -> None:
+        try:
+            self.ros: Node = Node(name, namespace=f"/{namespace}", context=middleware.context)
+        except Exception as error:  # rclpy raises what its C++ gives it
+            text = " ".join(str(error).split())
+            raise ConfigError(f"ROS 2 refuses a node /{namespace}/{name}: {text}") from None
+        super().__init__(middleware, self.ros.get_name(), self.ros.get_namespace().strip("/"))
+        self._handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch)
+        middleware.executor.add_node(self.ros)
+
+    def make_publisher(self, topic: str, type: str, qos: QoS) -> RosPublisher:
+        return RosPublisher(self, self._handle, topic, type, qos)
+
+    def make_subscription(
+        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS
+    ) -> RosSubscription:
+        return RosSubscription(self, self._handle, topic, type, callback, qos)
+
+    def make_service(self, name: str, type: str, handler: Callable[[Message], Any]) -> RosService:
+        return RosService(self, self._handle, name, type, handler)
+
+    def make_client(self, name: str, type: str) -> RosClient:
+        return RosClient(self, self._handle, name, type)
+
+    def close(self) -> None:
+        """Close all endpoints. Does nothing the second time."""
+        if self in self.middleware.nodes:
+            super().close()
+            self._handle.executor.remove_node(self.ros)
+            self.ros.destroy_node()
+
+
 def ros_arguments(words: list[str]) -> list[str]:
-    """What of a command line is for ROS: from ``--ros-args`` on.
+    """The part of a command line that is for ROS: from ``--ros-args`` on.
 
     >>> ros_arguments(["fame", "engine", "REX", "--ros-args", "-p", "use_sim_time:=true"])
     ['--ros-args', '-p', 'use_sim_time:=true']
@@ -150,9 +188,9 @@ def ros_arguments(words: list[str]) -> list[str]:
 
 
 def confine(network: str | None) -> None:
-    """Let ROS look for others on this machine only, or on the network. It reads that from the environment."""
+    """Let ROS discover others on this machine only, or on the network. It reads that from the environment."""
     if network is None:
         os.environ[_RANGE] = "LOCALHOST"
     elif os.environ.get(_RANGE, "LOCALHOST") in ("LOCALHOST", "OFF"):
         os.environ[_RANGE] = "SUBNET"
-    os.environ.pop("ROS_LOCALHOST_ONLY", None)  # that of earlier distributions, which would overrule it
+    os.environ.pop("ROS_LOCALHOST_ONLY", None)  # the variable of earlier distributions, which takes precedence

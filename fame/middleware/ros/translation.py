@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from fame.clock import SECOND
 from fame.errors import MissingTypeError
 from fame.middleware import codec
-from fame.middleware.interface import UNKNOWN, Message, QoS, resolve
+from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, resolve
 
 _OF_ACTIONS = {"SendGoal": "SendGoalService", "GetResult": "GetResultService", "FeedbackMessage": "FeedbackMessage"}
 """Where the class of an action (``NavigateToPose``) has the types that its topics and services carry."""
@@ -52,7 +52,7 @@ def from_ros(message: Any, type: str) -> Message:
 
 
 def profile(qos: QoS) -> QoSProfile:
-    """A QoS profile for an end."""
+    """The QoS profile of an endpoint."""
     return QoSProfile(
         history=HistoryPolicy[qos.history.upper()],
         depth=qos.depth,
@@ -66,7 +66,7 @@ def profile(qos: QoS) -> QoSProfile:
 
 
 def from_profile(found: QoSProfile) -> QoS:
-    """What decides on whether an end matches others."""
+    """The policies by which an endpoint matches others."""
     return QoS(
         reliability="best_effort" if found.reliability == ReliabilityPolicy.BEST_EFFORT else "reliable",
         durability="transient_local" if found.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile",
@@ -77,9 +77,9 @@ def from_profile(found: QoSProfile) -> QoS:
 
 
 def owner(end: Any) -> str:
-    """The full name of the node of an end of the graph (rclpy's TopicEndpointInfo)."""
-    if end.node_name == UNKNOWN.strip("/"):
-        return UNKNOWN  # its namespace is of the same kind
+    """The full name of the node of an endpoint of the graph (rclpy's TopicEndpointInfo)."""
+    if end.node_name == UNKNOWN_NODE.strip("/"):
+        return UNKNOWN_NODE  # its namespace is of the same kind
     return resolve(end.node_name, end.node_namespace.strip("/"))
 
 

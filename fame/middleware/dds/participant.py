@@ -1,0 +1,160 @@
+"""The participant of a DDS domain: its entities, its discovery, and how it waits for data.
+
+Threads. A thread of the participant updates the tables of discovery, and announces its nodes. Data are waited for by
+the scheduler, if it is a `DdsScheduler` that has no participant yet, else by that thread too, which only enters
+callbacks in the scheduler. Cyclone's own threads never run Python.
+
+Endpoints that do not match, because of quality of service or type, are found by comparing endpoints as they are
+discovered. The warning follows a moment later, when their nodes are known by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import Any
+
+from cyclonedds.core import DDSException
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+
+from fame.clock import Scheduler
+from fame.errors import ConfigError
+from fame.middleware.dds import wire
+from fame.middleware.dds.discovery import Discovery, Endpoint, NodeEntry
+from fame.middleware.dds.domain import confined, open_domain
+from fame.middleware.dds.entities import Entities
+from fame.middleware.dds.waitset import DataWaiter, DdsScheduler, delete
+from fame.middleware.errors import mismatch_text
+from fame.middleware.interface import UNKNOWN_NODE, QoS
+from fame.middleware.qos import compatible
+from fame.middleware.wire_base import NAMING_DELAY
+
+
+class Participant:
+    """A participant. Raises ConfigError if the domain cannot be joined.
+
+    entities    makes its writers and readers
+    discovery   who is there
+    warn        called with what a person should know
+    on_service_gone  called in the scheduler when a service has left the domain
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        domain: int,
+        network: str | None,
+        warn: Callable[[str], object],
+        on_service_gone: Callable[[], object],
+    ) -> None:
+        self.scheduler: Scheduler = scheduler
+        self._warn, self._on_service_gone, self._closed = warn, on_service_gone, False
+        self._domain = open_domain(domain, network)
+        self.confined: bool = confined(domain)
+        try:
+            self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
+        except DDSException as error:
+            raise ConfigError(f"cannot join DDS domain {domain} on {network or 'loopback'}: {error}") from None
+        self.entities: Entities = Entities(self._participant, domain)
+        self._thread = self.data = DataWaiter(self._participant, self._announce)
+        if isinstance(scheduler, DdsScheduler) and scheduler.waiter is None:
+            self.data = scheduler.waiter = DataWaiter(self._participant)
+        self.discovery: Discovery = Discovery(self.entities, self._thread, self.refresh)
+        self.announce(())
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the domain; others see it at once."""
+        self._closed = True
+        self._thread.close()
+        if isinstance(self.scheduler, DdsScheduler) and self.scheduler.waiter is self.data:
+            self.scheduler.waiter = None
+            self.data.close()
+        self.discovery.close()
+        self.entities.close()
+        delete(self._participant)
+        del self._domain
+
+    # ---- for nodes and endpoints -------------------------------------------------------------------------------------
+
+    def announce(self, nodes: Iterable[NodeEntry]) -> None:
+        """Announce to the domain which nodes the participant has."""
+        self.discovery.set_nodes(nodes)
+        self._thread.wake()
+
+    def delete(self, entity: DataWriter[Any] | DataReader[Any]) -> None:
+        """Delete the writer or reader of a closed endpoint."""
+        self.data.remove(entity)
+        delete(entity)
+
+    def owner(self, gid: bytes) -> str:
+        """The full name of the node of an endpoint."""
+        self.refresh()
+        return self.discovery.owners().get(gid, UNKNOWN_NODE)
+
+    def services(self, name: str) -> list[tuple[str, str]]:
+        """Type and node of each service of that name in the domain."""
+        self.refresh()
+        topic, owners = wire.dds_topic(name, wire.REQUEST, "Request"), self.discovery.owners()
+        servers = [endpoint for endpoint in self.discovery.on_topic(topic) if not endpoint.writes]
+        return [(server.type.removesuffix("_Request"), owners.get(server.gid, UNKNOWN_NODE)) for server in servers]
+
+    def subscriptions(self, topic: str, type: str, offered: QoS) -> int:
+        """How many subscriptions match a publisher of that topic, type and quality of service."""
+        return sum(
+            not other.writes and other.type == type and compatible(offered, other.qos) is None
+            for other in self.discovery.on_topic(wire.dds_topic(topic))
+        )
+
+    # ---- discovery ---------------------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Update the tables of discovery, and report what follows from the changes."""
+        came, went = self.discovery.refresh()
+        for endpoint in came:
+            for writer, reader in self._pairs(endpoint):
+                if (mismatch := _mismatch(writer, reader)) is not None:
+                    self.scheduler.after(NAMING_DELAY, partial(self._report, writer, reader, mismatch))
+        if any(endpoint.topic.startswith(f"{wire.REQUEST}/") and not endpoint.writes for endpoint in went):
+            self.scheduler.soon(self._on_service_gone)
+
+    def _announce(self) -> None:
+        try:
+            if not self._closed:
+                self.discovery.announce()
+        except DDSException as error:
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:
+                raise
+            self._thread.wake()  # somebody does not keep up: try again
+
+    def _pairs(self, endpoint: Endpoint) -> Iterator[tuple[Endpoint, Endpoint]]:
+        """Writer and reader of each pair that an endpoint makes with another, if one of them is of this participant."""
+        if not endpoint.topic.startswith(f"{wire.TOPIC}/"):
+            return
+        for other in self.discovery.on_topic(endpoint.topic):
+            if endpoint.writes != other.writes and self.discovery.participant in (
+                endpoint.participant,
+                other.participant,
+            ):
+                yield (endpoint, other) if endpoint.writes else (other, endpoint)
+
+    def _report(self, writer: Endpoint, reader: Endpoint, mismatch: str) -> None:
+        """Warn that two endpoints do not match, unless they are of one node, or one of them is gone."""
+        present = {endpoint.gid for endpoint in self.discovery.on_topic(writer.topic)}
+        own = any({writer.gid, reader.gid} <= node.gids for node in self.discovery.all_nodes())
+        if not own and {writer.gid, reader.gid} <= present:
+            owners, topic = self.discovery.owners(), writer.topic.removeprefix(wire.TOPIC)
+            subscriber, publisher = (owners.get(end.gid, UNKNOWN_NODE) for end in (reader, writer))
+            self._warn(mismatch_text(topic, subscriber, publisher, mismatch))
+
+
+def _mismatch(writer: Endpoint, reader: Endpoint) -> str | None:
+    """Why a reader and a writer do not match; None if they do."""
+    if writer.type != reader.type:
+        return f"type: offered {writer.type}, requested {reader.type}"
+    if writer.type_hash and reader.type_hash and writer.type_hash != reader.type_hash:
+        return f"type: they have different definitions of {writer.type}"
+    return compatible(writer.qos, reader.qos)

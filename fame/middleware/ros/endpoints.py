@@ -1,0 +1,219 @@
+"""Publishers, subscriptions, services and clients of rclpy.
+
+rclpy delivers a node's messages to itself: each subscription keeps what publishers of its own node have sent to it, and
+drops the echo (`fame.middleware.self_echo_filter`).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from fame.clock import SECOND
+from fame.middleware.interface import Message, QoS
+from fame.middleware.qos import compatible, one_deeper
+from fame.middleware.ros.translation import from_ros, profile, ros_class, to_ros
+from fame.middleware.self_echo_filter import EchoFilter
+from fame.middleware.wire_base import WireClient, WireNode, WirePublisher, WireService, WireSubscription
+
+_MAX_BATCH = 100
+"""How many messages are taken behind another if the history is not bounded."""
+_POLL = SECOND // 10
+"""How often a client that waits for a response checks whether its service is still there (ns)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RosHandle:
+    """A node of rclpy, its executor, and what to call with the name of a topic whose endpoints do not match."""
+
+    node: Node
+    executor: Executor
+    on_mismatch: Callable[[str], object]
+
+
+class RosPublisher(WirePublisher):
+    """A publisher. `history` is what late subscriptions get."""
+
+    def __init__(self, node: WireNode, ros: RosHandle, topic: str, type: str, qos: QoS) -> None:
+        super().__init__(node, ros.node.resolve_topic_name(topic), type, qos)
+        self._ros = ros
+        events = PublisherEventCallbacks(
+            incompatible_qos=lambda event: ros.on_mismatch(self.topic), use_default_callbacks=False
+        )
+        self._end = ros.node.create_publisher(ros_class(self.type), topic, profile(qos), event_callbacks=events)
+        depth = (None if qos.history == "keep_all" else qos.depth) if qos.durability == "transient_local" else 0
+        self.history: deque[bytes] = deque(maxlen=depth)
+
+    def publish(self, message: Message) -> None:
+        data = self.pack(message)
+        for subscription in self.node.subscriptions:
+            subscription.expect_echo(self, (data,))
+        self.history.append(data)
+        self._end.publish(data)
+
+    def subscriber_count(self) -> int:
+        return int(self._end.get_subscription_count())
+
+    def matched(self) -> bool:
+        own = sum(other.matches(self) for other in self.node.subscriptions)
+        return bool(self._end.get_subscription_count() > own)
+
+    def release(self) -> None:
+        self._ros.node.destroy_publisher(self._end)
+
+
+class RosSubscription(WireSubscription):
+    """A subscription.
+
+    ROS does not report what is pushed out of the queue below rclpy. So that queue holds one message more, and is
+    emptied when the first has come: what is pushed out of our queue is counted, with what rclpy reports.
+    """
+
+    def __init__(
+        self,
+        node: WireNode,
+        ros: RosHandle,
+        topic: str,
+        type: str,
+        callback: Callable[[Message], object],
+        qos: QoS,
+    ) -> None:
+        super().__init__(node, ros.node.resolve_topic_name(topic), type, callback, qos)
+        self._ros, self._echoes = ros, EchoFilter()
+        if qos.durability == "transient_local":
+            for publisher in node.publishers:
+                self.expect_echo(publisher, publisher.history)
+        self._batch = _MAX_BATCH if qos.history == "keep_all" else qos.depth
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=lambda event: ros.on_mismatch(self.topic),
+            message_lost=self._on_lost,
+            use_default_callbacks=False,
+        )
+        self._end: Any = None
+        self._end = ros.node.create_subscription(
+            ros_class(self.type), topic, self._on_data, profile(one_deeper(qos)), event_callbacks=events, raw=True
+        )
+
+    def matches(self, publisher: RosPublisher) -> bool:
+        """Whether it is connected to a publisher of its own node."""
+        return publisher.topic == self.topic and compatible(publisher.qos, self.qos) is None
+
+    def expect_echo(self, publisher: RosPublisher, sent: Iterable[bytes]) -> None:
+        """Drop these messages, which a publisher of its own node sends."""
+        if self.matches(publisher):
+            self._echoes.expect(publisher, sent, self.node.middleware.scheduler.now)
+
+    def deliver(self, data: bytes) -> None:
+        if not self._echoes.take(data, self.node.middleware.scheduler.now):
+            super().deliver(data)
+
+    def matched(self) -> bool:
+        return bool(self._end.get_publisher_count() > sum(map(self.matches, self.node.publishers)))
+
+    def release(self) -> None:
+        self._ros.node.destroy_subscription(self._end)
+
+    def _on_data(self, data: bytes) -> None:
+        """Take what waits in ROS. In the executor's thread."""
+        self.enqueue(data)
+        if self._end is not None:  # else it is being made
+            with self._end.handle:
+                for _ in range(self._batch):
+                    taken = self._end.handle.take_message(self._end.msg_type, self._end.raw)
+                    if taken is None:
+                        break
+                    self.enqueue(taken[0])
+        self.schedule()
+
+    def _on_lost(self, event: Any) -> None:
+        """In the executor's thread."""
+        self.lost += self.counts_losses * event.total_count_change
+
+
+class RosService(WireService):
+    """A service. See `fame.middleware.interface.Service`.
+
+    rclpy calls back in its executor's thread and accepts a coroutine: it waits there while the handler runs in the
+    scheduler. Responses are sent one after the other: rclpy resumes coroutines that wait in no order.
+    """
+
+    def __init__(self, node: WireNode, ros: RosHandle, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+        super().__init__(node, ros.node.resolve_service_name(name), type, handler)
+        self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
+        self._responses: deque[tuple[Any, Any]] = deque()
+        group = ReentrantCallbackGroup()  # a deferred response does not keep other requests to the node waiting
+        self._end = ros.node.create_service(self._class, name, self._on_request, callback_group=group)
+
+    def release(self) -> None:
+        self._ros.node.destroy_service(self._end)
+
+    async def _on_request(self, request: Any, response: Any) -> Any:
+        """In the executor's thread."""
+        scheduler, future = self.node.middleware.scheduler, Future(executor=self._ros.executor)
+        scheduler.soon(partial(self._answer, request, future))
+        result = await future
+        scheduler.soon(self._on_sent)
+        return result
+
+    def _answer(self, request: Any, future: Any) -> None:
+        def send(response: Message) -> None:
+            self._responses.append((future, to_ros(response, self._class.Response)))
+            if len(self._responses) == 1:
+                self._send()
+
+        if not self.closed:
+            self.handle(from_ros(request, self.request_type), send)
+
+    def _send(self) -> None:
+        future, response = self._responses[0]
+        future.set_result(response)
+        self._ros.executor.wake()
+
+    def _on_sent(self) -> None:
+        self._responses.popleft()
+        if self._responses:
+            self._send()
+
+
+class RosClient(WireClient):
+    """A client. See `fame.middleware.interface.Client`."""
+
+    def __init__(self, node: WireNode, ros: RosHandle, name: str, type: str) -> None:
+        super().__init__(node, ros.node.resolve_service_name(name), type)
+        self._ros, self._class = ros, ros_class(self.request_type.removesuffix("_Request"))
+        self._end = ros.node.create_client(self._class, name)
+
+    @property
+    def available(self) -> bool:
+        """Whether a node offers the service now."""
+        return not self.closed and bool(self._end.service_is_ready())
+
+    def send(self, request: Message) -> Any:
+        scheduler = self.node.middleware.scheduler
+        future = self._end.call_async(to_ros(request, self._class.Request))
+        future.add_done_callback(lambda done: scheduler.soon(partial(self._on_done, done)))
+        scheduler.after(_POLL, self._check)
+        return future
+
+    def release(self) -> None:
+        self._ros.node.destroy_client(self._end)
+
+    def _on_done(self, future: Any) -> None:
+        if not self.closed:
+            self.on_response(future, from_ros(future.result(), self.response_type))
+
+    def _check(self) -> None:
+        """Give up if the service has left."""
+        if self._waiting and self.available:
+            self.node.middleware.scheduler.after(_POLL, self._check)
+        else:
+            self.give_up()
