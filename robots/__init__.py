@@ -1,21 +1,12 @@
-"""The robots: what each publishes and obeys, and how it moves. A new one is one file and one line of this table."""
+"""The robots that come with FAME: what each publishes and obeys, and how it moves.
 
-from __future__ import annotations
+Each type is a class with the members of `sim2d.robot.SimulatedRobot`; `sim2d.registry` finds it by the `type:` of a
+world file.
 
-from collections.abc import Mapping
-
-from robots.arm.cutter import Cutter
-from robots.arm.handler import Handler
-from robots.car import Car
-from robots.drone import Drone
-from robots.robot import Robot
-from robots.tractor import Tractor
-
-ROBOTS: Mapping[str, type[Robot]] = {
-    "car": Car,
-    "drone": Drone,
-    "mh5": Cutter,
-    "tractor": Tractor,
-    "ur5e": Handler,
-}
-"""Robot types by the name that a world file gives them."""
+    vehicles   car and tractor; drive, odometer and planner are theirs
+    drone      a quadrotor; flight is its motion
+    arm        two arms, the MH5 and the UR5e
+    sensors    range sensor and camera
+    equipment  battery, blade, LED
+    gazebo     topics that a robot in Gazebo lacks
+"""

@@ -16,9 +16,8 @@ from fame.clock import SECOND
 from fame.config.parameters import parameter
 from fame.config.values import Point
 from fame.middleware.interface import Message
-from robots.body import body_of, rectangle
 from robots.odometer import STILL, Motion
-from robots.robot import Pose
+from sim2d.robot import Pose, body_of, rectangle
 
 if TYPE_CHECKING:
     import pymunk

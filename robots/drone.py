@@ -14,18 +14,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from fame.errors import MissingTypeError
-from robots.battery import DRAIN_RATE, Battery, BatteryParameters
-from robots.camera import Camera, CameraParameters
+from robots.equipment import DRAIN_RATE, Battery, BatteryParameters
 from robots.flight import Flight, FlightParameters
 from robots.odometer import Odometer, OdometerParameters
 from robots.planner import DirectPlanner
-from robots.robot import Command, Look, Pose, period
-from robots.vehicle import STOP, check_fault
+from robots.sensors import Camera, CameraParameters
+from robots.vehicles import STOP, check_fault
+from sim2d.robot import Appearance, Pose, TopicCommand, period
 
 if TYPE_CHECKING:
     from fame.middleware.interface import Message
-    from robots.robot import Surroundings
-    from sim2d.config import RobotConfig
+    from sim2d.robot import RobotConfig, RobotWorld
 
 
 UNKNOWN, OK, NOT_CONNECTED, BUSY = 0, 1, 2, 3
@@ -47,14 +46,14 @@ class DroneParameters(FlightParameters):
 
 
 class Drone:
-    """A robot of type ``drone`` (`robots.robot.Robot`)."""
+    """A robot of type ``drone`` (`sim2d.robot.SimulatedRobot`)."""
 
     Parameters: ClassVar[type[Any]] = DroneParameters
-    SAFE_STATE: ClassVar[tuple[Command, ...]] = (STOP, Command("land", "std_msgs/msg/Empty", {}))
-    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]] = (STOP,)
+    SAFE_STATE: ClassVar[tuple[TopicCommand, ...]] = (STOP, TopicCommand("land", "std_msgs/msg/Empty", {}))
+    SAFE_SUSPENDED: ClassVar[tuple[TopicCommand, ...]] = (STOP,)
     FAULTS: ClassVar[tuple[str, ...]] = ("camera", "rotors")
 
-    def __init__(self, config: RobotConfig, world: Surroundings) -> None:
+    def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         p: DroneParameters = config.parameters
         self.name, self.type = config.name, config.type
         self._node = node = world.middleware.node("robot", config.name)
@@ -98,9 +97,9 @@ class Drone:
         return self._flight.pose
 
     @property
-    def look(self) -> Look:
+    def appearance(self) -> Appearance:
         altitude = self._flight.altitude
-        return Look(self.pose, altitude, footprint=self._camera.radius(altitude), charge=self._battery.charge)
+        return Appearance(self.pose, altitude, footprint=self._camera.radius(altitude), charge=self._battery.charge)
 
     @property
     def status(self) -> Mapping[str, Any]:

@@ -16,10 +16,9 @@ from fame.clock import SECOND
 from fame.config.parameters import parameter
 from fame.config.values import Point
 from fame.middleware.interface import Message
-from robots.body import body_of, rectangle
 from robots.drive import GRAVITY, towards, within
 from robots.odometer import Motion
-from robots.robot import Pose
+from sim2d.robot import Pose, body_of, rectangle
 
 if TYPE_CHECKING:
     import pymunk

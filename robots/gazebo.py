@@ -11,7 +11,7 @@ import math
 from fame.middleware import messages
 from fame.middleware.interface import SENSOR_DATA, Message, Node
 from robots.planner import DirectPlanner, Planner, PlannerParameters
-from robots.robot import MEASUREMENT
+from sim2d.robot import MEASUREMENT
 
 RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fame.config.parameters import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
-from robots.noise import Noise
-from robots.robot import MEASUREMENT, Pose
-from robots.template import header_maker
+from robots.sensors import header_maker
+from sim2d.randomness import Noise
+from sim2d.robot import MEASUREMENT, Pose
 
 if TYPE_CHECKING:
     import numpy as np

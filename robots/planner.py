@@ -16,9 +16,9 @@ from fame.config.parameters import parameter
 from fame.config.values import Point
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Message, Node
-from robots.robot import MEASUREMENT
 from robots.route import route
 from sim2d.grid import Grid, from_message, inflate
+from sim2d.robot import MEASUREMENT
 
 
 @dataclass(frozen=True, slots=True)

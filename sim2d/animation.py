@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from fame.errors import ConfigError
 from fame.extras import require
-from robots.robot import Look, Pose
 from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
 from sim2d.film import WRITERS, writing
+from sim2d.ground import disc, placed
 from sim2d.record import Record, Track
-from sim2d.shapes import disc, placed
-from sim2d.symbols import larger, symbol
+from sim2d.robot import Appearance, Pose
+from sim2d.style import larger, symbol
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -154,12 +154,14 @@ def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
 
     draw = ImageDraw.Draw(frame, "RGBA")
     for index, track in enumerate(record.tracks):
-        _draw_senses(draw, track.looks[sample], style.robot_colour(index), view)
-    inked = sorted(enumerate(record.tracks), key=lambda item: item[1].looks[sample].altitude)  # who flies is above
+        _draw_senses(draw, track.appearances[sample], style.robot_colour(index), view)
+    inked = sorted(
+        enumerate(record.tracks), key=lambda item: item[1].appearances[sample].altitude
+    )  # who flies is above
     for index, track in inked:
         _draw_robot(draw, track, style.robot_colour(index), view, sample)
-        if track.looks[sample].charge < style.LOW:
-            _draw_battery(draw, view.at(track.poses[sample]), track.looks[sample].charge)
+        if track.appearances[sample].charge < style.LOW:
+            _draw_battery(draw, view.at(track.poses[sample]), track.appearances[sample].charge)
     if len(record.tracks) > style.MOST_NAMES:
         return
     for index, track in enumerate(record.tracks):
@@ -170,26 +172,26 @@ def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
         _name_robot(draw, view, track, sample, index, above)
 
 
-def _draw_senses(draw: Any, look: Look, colour: str, view: View) -> None:
+def _draw_senses(draw: Any, appearance: Appearance, colour: str, view: View) -> None:
     """The ground that a range sensor saw free, and that a camera sees."""
-    cone = look.cone
+    cone = appearance.cone
     if cone is not None:
         (x, y), radius = view.at(cone.pose), cone.length * view.scale
         middle, half = -math.degrees(cone.pose.heading), math.degrees(cone.field_of_view) / 2
         around = (x - radius, y - radius, x + radius, y + radius)
         draw.pieslice(around, middle - half, middle + half, fill=faint(colour, style.CONE))
-    if look.footprint:
-        (x, y), radius = view.at(look.pose), look.footprint * view.scale
+    if appearance.footprint:
+        (x, y), radius = view.at(appearance.pose), appearance.footprint * view.scale
         around = (x - radius, y - radius, x + radius, y + radius)
         draw.ellipse(around, fill=faint(colour, style.CONE), outline=faint(colour, style.LAMP), width=3)
 
 
 def _name_robot(draw: Any, view: View, track: Track, sample: int, index: int, above: bool) -> None:
-    look = track.looks[sample]
-    text = f"{track.name}  {look.altitude:.1f} m" if look.altitude >= 0.05 else track.name
+    appearance = track.appearances[sample]
+    text = f"{track.name}  {appearance.altitude:.1f} m" if appearance.altitude >= 0.05 else track.name
     half = font(14, True).getlength(text) / 2
-    corners = view.all(placed(larger(track.outline, _growth(track, view)), look.pose))
-    x = min(max(view.at(look.pose)[0], half + 4), view.size[0] - half - 4)
+    corners = view.all(placed(larger(track.outline, _growth(track, view)), appearance.pose))
+    x = min(max(view.at(appearance.pose)[0], half + 4), view.size[0] - half - 4)
     y, anchor = (min(y for _, y in corners) - 8, "ms") if above else (max(y for _, y in corners) + 8, "ma")
     write(draw, (x, y), text, style.robot_colour(index), anchor=anchor, size=14, bold=True, halo=True)
 
@@ -200,8 +202,8 @@ def _growth(track: Track, view: View) -> float:
 
 
 def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -> None:
-    look, growth = track.looks[sample], _growth(track, view)
-    pose, led = look.pose, look.led
+    appearance, growth = track.appearances[sample], _growth(track, view)
+    pose, led = appearance.pose, appearance.led
     ahead = max(x for x, _ in track.outline) * growth
     x, y = view.at(placed(((-ahead * 0.4, 0),), pose)[0])
     size = ahead * view.scale
@@ -209,10 +211,10 @@ def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -
         for radius, alpha in ((2.2, style.GLOW), (1.4, style.LAMP)):
             glow = size * radius
             draw.ellipse((x - glow, y - glow, x + glow, y + glow), fill=faint(style.LEDS[led], alpha))
-    if look.blade:
-        round_ = view.all(disc(look.pose[:2], look.blade * growth * 1.25))
+    if appearance.blade:
+        round_ = view.all(disc(appearance.pose[:2], appearance.blade * growth * 1.25))
         draw.polygon(round_, fill=faint(style.INK, style.GLOW), outline=style.INK, width=3)
-    for part in symbol(track.type, track.outline, look):
+    for part in symbol(track.type, track.outline, appearance):
         fill, edge = style.paint(part.colour, colour)
         corners = view.all(placed(larger(part.corners, growth), pose))
         if part.closed:
@@ -241,19 +243,19 @@ def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions
     draw = ImageDraw.Draw(frame)
     time, edge = record.times[sample], EDGE * SMOOTH
     write(draw, (view.size[0] - edge, HEAD * SMOOTH - 14), f"{time:.1f} s", style.INK, anchor="rs", size=15)
-    looks = {track.name: track.looks[sample] for track in record.tracks}
+    appearances = {track.name: track.appearances[sample] for track in record.tracks}
     widest = max((font(13, True).getlength(name) for name in captions.names), default=0)
     columns, lines = _caption_table(len(captions.names))
     width = (view.size[0] - 2 * edge) // columns
     for index, name in enumerate(captions.names):
         x = edge + index // lines * width
         y = view.captions_top + (index % lines + 0.5) * LINE * SMOOTH
-        colour, look = style.robot_colour(index), looks.get(name, Look(Pose(0.0, 0.0, 0.0)))
+        colour, appearance = style.robot_colour(index), appearances.get(name, Appearance(Pose(0.0, 0.0, 0.0)))
         draw.rounded_rectangle((x, y - 12, x + 24, y + 12), 6, fill=colour)
-        if look.led in style.LEDS:
-            draw.ellipse((x + 5, y - 7, x + 19, y + 7), fill=style.LEDS[look.led], outline=style.PAPER, width=2)
+        if appearance.led in style.LEDS:
+            draw.ellipse((x + 5, y - 7, x + 19, y + 7), fill=style.LEDS[appearance.led], outline=style.PAPER, width=2)
         write(draw, (x + 36, y), name, colour, anchor="lm", size=13, bold=True)
-        told = style.doing(captions.at(name, time, time + step), look.note, look.charge)
+        told = style.doing(captions.at(name, time, time + step), appearance.note, appearance.charge)
         text = fitting(told, width - widest - 80, 13)
         write(draw, (x + 60 + widest, y), text, style.INK, anchor="lm", size=13)
 

@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
-from sim2d import style, symbols
-from sim2d.config import Thing
+from sim2d import style
+from sim2d.ground import Circle, Shape, Thing, Weed, bounding_box
 from sim2d.record import Record
-from sim2d.shapes import Circle, Shape, bounding_box
-from sim2d.weeds import Weed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -102,7 +100,7 @@ def background(record: Record, view: View, title: str) -> Image:
 
 def draw_weed(draw: Any, view: View, weed: Weed, fill: str, edge: str) -> None:
     """A weed, large enough to be seen."""
-    corners = view.all(symbols.weed(weed.at, _weed_radius(view, weed) / view.scale))
+    corners = view.all(style.weed(weed.at, _weed_radius(view, weed) / view.scale))
     draw.polygon(corners, fill=fill, outline=edge, width=3)
 
 

@@ -7,13 +7,16 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar
 
 from fame.config.loader import read_document
 from fame.config.parameters import fill
 from fame.config.values import ConfigValue, Point, Source
-from robots import ROBOTS
-from sim2d.shapes import Circle, Shape, bounding_box, box, convex
+from fame.errors import ConfigError
+from sim2d.ground import ChargerConfig, Circle, Shape, Thing, WeedConfig, bounding_box, box, convex
+from sim2d.registry import robot_class, robot_types
+from sim2d.robot import RobotConfig
 
 _LEAST, _MOST = 0.01, 1000.0
 """m, of a side of the ground."""
@@ -32,47 +35,7 @@ _SHAPES = {
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-@dataclass(frozen=True, slots=True)
-class Thing:
-    """An obstacle or a target: solid, and never moved. `path` is its key in the file."""
-
-    name: str
-    shape: Shape
-    path: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class WeedConfig:
-    """A weed: flat, neither solid nor in the map. In m."""
-
-    name: str
-    at: Point
-    radius: float = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class ChargerConfig:
-    """A place that charges the batteries of robots that stand on it with `power` W. Flat as a weed; in m."""
-
-    name: str
-    at: Point
-    radius: float = 0.5
-    power: float = 500.0
-
-
 _Flat = TypeVar("_Flat", WeedConfig, ChargerConfig)
-
-
-@dataclass(frozen=True, slots=True)
-class RobotConfig:
-    """A robot: where it starts (m; `heading` in rad, counter-clockwise from x), and its type's parameters."""
-
-    name: str
-    type: str
-    at: Point
-    heading: float
-    parameters: Any
-    path: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,10 +176,14 @@ def _robots(listed: ConfigValue, bounds: Bounds) -> tuple[RobotConfig, ...]:
 
 def _robot(name: str, value: ConfigValue, bounds: Bounds) -> RobotConfig:
     keys = value.mapping()
-    kind = value.required("type", f"one of {', '.join(ROBOTS)}").choice(ROBOTS, "a robot type")
-    parameters: Any = fill(ROBOTS[kind].Parameters(), value, besides=("type", "at", "heading"))
+    kind = value.required("type", f"one of {', '.join(robot_types())}")
+    try:
+        robot = robot_class(kind.text(), Path(value.source.file).parent)
+    except ConfigError as error:
+        raise error if error.file else kind.error(error.text) from None
+    parameters: Any = fill(robot.Parameters(), value, besides=("type", "at", "heading"))
     at = value.required("at", "[x, y] in m").point()
     if not inside(bounds, at):
         raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
     heading = keys["heading"].number() if "heading" in keys else 0.0
-    return RobotConfig(name, kind, at, math.radians(heading), parameters, value.path)
+    return RobotConfig(name, kind.text(), robot, at, math.radians(heading), parameters, value.path)

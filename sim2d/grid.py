@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fame.config.values import Point
 from fame.middleware.interface import Message
-from sim2d.shapes import Circle, Shape
+from sim2d.ground import Circle, Shape
 
 Array = NDArray[np.floating[Any]]
 

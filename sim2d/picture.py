@@ -8,12 +8,11 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from fame.extras import require
-from robots.robot import Cone
-from sim2d import symbols
-from sim2d.config import Thing
+from sim2d import style
 from sim2d.film import writing
+from sim2d.ground import Circle, Shape, Thing, Weed, bounding_box, disc, placed
 from sim2d.record import Record, Track
-from sim2d.shapes import Circle, Shape, bounding_box, disc, placed
+from sim2d.robot import Cone
 from sim2d.style import (
     CHARGER,
     FAINT,
@@ -34,7 +33,6 @@ from sim2d.style import (
     paint,
     robot_colour,
 )
-from sim2d.weeds import Weed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,7 +111,7 @@ def _weed(axes: Axes, weed: Weed, record: Record) -> None:
     cutter = record.cutter(weed)
     grown, edge = weed.cut_at is None, WEED_EDGE if cutter is None else robot_colour(cutter)
     radius = max(weed.radius, 0.012 * _longer(record))
-    corners = symbols.weed(weed.at, radius)
+    corners = style.weed(weed.at, radius)
     axes.add_patch(_polygon(corners, facecolor=WEED if grown else STUBBLE, edgecolor=edge, linewidth=1.2, zorder=4.5))
     if len(record.weeds) <= MOST_NAMES:
         text = weed.name if grown else f"{weed.name}, {weed.cut_at:.0f} s"
@@ -126,26 +124,26 @@ def _track(axes: Axes, track: Track, colour: str, record: Record) -> None:
     axes.plot(
         xs[0], ys[0], "o", markersize=9, markerfacecolor=PAPER, markeredgecolor=colour, markeredgewidth=2, zorder=5
     )
-    look = track.looks[-1]
-    pose, growth = look.pose, _growth(track, record)
-    if look.cone is not None:
-        _cone(axes, look.cone, colour)
-    if look.footprint:
-        axes.add_patch(_polygon(disc(pose[:2], look.footprint), facecolor=colour, alpha=0.10, zorder=1.5))
-    if look.blade:
-        ring = disc(pose[:2], look.blade * growth * 1.25)
+    appearance = track.appearances[-1]
+    pose, growth = appearance.pose, _growth(track, record)
+    if appearance.cone is not None:
+        _cone(axes, appearance.cone, colour)
+    if appearance.footprint:
+        axes.add_patch(_polygon(disc(pose[:2], appearance.footprint), facecolor=colour, alpha=0.10, zorder=1.5))
+    if appearance.blade:
+        ring = disc(pose[:2], appearance.blade * growth * 1.25)
         axes.add_patch(_polygon(ring, facecolor=FAINT, edgecolor=INK, alpha=0.6, zorder=5.8))
-    for part in symbols.symbol(track.type, track.outline, look):
+    for part in style.symbol(track.type, track.outline, appearance):
         fill, edge = paint(part.colour, colour)
-        corners = placed(symbols.larger(part.corners, growth), pose)
+        corners = placed(style.larger(part.corners, growth), pose)
         if part.closed:
             lines = {"edgecolor": edge, "linewidth": 1.0} if edge is not None else {"linewidth": 0}
             axes.add_patch(_polygon(corners, facecolor=fill, joinstyle="round", zorder=6, **lines))
         else:
             axes.plot(*zip(*corners, strict=True), color=fill, linewidth=2.0, zorder=6)
     ahead = max(x for x, _ in track.outline) * growth
-    if look.led in LEDS:
-        _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[look.led])
+    if appearance.led in LEDS:
+        _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[appearance.led])
 
 
 def _longer(record: Record) -> float:
@@ -171,13 +169,13 @@ def _cone(axes: Axes, cone: Cone, colour: str) -> None:
 
 def _name(axes: Axes, track: Track, record: Record, colour: str) -> None:
     """Away from the target or robot that it stands at."""
-    pose, altitude = track.poses[-1], track.looks[-1].altitude
+    pose, altitude = track.poses[-1], track.appearances[-1].altitude
     others = [other.poses[-1][:2] for other in record.tracks if other is not track]
     others += [target.shape.centre for target in record.config.targets]
     above = name_goes_above(pose, others, near=0.08 * _longer(record), top=record.config.bounds[3])
-    heights = [y for _, y in placed(symbols.larger(track.outline, _growth(track, record)), pose)]
+    heights = [y for _, y in placed(style.larger(track.outline, _growth(track, record)), pose)]
     text = f"{track.name}  {altitude:.1f} m" if altitude >= 0.05 else track.name
-    text += "" if track.looks[-1].charge else "  (battery empty)"
+    text += "" if track.appearances[-1].charge else "  (battery empty)"
     _label(axes, (pose.x, max(heights) if above else min(heights)), text, colour, above=above)
 
 
@@ -205,7 +203,7 @@ def _legend(axes: Axes, record: Record) -> None:
 
     handles: list[Any] = []
     for index, track in enumerate(record.tracks[:20]):
-        led = f", LED {track.looks[-1].led}" if track.looks and track.looks[-1].led in LEDS else ""
+        led = f", LED {track.appearances[-1].led}" if track.appearances and track.appearances[-1].led in LEDS else ""
         handles.append(
             Line2D([], [], color=robot_colour(index), linewidth=2.5, label=f"{track.name} ({track.type}{led})")
         )

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2d.config import RobotConfig, WorldConfig
+from sim2d.config import WorldConfig
 from sim2d.grid import Grid, inflate, rasterise
 from sim2d.randomness import generator
+from sim2d.robot import RobotConfig
 
 _APART = 0.3
 """m between two robots at least, as if each were a disc around its outline."""

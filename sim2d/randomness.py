@@ -1,10 +1,14 @@
-"""A random generator for each sensor, so that adding a robot changes no other."""
+"""Random numbers for sensors: a generator for each, so that adding a robot changes no other; noise drawn in blocks."""
 
 from __future__ import annotations
 
 import hashlib
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 def generator(seed: int, *owner: str) -> np.random.Generator:
@@ -15,3 +19,21 @@ def generator(seed: int, *owner: str) -> np.random.Generator:
     """
     key = "\0".join([str(seed), *owner]).encode()
     return np.random.Generator(np.random.PCG64(int.from_bytes(hashlib.sha256(key).digest()[:16], "big")))
+
+
+_BLOCK = 8
+
+
+class Noise:
+    """Rows of `columns` standard normal numbers."""
+
+    def __init__(self, random: np.random.Generator, columns: int) -> None:
+        self._random, self._columns = random, columns
+        self._rows: list[list[float]] = []
+
+    def row(self) -> list[float]:
+        """The next row."""
+        if not self._rows:
+            self._rows = self._random.standard_normal((_BLOCK, self._columns)).tolist()
+            self._rows.reverse()
+        return self._rows.pop()

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from fame.config.values import Point
-from robots.robot import Look, Pose
 from sim2d.config import WorldConfig
+from sim2d.robot import Appearance, Pose
 
 if TYPE_CHECKING:
-    from sim2d.weeds import Weed
+    from sim2d.ground import Weed
     from sim2d.world import Collision, World
 
 
@@ -23,7 +23,7 @@ class Track:
     type: str
     outline: tuple[Point, ...]
     poses: list[Pose] = field(default_factory=list)
-    looks: list[Look] = field(default_factory=list)
+    appearances: list[Appearance] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +61,11 @@ class Recorder:
             self._sample(world)
         else:
             for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
-                track.looks[-1] = robot.look
+                track.appearances[-1] = robot.appearance
 
     def _sample(self, world: World) -> None:
         self.record.times.append(world.now)
         for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
-            look = robot.look
-            track.poses.append(look.pose)
-            track.looks.append(look)
+            appearance = robot.appearance
+            track.poses.append(appearance.pose)
+            track.appearances.append(appearance)

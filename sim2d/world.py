@@ -19,13 +19,11 @@ from fame.extras import require
 from fame.middleware import messages
 from fame.middleware.interface import Message, Middleware
 from fame.text import suggestion
-from robots import ROBOTS
-from robots.robot import ROBOT, Robot
-from sim2d.config import Thing, WorldConfig, world_config
+from sim2d.config import WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
+from sim2d.ground import Circle, Thing, Weeds
 from sim2d.randomness import generator
-from sim2d.shapes import Circle
-from sim2d.weeds import Weeds
+from sim2d.robot import ROBOT, SimulatedRobot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,7 +66,7 @@ class World:
         )
         self.map: Message = messages.create("nav_msgs/msg/OccupancyGrid", self.grid.fields())
         self.weeds = Weeds(self.config.weeds, lambda: self.now)
-        self.robots: dict[str, Robot] = {}
+        self.robots: dict[str, SimulatedRobot] = {}
         self.collisions: list[Collision] = []
         self.faults: dict[str, list[str]] = {}
         self.watchers: list[Callable[[World], object]] = []
@@ -125,7 +123,7 @@ class World:
         """How things stand, fit for JSON: m, rad, s, rounded to 0.1 mm.
 
         Each robot has its pose, the number of its collisions, its distance from each target (centre to centre), what
-        its type adds (`Robot.status`), and its faults; each weed when it was cut, and by whom.
+        its type adds (`SimulatedRobot.status`), and its faults; each weed when it was cut, and by whom.
         """
         touched = Counter(name for _, a, b in self.collisions for name in (a, b))
         return {
@@ -135,7 +133,7 @@ class World:
             "collisions": [{"time": round(time, 4), "a": a, "b": b} for time, a, b in self.collisions],
         }
 
-    def _standing(self, robot: Robot, collisions: int) -> dict[str, Any]:
+    def _standing(self, robot: SimulatedRobot, collisions: int) -> dict[str, Any]:
         x, y, heading = robot.pose
         return {
             "x": round(x, 4),
@@ -199,7 +197,7 @@ class World:
             for wall in _walls(self.space, self.config.bounds):
                 self._add(wall, "wall")
         for config in self.config.robots:
-            robot = ROBOTS[config.type](config, self)
+            robot = config.make(config, self)
             self.robots[config.name] = robot
             for shape in robot.body.shapes:
                 touched = sorted(self._names[hit.shape] for hit in self.space.shape_query(shape) if hit.shape)

@@ -13,7 +13,7 @@ from arm_data import BENIGN, needs_data, recording
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import Recording, of_runs
 from robots.arm.mh5 import MH5
-from robots.arm.noise import simulated_runs
+from robots.arm.program import simulated_runs
 from robots.arm.sabotage import KINDS, alter, knots
 
 pytestmark = needs_data

@@ -6,11 +6,10 @@ from arm_data import BENIGN, needs_data, recording
 
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.recording import of_runs
-from robots.arm.envelope import envelope
-from robots.arm.inverse import inverse
+from robots.arm.kinematics import inverse
 from robots.arm.mh5 import MH5
-from robots.arm.noise import simulated_runs
-from robots.arm.sabotage import KINDS, alter, knots, knots_of_slope
+from robots.arm.program import simulated_runs
+from robots.arm.sabotage import KINDS, alter, envelope, knots, knots_of_slope
 from robots.arm.task import TRIANGLE, find_cut
 
 

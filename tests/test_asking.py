@@ -168,7 +168,7 @@ def test_the_drone_takes_off_and_lands_by_its_service() -> None:
     assert pilot.ask("takeoff") == 1
     assert pilot.ask("land") == 3
     pilot.ground.run(5)
-    assert drone.look.altitude == pytest.approx(1.5, abs=0.05)
+    assert drone.appearance.altitude == pytest.approx(1.5, abs=0.05)
     assert pilot.ask(" Land ") == 1
     pilot.ground.run(12)
     assert drone.status["landed"]

@@ -7,7 +7,7 @@ import math
 import pytest
 from grounds import ground
 
-from robots import ROBOTS
+from sim2d.registry import robot_class
 
 QUIET = {"odom": {"position_noise": 0, "heading_noise": 0, "speed_noise": 0}, "range": {"noise": 0}}
 
@@ -117,7 +117,7 @@ def test_the_safe_state_of_a_car_stops_it():
     g.run(0)
     g.drive(0.5)
     g.run(1)
-    for topic, kind, fields in ROBOTS["car"].SAFE_STATE:
+    for topic, kind, fields in robot_class("car").SAFE_STATE:
         g.say(f"/REX/{topic}", kind, fields)
     g.run(2)
     stopped = g.world.robots["REX"].pose
@@ -138,7 +138,7 @@ def test_the_safe_state_of_a_car_stops_it():
 def test_a_lit_led_is_judged_by_its_colour_even_with_alpha_zero(colour, name):
     g = ground()
     g.run(0)
-    assert g.world.robots["REX"].look.led == "off"
+    assert g.world.robots["REX"].appearance.led == "off"
     g.say("/REX/led", "std_msgs/msg/ColorRGBA", colour)
     g.run(1)
-    assert g.world.robots["REX"].look.led == name
+    assert g.world.robots["REX"].appearance.led == name

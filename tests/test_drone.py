@@ -7,7 +7,7 @@ import math
 import pytest
 from grounds import Ground
 
-from robots import ROBOTS
+from sim2d.registry import robot_class
 
 ODOMETRY, POSES, BATTERY = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseArray", "sensor_msgs/msg/BatteryState"
 SHARP = {"noise": 0, "missed": 0}
@@ -48,7 +48,7 @@ def test_a_drone_on_the_ground_obeys_no_velocity():
     g.run(3)
     assert drone(g).pose == (2, 4, 0)
     assert drone(g).status["landed"]
-    assert drone(g).look.altitude == 0
+    assert drone(g).appearance.altitude == 0
 
 
 def test_take_off_starts_the_motors_and_climbs_to_its_height_by_itself():
@@ -60,7 +60,7 @@ def test_take_off_starts_the_motors_and_climbs_to_its_height_by_itself():
     heights = []
     while g.world.now < 6:
         g.run(g.world.now + 0.1)
-        heights.append(drone(g).look.altitude)
+        heights.append(drone(g).appearance.altitude)
     assert heights == sorted(heights)  # it does not shoot beyond
     assert heights[-1] == pytest.approx(2.0, abs=0.03)
     assert not drone(g).status["landed"]
@@ -71,19 +71,19 @@ def test_a_second_take_off_changes_nothing():
     g = flying()
     fly(g, up=0.5)
     g.run(7)
-    height = drone(g).look.altitude
+    height = drone(g).appearance.altitude
     order(g, "takeoff")
     g.run(8)
-    assert drone(g).look.altitude > height + 0.3
+    assert drone(g).appearance.altitude > height + 0.3
 
 
 def test_velocities_are_those_of_its_own_body():
     g = flying({"heading": 90})
     fly(g, ahead=1, left=0.5, up=0.3)
     g.run(7)
-    begin, low = drone(g).pose, drone(g).look.altitude
+    begin, low = drone(g).pose, drone(g).appearance.altitude
     g.run(8)
-    end, high = drone(g).pose, drone(g).look.altitude
+    end, high = drone(g).pose, drone(g).appearance.altitude
     assert (end.x - begin.x, end.y - begin.y, high - low) == pytest.approx((-0.5, 1.0, 0.3), abs=1e-3)
 
 
@@ -124,7 +124,7 @@ def test_it_stays_between_floor_and_ceiling(up, height):
     g = flying({"ceiling": 4.0})
     fly(g, up=up)
     g.run(12)
-    assert drone(g).look.altitude == pytest.approx(height, abs=0.02)
+    assert drone(g).appearance.altitude == pytest.approx(height, abs=0.02)
     assert not drone(g).status["landed"]
 
 
@@ -132,10 +132,10 @@ def test_without_commands_it_hovers():
     g = flying({"watchdog": 0.5})
     fly(g, ahead=1, up=0.5)
     g.run(8)
-    there, height = drone(g).pose, drone(g).look.altitude
+    there, height = drone(g).pose, drone(g).appearance.altitude
     assert 2.4 < there.x < 2.6
     g.run(10)
-    assert (*drone(g).pose, drone(g).look.altitude) == pytest.approx((*there, height), abs=1e-6)
+    assert (*drone(g).pose, drone(g).appearance.altitude) == pytest.approx((*there, height), abs=1e-6)
 
 
 def test_landing_sinks_and_stops_the_motors():
@@ -145,11 +145,11 @@ def test_landing_sinks_and_stops_the_motors():
     fly(g, up=1)  # landing: not obeyed
     g.run(9)
     assert drone(g).status["landed"]
-    assert drone(g).look.altitude == 0
+    assert drone(g).appearance.altitude == 0
     order(g, "land")
     order(g, "takeoff")
     g.run(14)
-    assert drone(g).look.altitude == pytest.approx(1.5, abs=0.03)
+    assert drone(g).appearance.altitude == pytest.approx(1.5, abs=0.03)
 
 
 def test_it_flies_over_obstacles_robots_and_walls_without_touching_them():
@@ -192,7 +192,7 @@ def test_its_odometry_tells_height_and_all_velocities():
     last, pose = heard[-1], drone(g).pose
     assert (last.header.frame_id, last.child_frame_id) == ("map", "Drone/base_link")
     at, how = last.pose.pose.position, last.twist.twist.linear
-    assert (at.x, at.y, at.z) == pytest.approx((pose.x, pose.y, drone(g).look.altitude), abs=0.1)
+    assert (at.x, at.y, at.z) == pytest.approx((pose.x, pose.y, drone(g).appearance.altitude), abs=0.1)
     assert (how.x, how.y, how.z) == pytest.approx((0.5, -0.3, 0.2), abs=0.08)
     assert last.pose.covariance[14] == pytest.approx(0.02**2)
     assert len({message.pose.pose.position.z - 1.5 for message in heard}) == 60  # noisy
@@ -238,7 +238,7 @@ def test_its_footprint_grows_with_its_height(height, seen):
     weeds = [{"at": [2 + distance, 4]} for distance in (0.8, 1.7, 2.6, 3.5)]
     g = flying({"camera": SHARP, "height": height}, weeds=weeds)
     assert len(pictures(g, 5.2)[-1]) == seen
-    assert drone(g).look.footprint == pytest.approx(height, abs=0.03)
+    assert drone(g).appearance.footprint == pytest.approx(height, abs=0.03)
 
 
 def test_a_narrow_camera_sees_less():
@@ -268,7 +268,7 @@ def test_a_camera_at_fault_is_silent_and_other_sensors_are_not():
     odom = g.hear("/Drone/odom", ODOMETRY)
     assert pictures(g, 7) == []
     assert len(odom) == 40
-    assert drone(g).look.footprint == 0
+    assert drone(g).appearance.footprint == 0
 
 
 # ---- battery and safety ----------------------------------------------------------------------------------------------
@@ -312,14 +312,14 @@ def test_it_hovers_when_its_mission_is_suspended_and_lands_when_it_has_ended():
     g = flying()
     fly(g, ahead=1)
     g.run(6)
-    for topic, kind, fields in ROBOTS["drone"].SAFE_SUSPENDED:
+    for topic, kind, fields in robot_class("drone").SAFE_SUSPENDED:
         g.say(f"/Drone/{topic}", kind, fields)
     g.run(8)
     there = drone(g).pose
     g.run(10)
-    assert (*drone(g).pose, drone(g).look.altitude) == pytest.approx((*there, 1.5), abs=0.02)
+    assert (*drone(g).pose, drone(g).appearance.altitude) == pytest.approx((*there, 1.5), abs=0.02)
     fly(g, ahead=1)
-    for topic, kind, fields in ROBOTS["drone"].SAFE_STATE:
+    for topic, kind, fields in robot_class("drone").SAFE_STATE:
         g.say(f"/Drone/{topic}", kind, fields)
     g.run(14)
     assert drone(g).status["landed"]

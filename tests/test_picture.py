@@ -164,7 +164,7 @@ def test_an_arm_that_is_held_in_its_work_shows_a_red_light():
     g = arm("mh5", 0.025)
     g.say("/Arm/hold", "std_msgs/msg/Empty", {})
     g.run(1)
-    assert g.world.robots["Arm"].look.led == "off"
+    assert g.world.robots["Arm"].appearance.led == "off"
     g.say("/Arm/cut", "std_msgs/msg/Empty", {})
     g.run(3)
     g.say("/Arm/hold", "std_msgs/msg/Empty", {})
@@ -207,16 +207,16 @@ def test_an_arm_that_is_stopped_on_its_way_shows_a_red_light_until_it_goes_on():
     g.run(0.1)
     g.say("/Arm/joint_trajectory", *empty)
     g.run(0.5)
-    assert robot.look.led == "off"
+    assert robot.appearance.led == "off"
     g.say("/Arm/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": 0.5, "y": 0.0, "z": 0.3}}})
     g.run(1)
     g.say("/Arm/joint_trajectory", *empty)
     g.run(2)
-    assert robot.look.led == "red"
-    assert robot.look.note.startswith("stopped on its way")
+    assert robot.appearance.led == "red"
+    assert robot.appearance.note.startswith("stopped on its way")
     g.say("/Arm/goal_pose", "geometry_msgs/msg/PoseStamped", {"pose": {"position": {"x": 0.5, "y": 0.0, "z": 0.3}}})
     g.run(2.1)
-    assert robot.look.led == "off"
+    assert robot.appearance.led == "off"
 
 
 # ---- batteries -------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from grounds import ground
 
 from robots.route import nearest_free, route
 from sim2d.grid import Grid, from_message, inflate, rasterise
-from sim2d.shapes import Circle, box
+from sim2d.ground import Circle, box
 
 MAP, PLAN, GOAL = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path", "geometry_msgs/msg/PoseStamped"
 BOUNDS = (0.0, 0.0, 6.0, 4.0)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from fame.cli import COMMANDS, parser
-from robots import ROBOTS
+from sim2d.registry import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -45,7 +45,7 @@ def test_the_commands_of_the_deployment_page_exist_and_so_do_their_files() -> No
     for words in told:
         arguments = parser().parse_args(words[1:])
         assert arguments.command
-        assert getattr(arguments, "type", None) in {None, *ROBOTS}
+        assert getattr(arguments, "type", None) in {None, *BUILT_IN}
     files = {word for words in told for word in words if word.startswith(("models/", "examples/"))}
     assert {name for name in files if not (ROOT / name).is_file()} == set()
 

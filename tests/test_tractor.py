@@ -8,7 +8,7 @@ import pytest
 from grounds import ground
 
 from fame.errors import ConfigError
-from robots import ROBOTS
+from sim2d.registry import robot_class
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 
@@ -52,7 +52,7 @@ def test_a_blade_that_does_not_turn_cuts_nothing(torque):
     blade(g, torque)
     g.run(3)
     assert cut(g) == {"weed_1": (None, None)}
-    assert g.world.robots["REX"].look.blade == 0
+    assert g.world.robots["REX"].appearance.blade == 0
 
 
 def test_it_cuts_only_what_is_under_its_disc():
@@ -62,7 +62,7 @@ def test_it_cuts_only_what_is_under_its_disc():
     g.run(2)
     assert cut(g)["under"][1] == "REX"
     assert cut(g)["beside"] == (None, None)
-    assert g.world.robots["REX"].look.blade == 0.3
+    assert g.world.robots["REX"].appearance.blade == 0.3
 
 
 def test_one_that_only_passes_by_quickly_cuts_nothing():
@@ -179,7 +179,7 @@ def test_a_range_sensor_at_fault_is_silent():
     g.run(2)
     assert len(heard) == 21
     assert len(odom) == 41
-    assert g.world.robots["REX"].look.cone is None
+    assert g.world.robots["REX"].appearance.cone is None
 
 
 def test_blocked_wheels_brake_and_obey_no_more():
@@ -197,7 +197,7 @@ def test_blocked_wheels_brake_and_obey_no_more():
 
 
 def test_its_safe_state_stops_it_and_its_blade():
-    for state in (ROBOTS["tractor"].SAFE_STATE, ROBOTS["tractor"].SAFE_SUSPENDED):
+    for state in (robot_class("tractor").SAFE_STATE, robot_class("tractor").SAFE_SUSPENDED):
         g = field()
         g.run(0)
         g.drive(0.5)

@@ -11,11 +11,10 @@ from grounds import Ground
 from robots.arm.bench import LID, MOTOR
 from robots.arm.dynamics import GRAVITY, friction, inertia_matrices, inverse_dynamics
 from robots.arm.handler import trajectory
-from robots.arm.inverse import forward
+from robots.arm.kinematics import forward, straight
 from robots.arm.machine import Machine
 from robots.arm.reassembly import PAUSE, PROGRAM, RATE, SCENARIOS, generators, plans, recorded
 from robots.arm.trajectory import sampled
-from robots.arm.twin import straight
 from robots.arm.ur5e import HOME, UR5E
 
 POSTURES = np.random.default_rng(3).uniform(-2, 2, (20, 6))

@@ -6,10 +6,10 @@ import pytest
 from grounds import Ground
 
 from fame.middleware import codec
-from robots import ROBOTS
+from sim2d.registry import BUILT_IN
 
 
-@pytest.mark.parametrize("kind", ROBOTS)
+@pytest.mark.parametrize("kind", BUILT_IN)
 def test_what_a_robot_publishes_can_be_written_for_the_wire(kind: str) -> None:
     robot = {"type": kind, "at": [1, 2]}
     ground = Ground({"size": [6, 4], "step": 0.002 if kind in ("mh5", "ur5e") else 0.05, "robots": {"REX": robot}})

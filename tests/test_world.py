@@ -15,7 +15,7 @@ from grounds import Ground, ground
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from sim2d.config import read_world, world_config
-from sim2d.shapes import Circle, Polygon, convex
+from sim2d.ground import Circle, Polygon, convex
 from sim2d.world import World
 
 ROOT = Path(__file__).parents[1]

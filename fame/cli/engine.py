@@ -182,11 +182,10 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
     """What brings a robot of a kind to rest when its process has ended, and while it is suspended."""
     if kind is None:
         return (), None
-    from robots import ROBOTS
+    from sim2d.registry import robot_class
 
-    if kind not in ROBOTS:
-        raise ConfigError(f"no robot type {kind!r}; there are {', '.join(ROBOTS)}")
-    return ROBOTS[kind].SAFE_STATE, ROBOTS[kind].SAFE_SUSPENDED
+    robot = robot_class(kind)
+    return robot.SAFE_STATE, robot.SAFE_SUSPENDED
 
 
 def _say(event: Event) -> None:

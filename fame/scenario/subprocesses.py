@@ -104,6 +104,8 @@ def command_lines(
 
     `trust` is the file of the public key that the engines trust.
     """
+    from sim2d.registry import absolute
+
     lines: dict[str, list[str]] = {}
     places = [word for place in types for word in ("--types", str(place.resolve()))]
     tail = ["--middleware", backend]
@@ -113,7 +115,8 @@ def command_lines(
         pace = ["--speed", str(speed)] if speed is not None else []
         waits = ["--pause", *(word for robot in scenario.cast for word in ("--lockstep", robot))] if lockstep else []
         lines["world"] = ["world", scenario.file, "--seed", str(scenario.seed), *pace, *waits, *tail]
-        kinds = {robot.name: robot.type for robot in scenario.world.robots}
+        folder = Path(scenario.world.source.file).parent
+        kinds = {robot.name: absolute(robot.type, folder) for robot in scenario.world.robots}
         time = ["--lockstep" if lockstep else "--use-sim-time"]
     for robot in scenario.cast:
         kind = ["--type", kinds[robot]] if robot in kinds else []

@@ -4,7 +4,7 @@ Obeys, in its namespace, `cut` (one part, from home and back), `hold` (stay wher
 a modification of `robots.arm.sabotage` and how many mm, as in ``b 0.5``, for the parts from then on; what is none of
 these changes nothing. Publishes `joint_states` at its rate, and `part_cut`, the number of the part, when one is done.
 Every run is another one: sampled at other instants, some samples late, with the jitter of its encoders
-(`robots.arm.noise`). An arm that was held goes home first when it is told to cut again.
+(`robots.arm.program`). An arm that was held goes home first when it is told to cut again.
 """
 
 from __future__ import annotations
@@ -22,20 +22,17 @@ from fame.config.parameters import parameter
 from fame.errors import ConfigError
 from fame.extras import require
 from robots.arm.mh5 import MH5
-from robots.arm.noise import simulated
-from robots.arm.program import RETURN, cutting_run, movement
+from robots.arm.program import RETURN, cutting_run, movement, simulated
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import DEPTH, TRIANGLE
-from robots.body import body_of, rectangle
-from robots.robot import MEASUREMENT, Command, Look, Pose, Workpiece, period
-from robots.template import constructor, header_maker
-from robots.vehicle import check_fault
+from robots.sensors import constructor, header_maker
+from robots.vehicles import check_fault
+from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
 
 if TYPE_CHECKING:
     from fame.middleware.interface import Message
     from fame.monitor.arrays import Floats
-    from robots.robot import Surroundings
-    from sim2d.config import RobotConfig
+    from sim2d.robot import RobotConfig, RobotWorld
 
 JOINT_STATE, NUMBER, EMPTY, TEXT = (
     "sensor_msgs/msg/JointState", "std_msgs/msg/UInt32", "std_msgs/msg/Empty", "std_msgs/msg/String",
@@ -57,14 +54,14 @@ class CutterParameters:
 
 
 class Cutter:
-    """A robot of type ``mh5`` (`robots.robot.Robot`)."""
+    """A robot of type ``mh5`` (`sim2d.robot.SimulatedRobot`)."""
 
     Parameters: ClassVar[type[Any]] = CutterParameters
-    SAFE_STATE: ClassVar[tuple[Command, ...]] = (Command("hold", EMPTY, {}),)
-    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]] = SAFE_STATE
+    SAFE_STATE: ClassVar[tuple[TopicCommand, ...]] = (TopicCommand("hold", EMPTY, {}),)
+    SAFE_SUSPENDED: ClassVar[tuple[TopicCommand, ...]] = SAFE_STATE
     FAULTS: ClassVar[tuple[str, ...]] = ("encoders",)
 
-    def __init__(self, config: RobotConfig, world: Surroundings) -> None:
+    def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         p: CutterParameters = config.parameters
         require("scipy")  # which its runs need: said now, before anything moves
         self.name, self.type = config.name, config.type
@@ -95,10 +92,10 @@ class Cutter:
         return self._pose
 
     @property
-    def look(self) -> Look:
+    def appearance(self) -> Appearance:
         limb = [(x, y) for x, y, _ in MH5.skeleton(self._angles.tolist())]
         led = "red" if self._held else "off"
-        return Look(self._pose, led=led, limb=limb, workpieces=self._workpieces(), note=self._note())
+        return Appearance(self._pose, led=led, limb=limb, workpieces=self._workpieces(), note=self._note())
 
     def _workpieces(self) -> list[Workpiece]:
         """The sheet, and how far its part is cut, or the whole part."""

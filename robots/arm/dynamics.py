@@ -17,7 +17,7 @@ import yaml
 
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain, load_chain
-from robots.arm.inverse import rotations
+from robots.arm.kinematics import rotations
 
 GRAVITY = 9.81
 STICTION = 0.01

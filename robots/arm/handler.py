@@ -23,20 +23,18 @@ from fame.config.values import Point
 from fame.errors import MissionError
 from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench
+from robots.arm.kinematics import straight
 from robots.arm.machine import Generators, Machine
-from robots.arm.twin import straight
 from robots.arm.ur5e import HOME, UR5E
-from robots.body import body_of, rectangle
-from robots.robot import MEASUREMENT, Command, Look, Pose, Workpiece, period
-from robots.template import constructor, header_maker
-from robots.vehicle import check_fault
-from sim2d.shapes import disc
+from robots.sensors import constructor, header_maker
+from robots.vehicles import check_fault
+from sim2d.ground import disc
+from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
 
 if TYPE_CHECKING:
     from fame.middleware.interface import Message, Node
     from fame.monitor.arrays import Floats
-    from robots.robot import Surroundings
-    from sim2d.config import RobotConfig
+    from sim2d.robot import RobotConfig, RobotWorld
 
 JOINT_STATE, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 FASTEST = math.pi
@@ -55,14 +53,14 @@ class HandlerParameters:
 
 
 class Handler:
-    """A robot of type ``ur5e`` (`robots.robot.Robot`)."""
+    """A robot of type ``ur5e`` (`sim2d.robot.SimulatedRobot`)."""
 
     Parameters: ClassVar[type[Any]] = HandlerParameters
-    SAFE_STATE: ClassVar[tuple[Command, ...]] = (Command("joint_trajectory", TRAJECTORY, {}),)
-    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]] = SAFE_STATE
+    SAFE_STATE: ClassVar[tuple[TopicCommand, ...]] = (TopicCommand("joint_trajectory", TRAJECTORY, {}),)
+    SAFE_SUSPENDED: ClassVar[tuple[TopicCommand, ...]] = SAFE_STATE
     FAULTS: ClassVar[tuple[str, ...]] = ("blocked_shoulder", "blocked_lid", "encoders")
 
-    def __init__(self, config: RobotConfig, world: Surroundings) -> None:
+    def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         p: HandlerParameters = config.parameters
         self.name, self.type = config.name, config.type
         self.outline = rectangle(p.base, p.base)
@@ -89,10 +87,10 @@ class Handler:
         return self._pose
 
     @property
-    def look(self) -> Look:
+    def appearance(self) -> Appearance:
         places = UR5E.chain.skeleton(self.machine.state.positions)
         limb = [(x, y) for x, y, _ in places]
-        return Look(
+        return Appearance(
             self._pose,
             led="red" if self._stopped else "off",
             limb=limb,

@@ -18,9 +18,9 @@ import numpy as np
 from fame.monitor.arrays import Floats
 from robots.arm.bench import LID, Bench, Push
 from robots.arm.dynamics import Arm, friction, inertia_matrices, inverse_dynamics
-from robots.arm.inverse import forward
+from robots.arm.kinematics import forward
 from robots.arm.trajectory import Motion, sampled
-from robots.noise import Noise
+from sim2d.randomness import Noise
 
 BANDWIDTH = 60.0
 """w, rad/s."""

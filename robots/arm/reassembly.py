@@ -12,9 +12,9 @@ import numpy as np
 
 from fame.monitor.arrays import Floats
 from robots.arm.bench import MOTOR, TABLE
+from robots.arm.kinematics import straight
 from robots.arm.machine import Generators, Machine, Plan
 from robots.arm.trajectory import sampled
-from robots.arm.twin import straight
 from robots.arm.ur5e import HOME, UR5E
 from sim2d.randomness import generator
 

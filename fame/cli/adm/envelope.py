@@ -29,8 +29,8 @@ def run(arguments: Namespace) -> int:
     """Alter them, write them, and say so."""
     from fame.monitor.anomaly.recording import read_csv, write_csv
     from fame.monitor.kinematics import load_chain
-    from robots.arm.envelope import envelope
     from robots.arm.mh5 import MH5
+    from robots.arm.sabotage import envelope
     from robots.arm.task import TRIANGLE, read_polygon
 
     polygon = read_polygon(arguments.task) if arguments.task is not None else TRIANGLE

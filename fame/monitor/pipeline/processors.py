@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fame.config.objects import find_object
 from fame.config.values import join
 from fame.errors import ConfigError, FameError
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage
@@ -17,7 +18,6 @@ from fame.monitor.pipeline.filters import LowPass, Resample, Scale
 from fame.monitor.pipeline.polled_source import Machine
 from fame.monitor.pipeline.processor import computed, declared
 from fame.monitor.pipeline.threshold import Expression, Threshold
-from fame.monitor.pipeline.user_code import find_object
 from fame.monitor.pipeline.windows import RMS, MovingStatistics, Spectrum, Window
 
 PROCESSORS: dict[str, type] = {

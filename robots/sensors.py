@@ -1,7 +1,15 @@
-"""An ultrasonic range sensor: the distance of the nearest solid thing within a cone, and nothing about its direction.
+"""Sensors that look at the world: an ultrasonic range sensor, and a camera that finds weeds.
 
-Follows REP 117: what is farther than `max` reads +inf, what is nearer than `min` reads -inf. It sees obstacles,
-targets, walls and other robots alike, but nothing that flies. One that `fails` says nothing more.
+The range sensor gives the distance of the nearest solid thing within a cone, not its direction. It follows REP 117:
+what is farther than `max` reads +inf, what is nearer than `min` reads -inf. It sees obstacles, targets, walls and other
+robots alike, but nothing that flies.
+
+The camera looks straight down at a circle of the ground: radius = altitude * tan(field of view / 2). It finds where
+weeds are, not which. It misses some of them, anew in each picture, and places the others a little wrongly.
+
+All sensors share `maker` and `header_maker`: messages that are mostly alike are made from a template, many times
+cheaper than from a mapping. It is the most frequent thing that a world does. A sensor that `fails`
+publishes nothing more.
 """
 
 from __future__ import annotations
@@ -9,19 +17,41 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
+from fame.clock import SECOND
 from fame.config.parameters import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
-from robots.noise import Noise
-from robots.robot import MEASUREMENT, Cone, Pose
-from robots.template import header_maker, maker
+from sim2d.randomness import Noise
+from sim2d.robot import MEASUREMENT, Cone, Pose
 
 if TYPE_CHECKING:
     import numpy as np
     import pymunk
+
+    from sim2d.ground import Weeds
+
+
+def constructor(type: str) -> Callable[..., Message]:
+    """The class of a message type: it takes fields in the order of ROS, and neither converts nor checks."""
+    kind: Any = messages.message_type(type)
+    return kind  # type: ignore[no-any-return]
+
+
+def maker(template: Message, *fields: str) -> Callable[..., Message]:
+    """The constructor of messages like `template` but for these `fields`, which it takes by name."""
+    kept = {name: getattr(template, name) for name in template.__slots__ if name not in fields}
+    return partial(template.__class__, **kept)
+
+
+@cache
+def header_maker(frame: str) -> Callable[[int], Message]:
+    """A function of a time (ns) that gives a std_msgs/msg/Header with this stamp and frame."""
+    header, time = constructor("std_msgs/msg/Header"), constructor("builtin_interfaces/msg/Time")
+    return lambda now: header(time(now // SECOND, now % SECOND), frame)
+
 
 RANGE = "sensor_msgs/msg/Range"
 _RECESS = 0.02
@@ -114,3 +144,47 @@ def _maker(parameters: UltrasonicParameters) -> Callable[..., Message]:
         "variance": parameters.noise**2,
     }
     return maker(messages.create(RANGE, fields), "header", "range")
+
+
+POSES = "geometry_msgs/msg/PoseArray"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraParameters:
+    """`missed` is the part of the weeds in sight that a picture misses; `noise` a standard deviation (m)."""
+
+    rate: float = parameter(5.0, "Hz", above=0)
+    field_of_view: float = parameter(90.0, "deg", above=0, maximum=170)
+    noise: float = parameter(0.05, "m", minimum=0)
+    missed: float = parameter(0.1, "", minimum=0, maximum=1)
+
+
+class Camera:
+    """Publishes `camera/weeds`: positions in the frame of the robot's body (x ahead, y left, z up), until it fails."""
+
+    def __init__(self, node: Node, parameters: CameraParameters, random: np.random.Generator, weeds: Weeds) -> None:
+        self.fails = False
+        self._parameters, self._random, self._weeds = parameters, random, weeds
+        self._opening = math.tan(math.radians(parameters.field_of_view) / 2)
+        self._publisher = node.publisher("camera/weeds", POSES, MEASUREMENT)
+        self._header, self._make = header_maker(f"{node.namespace}/base_link"), constructor(POSES)
+        pose = messages.create("geometry_msgs/msg/Pose", {"orientation": {"w": 1.0}})
+        self._pose, self._point = maker(pose, "position"), type(pose.position)
+
+    def radius(self, altitude: float) -> float:
+        """Of the ground in sight (m)."""
+        return 0.0 if self.fails else altitude * self._opening
+
+    def measure(self, now: int, pose: Pose, altitude: float) -> None:
+        """Publish what is seen from a pose at an altitude (m). All that is in sight draws chance, seen or not."""
+        if self.fails:
+            return
+        p, cos, sin = self._parameters, math.cos(pose.heading), math.sin(pose.heading)
+        poses = []
+        for weed in self._weeds.near(pose[:2], self.radius(altitude)):
+            found, (dx, dy) = self._random.random() >= p.missed, self._random.standard_normal(2).tolist()
+            x, y = weed.at[0] - pose.x, weed.at[1] - pose.y
+            if found:
+                ahead, left = x * cos + y * sin + p.noise * dx, y * cos - x * sin + p.noise * dy
+                poses.append(self._pose(position=self._point(ahead, left, -altitude)))
+        self._publisher.publish(self._make(self._header(now), poses))

@@ -1,10 +1,14 @@
-"""What solid things look like from above: circles and convex polygons, in m."""
+"""What stands, lies and grows on the ground: solid shapes, weeds, chargers. In m.
+
+Shapes are circles and convex polygons, seen from above. Weeds and chargers are flat: neither solid nor in the map.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from fame.config.values import Point
 
@@ -84,3 +88,67 @@ def placed(points: Sequence[Point], pose: tuple[float, float, float]) -> list[Po
     x, y, heading = pose
     cos, sin = math.cos(heading), math.sin(heading)
     return [(x + ahead * cos - left * sin, y + ahead * sin + left * cos) for ahead, left in points]
+
+
+@dataclass(frozen=True, slots=True)
+class Thing:
+    """An obstacle or a target: solid, and never moved. `path` is its key in the file."""
+
+    name: str
+    shape: Shape
+    path: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WeedConfig:
+    """A weed: flat, neither solid nor in the map. In m."""
+
+    name: str
+    at: Point
+    radius: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class ChargerConfig:
+    """A place that charges the batteries of robots that stand on it with `power` W. Flat as a weed; in m."""
+
+    name: str
+    at: Point
+    radius: float = 0.5
+    power: float = 500.0
+
+
+@dataclass(slots=True)
+class Weed:
+    """A weed. `cut_at` is the second since the start at which `cut_by` has cut it; None if it still grows.
+
+    No blade gets to one that is `covered`: it grows in something solid.
+    """
+
+    name: str
+    at: Point
+    radius: float
+    cut_at: float | None = None
+    cut_by: str | None = None
+    covered: bool = False
+
+    def summary(self) -> dict[str, Any]:
+        """How it stands, fit for JSON."""
+        cut = None if self.cut_at is None else round(self.cut_at, 4)
+        return {"x": self.at[0], "y": self.at[1], "cut": cut, "by": self.cut_by}
+
+
+class Weeds:
+    """All weeds, in the order of the file. `clock` gives the seconds since the start."""
+
+    def __init__(self, configs: Iterable[WeedConfig], clock: Callable[[], float]) -> None:
+        self.all = [Weed(config.name, config.at, config.radius) for config in configs]
+        self._clock = clock
+
+    def near(self, place: Point, distance: float) -> list[Weed]:
+        """Those that grow with their middle within `distance` (m) of a place."""
+        return [weed for weed in self.all if weed.cut_at is None and math.dist(weed.at, place) <= distance]
+
+    def cut(self, weed: Weed, by: str) -> None:
+        """It grows no more."""
+        weed.cut_at, weed.cut_by = self._clock(), by

@@ -9,7 +9,7 @@ anything.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
-    from sim2d.config import RobotConfig
-    from sim2d.weeds import Weeds
+    from sim2d.ground import Weeds
 
 
 MEASUREMENT = QoS(depth=10)
@@ -45,7 +44,7 @@ class Pose(NamedTuple):
         return self.x + distance * math.cos(self.heading), self.y + distance * math.sin(self.heading)
 
 
-class Command(NamedTuple):
+class TopicCommand(NamedTuple):
     """A message to publish: `topic` is relative to the robot's namespace."""
 
     topic: str
@@ -73,11 +72,11 @@ class Workpiece(NamedTuple):
     closed: bool = True
 
 
-class Look(NamedTuple):
+class Appearance(NamedTuple):
     """How a robot looks at an instant, for those who draw it.
 
     altitude   m above the ground
-    led        ``off`` or a name of `robots.led.COLOURS`
+    led        ``off`` or a name of `robots.equipment.COLOURS`
     cone       what its range sensor saw last, if it has one
     footprint  the radius (m) of the ground that its camera sees, 0 if it sees none
     blade      the radius (m) of its blade, 0 unless that turns
@@ -101,7 +100,23 @@ class Look(NamedTuple):
     note: str = ""
 
 
-class Surroundings(Protocol):
+@dataclass(frozen=True, slots=True)
+class RobotConfig:
+    """A robot: its type, the class that makes it, its parameters, and where it starts.
+
+    `at` in m, `heading` in rad, counter-clockwise from x; `path` is its key in the file.
+    """
+
+    name: str
+    type: str
+    make: Callable[[RobotConfig, RobotWorld], SimulatedRobot]
+    at: Point
+    heading: float
+    parameters: Any
+    path: str = ""
+
+
+class RobotWorld(Protocol):
     """The world as a robot meets it. `step` in s; `map` is a nav_msgs/msg/OccupancyGrid of the known obstacles."""
 
     space: pymunk.Space
@@ -118,7 +133,7 @@ class Surroundings(Protocol):
         """What a battery at a place gets from chargers, W."""
 
 
-class Robot(Protocol):
+class SimulatedRobot(Protocol):
     """A robot of any type. `outline` is its corners in its own frame, m: x ahead, y to the left.
 
     SAFE_STATE      what is published to it when its mission has ended, however that was
@@ -127,8 +142,8 @@ class Robot(Protocol):
     """
 
     Parameters: ClassVar[type[Any]]
-    SAFE_STATE: ClassVar[tuple[Command, ...]]
-    SAFE_SUSPENDED: ClassVar[tuple[Command, ...]]
+    SAFE_STATE: ClassVar[tuple[TopicCommand, ...]]
+    SAFE_SUSPENDED: ClassVar[tuple[TopicCommand, ...]]
     FAULTS: ClassVar[tuple[str, ...]]
 
     name: str
@@ -136,14 +151,14 @@ class Robot(Protocol):
     body: pymunk.Body
     outline: tuple[Point, ...]
 
-    def __init__(self, config: RobotConfig, world: Surroundings) -> None: ...
+    def __init__(self, config: RobotConfig, world: RobotWorld) -> None: ...
 
     @property
     def pose(self) -> Pose:
         """Where it truly is."""
 
     @property
-    def look(self) -> Look:
+    def appearance(self) -> Appearance:
         """How it truly looks."""
 
     @property
@@ -169,3 +184,24 @@ class Robot(Protocol):
 def period(rate: float, step: float) -> int:
     """How many steps (s) of the world make one period of a rate (Hz): the whole number nearest to it."""
     return max(1, math.floor(1 / (rate * step) + 0.5))
+
+
+def rectangle(length: float, width: float) -> tuple[Point, ...]:
+    """The corners of a body, m: x ahead, y to the left."""
+    x, y = length / 2, width / 2
+    return (x, y), (-x, y), (-x, -y), (x, -y)
+
+
+def body_of(space: pymunk.Space, start: Pose, outline: Sequence[Point], mass: float) -> tuple[pymunk.Body, pymunk.Poly]:
+    """A body of `mass` kg in the space, and its shape. The filter of the shape leaves out the body itself."""
+    import pymunk
+
+    body = pymunk.Body(mass, pymunk.moment_for_poly(mass, outline))
+    body.position = start.x, start.y
+    body.angle = start.heading
+    shape = pymunk.Poly(body, outline)
+    shape.friction = 0.5
+    shape.collision_type = ROBOT
+    shape.filter = pymunk.ShapeFilter(group=len(space.bodies) + 1)
+    space.add(body, shape)
+    return body, shape

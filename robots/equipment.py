@@ -1,0 +1,167 @@
+"""What a robot carries besides its sensors: a battery, a blade, an LED.
+
+A battery drains with what the robot does. Power is what the robot always takes (`idle`), what it takes for its speed
+(`motion`), and what it takes for its work (`work`: a tractor's blade, a drone's hovering). A charger gives some back.
+What an empty battery drives stands still.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from fame.clock import SECOND
+from fame.config.parameters import parameter
+from fame.middleware import messages
+from fame.middleware.interface import Message, Node
+from robots.sensors import header_maker, maker
+from sim2d.robot import MEASUREMENT, Pose
+
+if TYPE_CHECKING:
+    from sim2d.ground import Weeds
+
+
+BATTERY = "sensor_msgs/msg/BatteryState"
+_HOUR = 3600.0
+DRAIN_RATE = 20.0
+"""How often it is reckoned what a robot took, Hz."""
+_CHARGING, _DISCHARGING, _FULL = 1, 2, 4  # as sensor_msgs/msg/BatteryState has them
+_SAG = 0.1
+"""By what part of itself the voltage of an empty battery is lower than that of a full one."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryParameters:
+    """`charge` is what part of the capacity it has at the beginning."""
+
+    rate: float = parameter(1.0, "Hz", above=0)
+    capacity: float = parameter(100.0, "Wh", above=0)
+    voltage: float = parameter(24.0, "V", above=0)
+    charge: float = parameter(1.0, "", minimum=0, maximum=1)
+    idle: float = parameter(5.0, "W", minimum=0)
+    motion: float = parameter(60.0, "W per m/s", minimum=0)
+    work: float = parameter(150.0, "W", minimum=0)
+
+
+class Battery:
+    """Publishes `battery_state`. `charge` is from 0 to 1."""
+
+    def __init__(self, node: Node, parameters: BatteryParameters) -> None:
+        self._parameters = parameters
+        self._full = parameters.capacity * _HOUR  # J
+        self._left, self._power, self._flow = self._full * parameters.charge, 0.0, 0.0
+        self._publisher = node.publisher("battery_state", BATTERY, MEASUREMENT)
+        amperes = parameters.capacity / parameters.voltage
+        template = messages.create(
+            BATTERY,
+            {
+                "temperature": float("nan"),  # not measured, as the type says
+                "capacity": amperes,
+                "design_capacity": amperes,
+                "power_supply_health": 1,  # good
+                "power_supply_technology": 2,  # lithium ion
+                "present": True,
+            },
+        )
+        self._header = header_maker(f"{node.namespace}/base_link")
+        self._make = maker(template, "header", "voltage", "current", "charge", "percentage", "power_supply_status")
+
+    @property
+    def charge(self) -> float:
+        return self._left / self._full
+
+    @property
+    def empty(self) -> bool:
+        return self._left <= 0
+
+    def drain(self, duration: float, speed: float, works: bool, charging: float = 0.0) -> None:
+        """Give power for `duration` s at a speed (m/s), and get what a charger has (W)."""
+        p = self._parameters
+        self._power = p.idle + p.motion * abs(speed) + (p.work if works else 0.0) - charging
+        left = min(max(0.0, self._left - self._power * duration), self._full)
+        self._flow, self._left = (left - self._left) / duration, left
+
+    def measure(self, now: int) -> None:
+        """Publish what is left."""
+        charge, p = self.charge, self._parameters
+        voltage = p.voltage * (1 - _SAG * (1 - charge))
+        state = self._make(
+            header=self._header(now),
+            voltage=voltage,
+            current=self._flow / voltage if charge else 0.0,
+            charge=charge * p.capacity / p.voltage,
+            percentage=charge,
+            power_supply_status=_DISCHARGING if self._power >= 0 else _CHARGING if charge < 1 else _FULL,
+        )
+        self._publisher.publish(state)
+
+
+@dataclass(frozen=True, slots=True)
+class BladeParameters:
+    """`radius` is that of its disc, `ahead` how far in front of the vehicle's middle its axis is, both in m."""
+
+    radius: float = parameter(0.3, "m", above=0)
+    ahead: float = parameter(0.0, "m")
+    time: float = parameter(0.5, "s above a weed to cut it", minimum=0)
+
+
+class Blade:
+    """Obeys `blade_force` (geometry_msgs/msg/Wrench): it `turns` while `torque.z` is above 0."""
+
+    def __init__(self, node: Node, parameters: BladeParameters, owner: str, weeds: Weeds) -> None:
+        self.turns = self.blocked = False
+        self.radius, self._ahead, self._time = parameters.radius, parameters.ahead, round(parameters.time * SECOND)
+        self._owner, self._weeds = owner, weeds
+        self._since: dict[str, int] = {}  # when (ns) it came above each weed that it is above
+        node.subscription("blade_force", "geometry_msgs/msg/Wrench", self._on_force)
+
+    def _on_force(self, wrench: Message) -> None:
+        self.turn(wrench.torque.z > 0 and not self.blocked)
+
+    def turn(self, turns: bool) -> None:
+        """Begin or end to turn."""
+        self.turns = turns
+        if not turns:
+            self._since.clear()
+
+    def cut(self, now: int, pose: Pose) -> None:
+        """Cut what it has turned above for long enough, under a vehicle at `pose`. Only while it turns."""
+        above = [weed for weed in self._weeds.near(pose.ahead(self._ahead), self.radius) if not weed.covered]
+        self._since = {weed.name: self._since.get(weed.name, now) for weed in above}
+        for weed in above:
+            if now - self._since[weed.name] >= self._time:
+                self._weeds.cut(weed, self._owner)
+
+
+COLOURS: Mapping[tuple[bool, bool, bool], str] = {
+    (False, False, False): "off",
+    (True, False, False): "red",
+    (False, True, False): "green",
+    (False, False, True): "blue",
+    (True, True, False): "yellow",
+    (False, True, True): "cyan",
+    (True, False, True): "magenta",
+    (True, True, True): "white",
+}
+"""Names by which of red, green and blue shine."""
+
+
+class Led:
+    """Obeys `led` (std_msgs/msg/ColorRGBA). `rgb` is 0 to 1 each."""
+
+    def __init__(self, node: Node) -> None:
+        self.rgb = (0.0, 0.0, 0.0)
+        node.subscription("led", "std_msgs/msg/ColorRGBA", self._light)
+
+    def _light(self, colour: Message) -> None:
+        r, g, b = (min(max(float(c), 0.0), 1.0) if math.isfinite(c) else 0.0 for c in (colour.r, colour.g, colour.b))
+        self.rgb = (r, g, b)
+
+    @property
+    def colour(self) -> str:
+        """The name of the colour: a part shines if it has at least half the brightness of the strongest."""
+        r, g, b = self.rgb
+        half = max(r, g, b) / 2
+        return COLOURS[r > 0 and r >= half, g > 0 and g >= half, b > 0 and b >= half]
