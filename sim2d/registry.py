@@ -42,8 +42,7 @@ def robot_class(type: str, folder: Path = Path()) -> type[SimulatedRobot]:
     """The class of a robot type; ``file.py:Class`` is relative to `folder`. Raises ConfigError."""
     place = type if ":" in type else robot_types().get(type)
     if place is None:
-        known = suggestion(type, robot_types())
-        raise ConfigError(f"expected a robot type, module:Class or file.py:Class, got {type!r}; {known}")
+        raise ConfigError(f"expected a robot type, got {type!r}; {_registered(type)}")
     found = find_object(place, folder)
     missing = list(_missing(found))
     if missing:
@@ -55,6 +54,12 @@ def absolute(type: str, folder: Path) -> str:
     """The type for a process in another folder: a ``file.py:Class`` with the whole path of its file."""
     file, colon, name = type.rpartition(":")
     return f"{(folder / file).resolve()}:{name}" if colon and file.endswith(".py") else type
+
+
+def _registered(type: str) -> str:
+    """The registered types, or the closest one."""
+    known = suggestion(type, robot_types())
+    return known if known.endswith("?") else f"{known}, module:Class, file.py:Class"
 
 
 def _missing(found: object) -> Iterator[str]:

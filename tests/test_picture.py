@@ -44,9 +44,9 @@ def test_a_recorder_keeps_ten_samples_a_second_of_every_robot(record):
     assert record.times == pytest.approx([number / 10 for number in range(41)])
     rex, dingo = record.tracks
     assert (rex.name, dingo.name) == ("REX", "DINGO")
-    assert len(rex.poses) == len(rex.looks) == 41
-    assert rex.looks[0].led == "off"
-    assert rex.looks[-1].led == "red"
+    assert len(rex.poses) == len(rex.appearances) == 41
+    assert rex.appearances[0].led == "off"
+    assert rex.appearances[-1].led == "red"
     assert math.dist(rex.poses[0][:2], rex.poses[-1][:2]) > 1.5
     assert dingo.poses[0] == dingo.poses[-1]
 
@@ -148,7 +148,7 @@ def test_an_arm_that_cuts_moves_and_its_part_comes_about(tmp_path):
     recorder = Recorder(g.world, rate=2)
     g.say("/Arm/cut", "std_msgs/msg/Empty", {})
     g.run(12.5)
-    looks = recorder.record.tracks[0].looks
+    looks = recorder.record.tracks[0].appearances
     assert math.dist(looks[1].limb[-1], looks[10].limb[-1]) > 0.02
     lengths = [len(cut) for look in looks for cut in pieces(look, "cut")]
     assert lengths == sorted(lengths)
@@ -266,10 +266,10 @@ def farm():
 
 def test_a_recorder_keeps_height_footprint_and_blade(farm):
     rex, drone = farm.tracks
-    assert (rex.looks[10].blade, rex.looks[-1].blade) == (0, 0.3)
-    assert (drone.looks[10].altitude, drone.looks[10].footprint) == (0, 0)
-    assert drone.looks[-1].altitude == pytest.approx(1.5, abs=0.1)
-    assert drone.looks[-1].footprint == pytest.approx(drone.looks[-1].altitude)
+    assert (rex.appearances[10].blade, rex.appearances[-1].blade) == (0, 0.3)
+    assert (drone.appearances[10].altitude, drone.appearances[10].footprint) == (0, 0)
+    assert drone.appearances[-1].altitude == pytest.approx(1.5, abs=0.1)
+    assert drone.appearances[-1].footprint == pytest.approx(drone.appearances[-1].altitude)
 
 
 def test_a_picture_shows_weeds_that_grow_and_weeds_that_were_cut(farm, tmp_path):

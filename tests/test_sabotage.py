@@ -64,5 +64,5 @@ def test_a_computer_with_the_name_of_a_robot_is_refused(tree: Path) -> None:
     path = tree / "examples" / "sabotage.yaml"
     wrong = tree / "examples" / "wrong.yaml"
     wrong.write_text(path.read_text().replace("[Monitor, Attacker]", "[Monitor, Arm]"))
-    with pytest.raises(ConfigError, match=r"computers\[1\].*found 'Arm', which is there already"):
+    with pytest.raises(ConfigError, match=r"computers\[1\].*got 'Arm', which is taken"):
         Scenario.load(wrong)
