@@ -169,7 +169,7 @@ def test_an_arm_that_is_held_in_its_work_shows_a_red_light():
     g.run(3)
     g.say("/Arm/hold", "std_msgs/msg/Empty", {})
     g.run(4)
-    look = g.world.robots["Arm"].look
+    look = g.world.robots["Arm"].appearance
     assert (look.led, look.note) == ("red", "held in part 1")
 
 
@@ -184,12 +184,12 @@ def test_an_arm_carries_the_lid_in_jaws_that_close(tmp_path):
     g.run(0.1)
     go(0.5, 0.0, 0.3, 2.5)
     go(0.5, 0.0, 0.18, 5)
-    before = robot.look
+    before = robot.appearance
     robot.machine.grip(True)
-    held = robot.look
+    held = robot.appearance
     go(0.5, 0.0, 0.3, 7)
     go(0.4, -0.2, 0.3, 10)
-    after = robot.look
+    after = robot.appearance
     assert before.jaws > held.jaws > 0
     assert "holds the lid, 0.18 m up" in held.note
     assert "holds the lid, 0.30 m up" in after.note
