@@ -46,7 +46,7 @@ def test_a_file_with_keys_that_none_has_is_told_those_that_are_known(tmp_path: P
     path = tmp_path / "file.yaml"
     path.write_text("speed: 3\n")
     assert main(["train", str(path)]) == 2
-    assert "found the key 'speed'; known are Inputs, Outputs" in capsys.readouterr().err
+    assert "file.yaml:1: speed: unknown key; known are: Inputs, Outputs" in capsys.readouterr().err
 
 
 WRONG = {
