@@ -61,7 +61,11 @@ WRONG = {
         "Inputs:\n  A: {Topic: t, MessageType: std_msgs/msg/Float64, Field: data}\nFrequency: fast\n",
         ":3: Freq",
     ),
-    "learning": ("adm learn -o x.skops", "Files:\n  testing: []\nSplit:\n  folds: 1\n", ":4: Split.folds: "),
+    "learning": (
+        "adm learn -o x.skops",
+        "Files:\n  unsupervised_train: {name: a.csv, input_col: [0]}\nSplit:\n  folds: 1\n",
+        ":4: Split.folds: ",
+    ),
 }
 
 
