@@ -3,7 +3,7 @@
 ::
 
     FameError
-    ├── ModelError        the file is wrong: file, line, element id, what was found, what would be right
+    ├── ModelError        the file is wrong: file, line, element, what was expected and what was found
     ├── MissionError      the run went wrong: robot, element, cause (uncaught error, livelock, script)
     ├── MessageError      a type, field or value that does not fit a topic
     │   └── MissingTypeError  a message type that the sourced ROS does not have
@@ -11,7 +11,7 @@
     ├── ConfigError       a scenario, pipeline or learning file is wrong
     └── UnavailableError  a backend or language that is not installed, and the command that installs it
 
-``str(error)`` is always one line, fit for a terminal: where it is, what was found, what would be right.
+``str(error)`` is always one line, fit for a terminal: where it is, what was expected, what was found.
 """
 
 from __future__ import annotations
@@ -154,4 +154,4 @@ class UnavailableError(FameError):
 def expect(holds: bool, name: str, found: object, right: str) -> None:
     """Raise ConfigError of the argument `name` of a Python call, unless it is what it has to be."""
     if not holds:
-        raise ConfigError(f"found {reprlib.repr(found)}; {right} would be right", element=name)
+        raise ConfigError(f"expected {right}, got {reprlib.repr(found)}", element=name)

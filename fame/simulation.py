@@ -53,7 +53,7 @@ class Simulation:
         from fame.bpmn.reader import read
 
         definitions = read(definitions)
-        expect(process is None or isinstance(process, str), "process", process, "an id, or the name of a pool,")
+        expect(process is None or isinstance(process, str), "process", process, "an id or the name of a pool")
         expect(isinstance(robot, str), "robot", robot, "a name")
         dated = isinstance(epoch, datetime) and epoch.tzinfo is not None
         expect(dated, "epoch", epoch, "a datetime with a time zone")
@@ -145,7 +145,7 @@ class Simulation:
         return self
 
     def start(self, variables: Mapping[str, Any] | None = None) -> Instance:
-        """Start one more instance at the none start event. Raises MissionError if there is none."""
+        """Start one more instance at the none start event. Raises MissionError if the process has none."""
         _expect_values("variables", variables)
         self._begin()
         return self.node.engine.start(dict(variables or {}))

@@ -114,13 +114,13 @@ def test_a_model_that_could_judge_nothing_is_no_success(tmp_path: Path):
 
 @pytest.mark.parametrize("threshold", ["-1", "7", "nan"])
 def test_a_threshold_that_is_no_score_is_refused(tmp_path: Path, threshold: str):
-    with pytest.raises(ConfigError, match=r"found the threshold .*; a number from 0 to 1"):
+    with pytest.raises(ConfigError, match=r"expected a threshold from 0 to 1, got"):
         adm("operate", "--model", tmp_path / "m.skops", "--threshold", threshold)
 
 
 def test_a_result_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path):
     (tmp_path / "file").write_text("")
-    for out, said in ((tmp_path / "file" / "x.csv", "cannot be written"), (tmp_path, "is a folder")):
+    for out, said in ((tmp_path / "file" / "x.csv", "cannot be written"), (tmp_path, "got a folder")):
         with pytest.raises(ConfigError, match=said):
             adm("collect", "--bag", tmp_path / "gone", "--label", 1, "-o", out)
 

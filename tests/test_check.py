@@ -150,7 +150,7 @@ NO_MODELS = {
     "notes.txt": (b"take milk", 1, "notes.txt:1: error: not well-formed XML: "),
     "empty.bpmn": (b"", 1, "empty.bpmn:1: error: not well-formed XML: "),
     "model.zip": (b"PK\x03\x04and so on", 1, "model.zip: error: is a zip archive: extract the .bpmn file from it"),
-    "folder": (None, 2, "folder: is a folder; its files would be right: "),
+    "folder": (None, 2, "folder: expected files, got a folder: "),
     "gone.bpmn": (None, 2, "gone.bpmn: there is no such file"),
 }
 

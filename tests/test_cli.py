@@ -82,7 +82,7 @@ def test_a_mistyped_word_is_told_with_the_closest_one(given: str, said: str, cap
     ("given", "said"),
     [
         ("world models/convoy.bpmn", "models/convoy.bpmn: expected a world, or a scenario that has one (.yaml), "),
-        ("templates -o README.md", "README.md: is a file; a folder would be right"),
+        ("templates -o README.md", "README.md: expected a folder, got a file"),
     ],
 )
 def test_another_kind_of_file_is_told_as_that(given: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys) -> None:

@@ -175,7 +175,6 @@ def test_a_bad_scenario_is_refused_in_one_line(text: str, said: tuple[str, ...],
 
 
 REQUESTS = {
-    "no command": ([], ("command",)),
     "an unknown command": (["fly"], ("fly", "run")),
     "an unknown option": (["run", "x.bpmn", "--fast"], ("--fast",)),
     "no file": (["run"], ("scenario",)),
@@ -195,7 +194,7 @@ REQUESTS = {
     "a drawing of unknown form": (["draw", "mission.bpmn", "-o", "out.pdf"], ("out.pdf", ".svg")),
     "no diagram to draw": (["draw", "mission.bpmn", "-o", "out.svg"], ("mission.bpmn", "no diagram")),
     "a library that is not there": (["run", "mission.bpmn", "--library", "gone"], ("gone", "not a folder")),
-    "checking a folder": (["check", "."], (".: is a folder", ".bpmn")),
+    "checking a folder": (["check", "."], (".: expected files", ".bpmn")),
     "checking what is not there": (["check", "mission.bpmn", "gone.bpmn"], ("gone.bpmn", "no such file")),
 }
 

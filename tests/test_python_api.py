@@ -22,28 +22,28 @@ def dingo(**options) -> fame.Simulation:
 
 
 WRONG = {
-    "definitions: found 'mission.bpmn'": lambda: fame.write("mission.bpmn"),
-    "source: found 7": lambda: check(7),
-    "library: found 'models'": lambda: check(MODEL, library="models"),
-    "Scenario: found 'field.yaml'": lambda: fame.Scenario("field.yaml"),
-    "source: found None": lambda: fame.read(None),
-    "source: found 5": lambda: fame.read(5),
-    "source: found '<definition": lambda: fame.read("<definitions/>"),
-    "process: found Process(id=": lambda: fame.Simulation(MODEL, fame.read(MODEL).processes[0]),
-    "variables: found ['x']": lambda: dingo(variables=["x"]),
-    "services: found {'grip': 3}": lambda: dingo(services={"grip": 3}),
-    "observer: found 'run.jsonl'": lambda: dingo(observer="run.jsonl"),
-    "robot: found 5": lambda: dingo(robot=5),
-    "until: found '5'": lambda: dingo().run("5"),
-    "until: found nan": lambda: dingo().run(math.nan),
-    "name: found None": lambda: dingo().signal(None),
-    "values: found ['yes']": lambda: dingo().complete("Task", ["yes"]),
-    "path: found Definitions(": lambda: fame.Scenario.load(fame.read(MODEL)),
-    "seed: found '7'": lambda: fame.Scenario.load(SCENARIO, seed="7"),
-    "duration: found '10'": lambda: fame.Scenario.load(SCENARIO, duration="10"),
-    "robots: found ['Tractor']": lambda: fame.Scenario.load(FIELD, robots=["Tractor"]),
-    "robots: found {'Tractor': -3}": lambda: fame.Scenario.load(FIELD, robots={"Tractor": -3}),
-    "faults: found 'REX@3:engine'": lambda: fame.Scenario.load(SCENARIO, faults=["REX@3:engine"]),
+    "definitions: expected ..., got 'mission.bpmn'": lambda: fame.write("mission.bpmn"),
+    "source: expected ..., got 7": lambda: check(7),
+    "library: expected ..., got 'models'": lambda: check(MODEL, library="models"),
+    "Scenario: expected ..., got 'field.yaml'": lambda: fame.Scenario("field.yaml"),
+    "source: expected ..., got None": lambda: fame.read(None),
+    "source: expected ..., got 5": lambda: fame.read(5),
+    "source: expected ..., got '<definition": lambda: fame.read("<definitions/>"),
+    "process: expected ..., got Process(id=": lambda: fame.Simulation(MODEL, fame.read(MODEL).processes[0]),
+    "variables: expected ..., got ['x']": lambda: dingo(variables=["x"]),
+    "services: expected ..., got {'grip': 3}": lambda: dingo(services={"grip": 3}),
+    "observer: expected ..., got 'run.jsonl'": lambda: dingo(observer="run.jsonl"),
+    "robot: expected ..., got 5": lambda: dingo(robot=5),
+    "until: expected ..., got '5'": lambda: dingo().run("5"),
+    "until: expected ..., got nan": lambda: dingo().run(math.nan),
+    "name: expected ..., got None": lambda: dingo().signal(None),
+    "values: expected ..., got ['yes']": lambda: dingo().complete("Task", ["yes"]),
+    "path: expected ..., got Definitions(": lambda: fame.Scenario.load(fame.read(MODEL)),
+    "seed: expected ..., got '7'": lambda: fame.Scenario.load(SCENARIO, seed="7"),
+    "duration: expected ..., got '10'": lambda: fame.Scenario.load(SCENARIO, duration="10"),
+    "robots: expected ..., got ['Tractor']": lambda: fame.Scenario.load(FIELD, robots=["Tractor"]),
+    "robots: expected ..., got {'Tractor': -3}": lambda: fame.Scenario.load(FIELD, robots={"Tractor": -3}),
+    "faults: expected ..., got 'REX@3:engine'": lambda: fame.Scenario.load(SCENARIO, faults=["REX@3:engine"]),
 }
 
 
@@ -51,8 +51,9 @@ WRONG = {
 def test_an_argument_that_is_none_is_named(said: str) -> None:
     with pytest.raises(fame.ConfigError) as caught:
         WRONG[said]()
-    assert str(caught.value).startswith(said)
-    assert str(caught.value).endswith(" would be right")
+    name, got = said.split("...")
+    assert str(caught.value).startswith(name)
+    assert got in str(caught.value)
 
 
 NOT_THERE = {

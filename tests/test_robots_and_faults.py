@@ -150,15 +150,15 @@ def test_a_fault_that_cannot_be_is_refused_before_anything_moves() -> None:
 @pytest.mark.parametrize(
     ("option", "text", "right"),
     [
-        ("--robots", "Tractor", "POOL=N as in Tractor=12"),
-        ("--robots", "Tractor=-1", "POOL=N as in Tractor=12"),
-        ("--fault", "Tractor_1:engine", "ROBOT@SECOND:KIND as in Tractor_2@40:engine"),
-        ("--fault", "Tractor_1@-4:engine", "ROBOT@SECOND:KIND as in Tractor_2@40:engine"),
+        ("--robots", "Tractor", "POOL=N, as in Tractor=12"),
+        ("--robots", "Tractor=-1", "POOL=N, as in Tractor=12"),
+        ("--fault", "Tractor_1:engine", "ROBOT@SECOND:KIND, as in Tractor_2@40:engine"),
+        ("--fault", "Tractor_1@-4:engine", "ROBOT@SECOND:KIND, as in Tractor_2@40:engine"),
     ],
 )
 def test_what_cannot_be_read_is_said(option: str, text: str, right: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(EXAMPLE), option, text]) == 2
-    assert f"argument {option}: found {text!r}, {right} would be right" in capsys.readouterr().err
+    assert f"argument {option}: expected {right}, got {text!r}" in capsys.readouterr().err
 
 
 def test_both_need_everything_in_one_process(capsys: pytest.CaptureFixture[str]) -> None:

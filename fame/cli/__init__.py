@@ -1,8 +1,8 @@
-"""The `fame` command: what a user asks for on the command line, and how it went as exit code and text.
+"""The `fame` command.
 
-Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Whatever goes wrong is
-said in one line on stderr or, with ``--json``, in the one object on stdout. Each command is a module with `add`, which
-declares it, and a function of its parsed arguments that returns the exit code; heavy parts are imported in there.
+Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Every error is one line
+on stderr or, with ``--json``, in the one object on stdout. A command is a module with `add`, which declares it, and a
+function of its parsed arguments that returns the exit code; heavy parts are imported in that function.
 """
 
 from __future__ import annotations
@@ -27,12 +27,17 @@ COMMANDS = (
     "complete", "activate", "abort", "world", "pause", "resume", "keys", "process", "record", "train", "param", "topic",
     "adm",
 )  # fmt: skip
-"""Each is a module here, imported when it is asked for: to start an engine does not take all that the others need."""
+_MODULES = {
+    "complete": "robot_commands", "activate": "robot_commands", "abort": "robot_commands",
+    "pause": "world_time", "resume": "world_time",
+}  # fmt: skip
+"""The module of a command that is not named like it. Each is imported when one of its commands is asked for: an engine
+starts without what the other commands need."""
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Do what the arguments say (those of the process by default) and return the exit code."""
+    """Run a command line (that of the process by default) and return the exit code."""
     given = without_ros_arguments(sys.argv[1:] if argv is None else argv)
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to fail
@@ -47,22 +52,24 @@ def main(argv: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return _BROKEN_PIPE
         except KeyboardInterrupt as interrupt:
-            return _say(FameError("interrupted"), interrupt, given, _INTERRUPTED)
+            return _report(FameError("interrupted"), interrupt, given, _INTERRUPTED)
         except FameError as error:
-            return _say(error, error, given, error.exit_code)
+            return _report(error, error, given, error.exit_code)
         except OSError as error:
-            return _say(FameError(f"{error.filename or 'input or output'}: {error.strerror or error}"), error, given, 2)
+            return _report(
+                FameError(f"{error.filename or 'input or output'}: {error.strerror or error}"), error, given, 2
+            )
         except Exception as error:
             if interrupts:
-                return _say(FameError("interrupted"), error, given, _INTERRUPTED)
+                return _report(FameError("interrupted"), error, given, _INTERRUPTED)
             text = f"{type(error).__name__}: {error} (this is a bug in FAME; with FAME_DEBUG=1 you see where)"
-            return _say(FameError(text), error, given, 1)
+            return _report(FameError(text), error, given, 1)
     return code
 
 
 @contextmanager
 def _noting_interrupts() -> Iterator[list[int]]:
-    """Every Ctrl-C as long as the block lasts: a library may make another error of it, as numpy does while imported."""
+    """Collect each Ctrl-C while the block lasts: a library may turn it into another error, as numpy does on import."""
     noted: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -81,7 +88,7 @@ def _noting_interrupts() -> Iterator[list[int]]:
 
 
 def parser(asked: str = "") -> Parser:
-    """What the command line knows: of the command that is `asked` for, else of all."""
+    """The parser of the command that is `asked` for, else of all commands."""
     top = Parser(
         prog="fame",
         description="Run a team of robots from a picture: BPMN 2.0 collaborations, drawn in Camunda Modeler.",
@@ -89,13 +96,13 @@ def parser(asked: str = "") -> Parser:
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
-    for name in (asked,) if asked in COMMANDS else COMMANDS:
-        import_module(f"fame.cli.{name}").add(commands)
+    for module in dict.fromkeys(_MODULES.get(name, name) for name in ((asked,) if asked in COMMANDS else COMMANDS)):
+        import_module(f"fame.cli.{module}").add(commands)
     return top
 
 
-def _say(error: FameError, cause: BaseException, given: Sequence[str], code: int) -> int:
-    """Tell in one line, or as the one JSON object, what went wrong and return the exit code."""
+def _report(error: FameError, cause: BaseException, given: Sequence[str], code: int) -> int:
+    """Print an error as one line, or as the one JSON object, and return the exit code."""
     interrupted = code == _INTERRUPTED
     if os.environ.get("FAME_DEBUG"):
         import traceback

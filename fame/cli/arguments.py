@@ -73,7 +73,7 @@ def group(commands: Commands, name: str, *, help: str, examples: Sequence[str]) 
 def natural(text: str) -> int:
     """A whole number from 0 on."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"found {text!r}, a whole number from 0 on would be right")
+        raise argparse.ArgumentTypeError(f"expected a whole number from 0 on, got {text!r}")
     return int(text)
 
 
@@ -84,7 +84,7 @@ def epoch(text: str) -> datetime:
     try:
         return parse_epoch(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{error}; a date, or now, would be right") from None
+        raise argparse.ArgumentTypeError(f"{error}; expected a date, or now") from None
 
 
 def positive(text: str) -> float:
@@ -94,7 +94,7 @@ def positive(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0 < number <= 1e15:
-        raise argparse.ArgumentTypeError(f"found {text!r}, a number above 0 would be right")
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
     return number
 
 

@@ -120,4 +120,4 @@ def _expect_file(path: Path) -> None:
     if not path.exists():
         raise ConfigError("there is no such file", file=str(path))
     if path.is_dir():
-        raise ConfigError(f"is a folder; its files would be right: {path / '*.bpmn'}", file=str(path))
+        raise ConfigError(f"expected files, got a folder: {path / '*.bpmn'}", file=str(path))

@@ -39,7 +39,7 @@ def run(arguments: Namespace) -> int:
 
     output = arguments.output
     if output.suffix.lower() != ".svg":
-        raise ConfigError(f"found the ending {output.suffix!r}; .svg would be right", file=str(output))
+        raise ConfigError(f"expected a file with the ending .svg, got {output.suffix!r}", file=str(output))
     definitions = read(arguments.model)
     if arguments.log is not None:
         from fame.log import outcomes

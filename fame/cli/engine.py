@@ -66,7 +66,7 @@ def add(commands: Commands) -> None:
 def _name(text: str) -> str:
     """The name of a robot, which is a namespace of ROS."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
-        raise ArgumentTypeError(f"found {text!r}, letters, digits and _ would be right, a letter first")
+        raise ArgumentTypeError(f"expected letters, digits and _, a letter first, got {text!r}")
     return text
 
 

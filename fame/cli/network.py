@@ -45,9 +45,7 @@ def interface(text: str) -> str:
             return str(address)
     names = [name for _, name in socket.if_nameindex()]
     if text not in names:
-        raise ArgumentTypeError(
-            f"found {text!r}, one of {', '.join(names)} would be right, or an address of this machine"
-        )
+        raise ArgumentTypeError(f"expected one of {', '.join(names)}, or an address of this machine, got {text!r}")
     return text
 
 

@@ -51,11 +51,11 @@ def assignment(text: str) -> tuple[str, Any]:
 
     name, equals, value = text.partition("=")
     if not equals or not name:
-        raise ArgumentTypeError(f"found {text!r}, NAME=VALUE as in cutoff=5 would be right")
+        raise ArgumentTypeError(f"expected NAME=VALUE, as in cutoff=5, got {text!r}")
     try:
         return name.strip(), parse_document(value).data
     except ConfigError as error:
-        raise ArgumentTypeError(f"found {value!r}, which {error.text}") from None
+        raise ArgumentTypeError(f"{value!r}: {error.text}") from None
 
 
 class Nodes:

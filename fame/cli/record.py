@@ -39,7 +39,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--run-topic", default="", metavar="TOPIC", help="a message (std_msgs/Empty) begins the next run"
     )
-    parser.add_argument("--duration", type=positive, metavar="S", help="end after so many seconds")
+    parser.add_argument("--duration", type=positive, metavar="S", help="end after this many seconds")
     parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
     add_types(parser)
     add_network(parser)

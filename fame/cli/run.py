@@ -47,7 +47,7 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--robots", action="append", default=[], type=_robots, metavar="POOL=N",
-        help="so many robots for a multi-instance pool, on free ground; may be given several times",
+        help="number of robots for a multi-instance pool, on free ground; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--fault", action="append", default=[], type=_fault, metavar="ROBOT@S:KIND",
@@ -63,7 +63,10 @@ def add(commands: Commands) -> None:
         "what follows --ros-args does not reach them",
     )  # fmt: skip
     parser.add_argument(
-        "--speed", type=positive, metavar="F", help="in many processes: so many times as fast as reality (1)"
+        "--speed",
+        type=positive,
+        metavar="F",
+        help="in many processes: simulated seconds per second (1)",
     )
     parser.add_argument(
         "--lockstep", action="store_true",
@@ -92,7 +95,7 @@ def _robots(text: str) -> tuple[str, int]:
     """``Tractor=12``."""
     found = re.fullmatch(r"(.*\S)\s*=\s*([0-9]+)", text)
     if found is None:
-        raise ArgumentTypeError(f"found {text!r}, POOL=N as in Tractor=12 would be right")
+        raise ArgumentTypeError(f"expected POOL=N, as in Tractor=12, got {text!r}")
     return found[1], int(found[2])
 
 
@@ -100,18 +103,18 @@ def _fault(text: str) -> tuple[str, float, str]:
     """``Tractor_2@40:engine``."""
     found = re.fullmatch(r"(\S+)@([0-9]+\.?[0-9]*):(\w+)", text)
     if found is None:
-        raise ArgumentTypeError(f"found {text!r}, ROBOT@SECOND:KIND as in Tractor_2@40:engine would be right")
+        raise ArgumentTypeError(f"expected ROBOT@SECOND:KIND, as in Tractor_2@40:engine, got {text!r}")
     return found[1], float(found[2]), found[3]
 
 
 def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
     """``PORTER@12:Task_Sign:approved=true,count=3``."""
-    from fame.cli.complete import value
+    from fame.cli.robot_commands import value
 
     found = re.fullmatch(r"(\S+?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
     if found is None:
         right = "ROBOT@SECOND:ELEMENT[:NAME=VALUE,...] as in REX@12:Task_Sign:approved=true"
-        raise ArgumentTypeError(f"found {text!r}, {right} would be right")
+        raise ArgumentTypeError(f"expected {right}, got {text!r}")
     values = re.split(r",(?=\s*[^\W\d]\w*\s*=)", found[4]) if found[4] else []
     return found[1], float(found[2]), found[3], dict(map(value, values))
 
@@ -133,7 +136,7 @@ def run(arguments: Namespace) -> int:
         completions=[Completion(*done) for done in arguments.complete],
     )
     if not scenario.cast:
-        raise ConfigError("has no robot left to run; at least one would be right", file=scenario.file)
+        raise ConfigError("expected at least one robot to run, got none", file=scenario.file)
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
     if arguments.speed is not None:
@@ -241,7 +244,7 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
     for path, endings in wanted:
         if path is not None and path.suffix.lower() not in endings:
             raise ConfigError(
-                f"found the ending {path.suffix!r}; {' or '.join(endings)} would be right", file=str(path)
+                f"expected a file with the ending {' or '.join(endings)}, got {path.suffix!r}", file=str(path)
             )
         if path is not None and scenario.world is None:
             raise ConfigError("cannot be drawn: the scenario has no world", file=str(path))

@@ -27,7 +27,7 @@ def run(arguments: Namespace) -> int:
     from fame.check.library import behaviours
 
     if arguments.output.exists() and not arguments.output.is_dir():
-        raise ConfigError("is a file; a folder would be right", file=str(arguments.output))
+        raise ConfigError("expected a folder, got a file", file=str(arguments.output))
     made = templates(behaviours(arguments.library))
     arguments.output.mkdir(parents=True, exist_ok=True)
     files = {name: arguments.output / f"{name}.json" for name in made}

@@ -127,12 +127,12 @@ def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
     if arguments.output.suffix.lower() != ".png":
         raise ConfigError(
-            f"found the ending {arguments.output.suffix!r}; .png would be right", file=str(arguments.output)
+            f"expected a file with the ending .png, got {arguments.output.suffix!r}", file=str(arguments.output)
         )
     named = [text.partition(":") for text in arguments.series]
     for topic, _, path in named:
         if not topic.startswith("/") or not path:
-            raise ConfigError(f"found {topic}; /topic:field would be right, such as /joint_states:effort.0")
+            raise ConfigError(f"expected /topic:field, such as /joint_states:effort.0, got {topic}")
     require("matplotlib")
     types = wait_for_types(middleware, scheduler, [topic for topic, _, _ in named])
     node = middleware.node("fame_topic")

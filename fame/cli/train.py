@@ -38,7 +38,7 @@ def run(arguments: Namespace) -> int:
     configuration = load(arguments.configuration)
     file = str(configuration.file)
     if configuration.training is None:
-        text = "has no section Training; Training: {Files: [runs.csv], Model: model.skops} would be right"
+        text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
         raise ConfigError(text, file=file)
     training = training_of(configuration.training, configuration.folder)
     path = arguments.output or Path(training.model)

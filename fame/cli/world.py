@@ -25,7 +25,7 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("world", type=Path, metavar="WORLD.yaml", help="a world file, or a scenario that has one")
     parser.add_argument("--seed", type=natural, metavar="N", help="seed of all noise; the file's, else 0")
-    parser.add_argument("--speed", type=positive, metavar="F", help="so many times as fast as reality (1)")
+    parser.add_argument("--speed", type=positive, metavar="F", help="simulated seconds per second (1)")
     parser.add_argument("--pause", action="store_true", help="begin with time stopped; fame resume lets it go")
     parser.add_argument(
         "--lockstep", action="append", default=[], metavar="ROBOT",

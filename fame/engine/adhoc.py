@@ -115,7 +115,7 @@ def chosen_of(how: AdHoc, variables: dict[str, Any]) -> list[Node]:
     ids = how.chosen(variables)
     wrong = [id for id in ids if id not in how.entries] if isinstance(ids, list | tuple) else [ids]
     if wrong:
-        raise ValueError(f"{wrong[0]!r} cannot begin: a list of any of {', '.join(how.entries)} would be right")
+        raise ValueError(f"{wrong[0]!r} cannot begin: expected a list of any of {', '.join(how.entries)}")
     return [how.entries[id] for id in ids]
 
 

@@ -90,7 +90,7 @@ def extent(loop: Loop, variables: dict[str, Any]) -> tuple[list[Any] | None, int
     if loop.collection is not None:
         found = loop.collection(variables)
         if not isinstance(found, Iterable) or isinstance(found, str | bytes | Mapping):
-            raise TypeError(f"the collection is a {type(found).__name__}: a list would be right")
+            raise TypeError(f"expected a list as collection, got {type(found).__name__}")
         values = list(found)
         return values, len(values)
     if loop.cardinality is None:
@@ -106,7 +106,7 @@ def whole_number(found: Any) -> int:
             return int(number)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise ValueError(f"the cardinality is {reprlib.repr(found)}: a whole number from 0 on would be right")
+    raise ValueError(f"expected a whole number from 0 on as cardinality, got {reprlib.repr(found)}")
 
 
 def begin_instance(engine: EngineState, whole: Scope, node: Node) -> None:

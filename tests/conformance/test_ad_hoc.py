@@ -149,7 +149,7 @@ def test_what_cannot_begin_is_an_error_of_the_sub_process(play: Play, chosen: ob
     content = ad_hoc(inner) + boundary("x", "p", error()) + path("x e").replace("x_e", "xe")
     assert play(content, {"chosen": chosen}).run().log == "s (p x -p e =completed"
     failure = play(ad_hoc(inner), {"chosen": chosen}).run().instance.error
-    assert "a list of any of a, b, c would be right" in str(failure)
+    assert "expected a list of any of a, b, c" in str(failure)
 
 
 def test_somebody_may_begin_an_element_again_while_it_is_open(play: Play) -> None:

@@ -66,7 +66,7 @@ def test_a_cardinality_that_is_no_number_of_instances_is_an_error(play: Play, te
     assert run.instance.error is not None
     assert (run.log, run.instance.error.element) == ("s =failed", "a")
     shown = text.replace("1e400", "inf")
-    assert f"the cardinality is {shown}: a whole number from 0 on would be right" in run.instance.error.text
+    assert f"expected a whole number from 0 on as cardinality, got {shown}" in run.instance.error.text
 
 
 @pytest.mark.parametrize("text", ["2.0", "'2'", "0 + 2"])

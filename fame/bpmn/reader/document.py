@@ -252,7 +252,7 @@ def write(definitions: Definitions, path: str | Path | None = None) -> bytes:
     Raises ModelError if `path` cannot be written, or if the model was changed after reading: a file holds more than the
     dataclasses (extensions of others, comments), so a change is made in the file. Raises ConfigError for what is none.
     """
-    expect(isinstance(definitions, Definitions), "definitions", definitions, "a model, as fame.read gives it,")
+    expect(isinstance(definitions, Definitions), "definitions", definitions, "a model, as fame.read gives it")
     if not definitions.source or read_bytes(definitions.source, file=definitions.file) != definitions:
         raise ModelError(
             "the model is not the one that was read: change the file, not the model", file=definitions.file

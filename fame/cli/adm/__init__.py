@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fame.cli.adm import collect, envelope, learn, merge, operate
+from fame.cli.adm import collect, labelled_files, learn, operate
 from fame.cli.arguments import Commands, group
 
 _EXAMPLES = (
@@ -20,5 +20,5 @@ def add(commands: Commands) -> None:
         help="learn what a repetitive task looks like, and raise an alarm when a run leaves it",
     )  # fmt: skip
     parts = parser.add_subparsers(metavar="PART", required=True)
-    for part in (collect, learn, operate, merge, envelope):
+    for part in (collect, learn, operate, labelled_files):
         part.add(parts)

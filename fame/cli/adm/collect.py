@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.adm.merge import tell_written
+from fame.cli.adm.labelled_files import print_written
 from fame.cli.adm.sources import add_published, add_source, drive, say, settle, writable
 from fame.cli.arguments import Commands, add_json, command
 from fame.cli.network import add_network
@@ -55,7 +55,7 @@ def run(arguments: Namespace) -> int:
     drive(arguments, make, lambda: collector.done)
     recording = collector.recording()
     write_csv(arguments.output, recording)
-    tell_written(arguments, recording)
+    print_written(arguments, recording)
     missing = arguments.runs - recording.count
     if missing > 0:
         say(f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off")

@@ -48,20 +48,20 @@ def settle(arguments: Namespace, *required: str) -> None:
     types: Mapping[str, Callable[[str], Any]] = arguments.published_types
     words = arguments.published
     if words and len(words) != len(types):
-        raise ConfigError(f"found {len(words)} arguments by place; {', '.join(types)} would be right, or options")
+        raise ConfigError(f"expected {', '.join(types)}, or options, got {len(words)} positional arguments")
     for (name, convert), text in zip(types.items(), words, strict=bool(words)):
         try:
             setattr(arguments, name, convert(text))
         except ValueError:
-            raise ConfigError(f"found {text!r} as {name}; a number would be right") from None
+            raise ConfigError(f"expected a number as {name}, got {text!r}") from None
     missing = [name for name in required if getattr(arguments, name) is None]
     if missing:
         raise ConfigError(f"needs --{missing[0]} (see --help)")
     threshold = getattr(arguments, "threshold", None)
     if threshold is not None and not 0 <= threshold < 1:
-        raise ConfigError(f"found the threshold {threshold:g}; a number from 0 to 1 would be right")
+        raise ConfigError(f"expected a threshold from 0 to 1, got {threshold:g}")
     if getattr(arguments, "label", 1) not in (1, -1):
-        raise ConfigError(f"found the label {arguments.label}; 1 (benign) or -1 (anomalous) would be right")
+        raise ConfigError(f"expected the label 1 (benign) or -1 (anomalous), got {arguments.label}")
 
 
 def writable(path: Path) -> None:
@@ -71,7 +71,7 @@ def writable(path: Path) -> None:
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
     if path.is_dir():
-        raise ConfigError("is a folder; the name of a file would be right", file=str(path))
+        raise ConfigError("expected a file, got a folder", file=str(path))
 
 
 def say(text: str) -> None:

@@ -1,4 +1,4 @@
-"""``fame pause``: stop the time of a simulated world."""
+"""``fame pause`` and ``fame resume``: stop the time of a simulated world, and let it go on."""
 
 from __future__ import annotations
 
@@ -7,27 +7,40 @@ from argparse import Namespace
 from fame.cli.arguments import Commands, command
 from fame.cli.network import add_network, connected
 
-_PATIENCE = 5.0  # s to find the world, and for its answer
+_PATIENCE = 5.0
+"""Seconds to find the world, and to wait for its answer."""
 
 
 def add(commands: Commands) -> None:
-    """Declare the command."""
-    parser = command(
-        commands, "pause", run, examples=("fame pause",),
+    """Declare the commands."""
+    pausing = command(
+        commands, "pause", pause, examples=("fame pause",),
         help="stop the time of a simulated world, and so of all that follow it",
     )  # fmt: skip
-    add_network(parser)
+    resuming = command(
+        commands, "resume", resume, examples=("fame resume",),
+        help="let the time of a simulated world go on that was paused, or started paused",
+    )  # fmt: skip
+    add_network(pausing)
+    add_network(resuming)
 
 
-def run(arguments: Namespace) -> int:
-    """Ask the world."""
+def pause(arguments: Namespace) -> int:
+    """Stop the time."""
     from fame.scenario.world_process import PAUSE
 
-    return ask(arguments, PAUSE)
+    return _call(arguments, PAUSE)
 
 
-def ask(arguments: Namespace, service: str) -> int:
-    """Call a service of the world that takes and gives nothing, and wait until it has answered."""
+def resume(arguments: Namespace) -> int:
+    """Let it go on."""
+    from fame.scenario.world_process import RESUME
+
+    return _call(arguments, RESUME)
+
+
+def _call(arguments: Namespace, service: str) -> int:
+    """Call a service of the world without arguments, and wait for its answer. Raises DeploymentError."""
     from fame.clock import SECOND
     from fame.errors import DeploymentError
     from fame.scenario.world_process import EMPTY

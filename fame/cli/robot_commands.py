@@ -1,0 +1,170 @@
+"""``fame complete``, ``activate`` and ``abort``: what people tell a running robot."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, Namespace
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Commands, Parser, add_json, command, positive
+from fame.cli.network import add_network, connected
+from fame.cli.output import print_json
+from fame.text import printable
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.deploy import Report
+    from fame.middleware.interface import Middleware
+
+
+def add(commands: Commands) -> None:
+    """Declare the commands."""
+    completing = command(
+        commands, "complete", complete,
+        examples=("fame complete REX Task_Inspect", "fame complete REX Task_Release --value approved=true"),
+        help="tell a running robot that a user, manual or receive task is done, with its results",
+    )  # fmt: skip
+    completing.add_argument("robot", metavar="ROBOT")
+    completing.add_argument("element", metavar="ELEMENT", help="id of the task; fame status shows where tokens wait")
+    completing.add_argument(
+        "--value", action="append", default=[], type=value, metavar="NAME=VALUE",
+        help="a result, which becomes a variable: a number, text, true, false, a list; repeatable",
+    )  # fmt: skip
+    activating = command(
+        commands, "activate", activate,
+        examples=("fame activate REX Task_Photo", "fame activate REX Task_Photo --json"),
+        help="start an element of a running robot's ad-hoc sub-process, again if it has run",
+    )  # fmt: skip
+    activating.add_argument("robot", metavar="ROBOT")
+    activating.add_argument("element", metavar="ELEMENT", help="id of the element; fame status shows which can start")
+    aborting = command(
+        commands, "abort", abort, examples=("fame abort REX", "fame abort REX --key team.key"),
+        help="abort the deployment that a robot holds (fame status: holding); it keeps the process that it had",
+    )  # fmt: skip
+    aborting.add_argument("robot", metavar="ROBOT")
+    for parser in (completing, activating, aborting):
+        _add_common(parser)
+
+
+def _add_common(parser: Parser) -> None:
+    """What all of them take."""
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
+    parser.add_argument("--wait", type=positive, default=5.0, metavar="S", help="how long to wait for the answer (5)")
+    add_network(parser)
+    add_json(parser)
+
+
+def value(text: str) -> tuple[str, Any]:
+    """A variable and its value, which JSON has to know."""
+    import json
+
+    from fame.cli.process import assignment
+    from fame.engine.data import is_variable
+
+    name, given = assignment(text)
+    try:
+        json.dumps(given, allow_nan=False)
+    except (TypeError, ValueError):
+        raise ArgumentTypeError(f"expected a number, text, true, false or a list, got {text!r}") from None
+    if not is_variable(name):
+        raise ArgumentTypeError(f"expected the name of a variable, got {name!r}")
+    return name, given
+
+
+def complete(arguments: Namespace) -> int:
+    """Complete a task of the robot, and print its answer."""
+    return _request(arguments, "complete", dict(arguments.value))
+
+
+def activate(arguments: Namespace) -> int:
+    """Start an element of an ad-hoc sub-process of the robot, and print its answer."""
+    return _request(arguments, "activate", {})
+
+
+def _request(arguments: Namespace, act: str, values: Mapping[str, Any]) -> int:
+    """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
+    with connected(arguments) as (scheduler, middleware):
+        report = _answer(arguments, act, values, scheduler, middleware)
+    done = report.answer != "refused"
+    if arguments.json:
+        print_json(
+            {
+                "status": "completed" if done else "failed",
+                "robot": arguments.robot,
+                "element": arguments.element,
+                "reason": report.reason,
+            }
+        )
+    else:
+        print(f"{arguments.robot}: {report.answer}: {printable(report.reason or arguments.element)}")
+    return 0 if done else 1
+
+
+def _answer(
+    arguments: Namespace, act: str, values: Mapping[str, Any], scheduler: WallScheduler, middleware: Middleware
+) -> Report:
+    """The robot's answer. Raises DeploymentError if there is none."""
+    import os
+    import time
+
+    from fame.clock import SECOND
+    from fame.deploy import Report, engines
+    from fame.deploy.requests import TaskClient, TaskRequest
+    from fame.deploy.signing import read_private
+    from fame.errors import DeploymentError
+
+    key = read_private(arguments.key) if arguments.key is not None else None
+    robot, answers = arguments.robot, list[Report]()
+    until = scheduler.now + round(arguments.wait * SECOND)
+    while robot not in engines(middleware):
+        if scheduler.now >= until:
+            there = ", ".join(engines(middleware)) or "none"
+            raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
+        scheduler.run(scheduler.now + SECOND // 20)
+    done = TaskRequest(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=values, act=act)
+    asking = TaskClient(
+        robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append, key=key
+    )
+    while not answers and scheduler.now < until:
+        scheduler.run(scheduler.now + SECOND // 50)
+    asking.close()
+    if not answers:
+        raise DeploymentError(f"{robot} did not answer within {arguments.wait:g} s")
+    return answers[0]
+
+
+def abort(arguments: Namespace) -> int:
+    """Abort the deployment that the robot holds, and print its answer."""
+    with connected(arguments) as (scheduler, middleware):
+        answer, reason = _abort(arguments, scheduler, middleware)
+    if arguments.json:
+        status = "completed" if answer == "aborted" else "failed"
+        print_json({"status": status, "robot": arguments.robot, "answer": answer, "reason": reason})
+    else:
+        said = reason or ("no deployment is loading or ready there" if answer == "idle" else "it keeps what it had")
+        print(f"{arguments.robot}: {answer}: {printable(said)}")
+    return 0 if answer == "aborted" else 1
+
+
+def _abort(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> tuple[str, str]:
+    """Answer and reason. Raises DeploymentError if the robot does not answer."""
+    from fame.clock import SECOND
+    from fame.deploy.requests import AbortClient
+    from fame.deploy.signing import read_private
+    from fame.errors import DeploymentError
+
+    key = read_private(arguments.key) if arguments.key is not None else None
+    ended: list[tuple[str, str]] = []
+    node = middleware.node("fame_abort")
+
+    def end(answer: str, reason: str) -> None:
+        ended.append((answer, reason))
+        scheduler.stop()
+
+    aborting = AbortClient(arguments.robot, node=node, scheduler=scheduler, ended=end, key=key)
+    scheduler.run(scheduler.now + round(arguments.wait * SECOND))
+    aborting.close()
+    if not ended:
+        raise DeploymentError(f"{arguments.robot} did not answer within {arguments.wait:g} s")
+    return ended[0]
