@@ -74,7 +74,7 @@ def test_without_any_tractor_the_drone_keeps_asking_until_the_time_is_up() -> No
 
 def test_a_team_of_which_nobody_is_left_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(EXAMPLE.with_name("convoy.yaml")), "--robots", "Car=0"]) == 2
-    assert "has no robot left to run" in capsys.readouterr().err
+    assert "expected at least one robot to run" in capsys.readouterr().err
 
 
 def test_a_model_without_a_world_has_as_many_engines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
