@@ -12,9 +12,9 @@ from deployment_field import TEAM, Field, kill, made, patrol
 import fame
 from fame.bpmn.reader import read_text
 from fame.cli import main
-from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, Keeper, Report
+from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, LateJoiners, Report
 from fame.deploy.diagrams import Diagram
-from fame.deploy.leader_election import Role
+from fame.deploy.leader_election import SplitterStatus
 from fame.deploy.report_reader import GONE, ReportReader
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
@@ -257,7 +257,7 @@ def test_a_forged_robot_that_waits_is_not_supplied(keys):
     field = Guarded(keys, "A", "B")
     assert not field.deploy(TEAM).failed
     sent = []
-    keeper = Keeper(
+    late_joiners = LateJoiners(
         read_text(TEAM, file="team.bpmn"),
         lambda *arguments: sent.append(arguments),
         key=keys[0],
@@ -269,7 +269,7 @@ def test_a_forged_robot_that_waits_is_not_supplied(keys):
         field.forge(Report(robot="A", state="waiting", time=1e6), by)
         field.pass_time(2)
     assert sent == []
-    keeper.close()
+    late_joiners.close()
 
 
 # ---- tasks and diagrams ----------------------------------------------------------------------------------------------
@@ -353,7 +353,7 @@ def test_a_splitter_with_keys_leaves_the_role_to_an_older_one_that_signs(keys, s
     splitter = SplitterNode(wall_time=field.time, **options)
     end = field.middleware.node("other").publisher("/fame_splitter", STRING, LATCHED)
     for _ in range(6):
-        role = Role(born=1, state="idle").signed(keys[0] if signed else None, field.time())
+        role = SplitterStatus(born=1, state="idle").signed(keys[0] if signed else None, field.time())
         end.publish(messages.create(STRING, role.to_json()))
         field.pass_time(1)
     assert (splitter.state == "standby") is signed
@@ -368,7 +368,7 @@ def test_a_splitter_with_keys_leaves_the_role_to_an_older_one_that_signs(keys, s
     "text", ["[]", "null", '{"born": 1}', '{"born": 1, "state": []}', '{"born": 1e400}', "[" * 9999]
 )
 def test_what_is_no_word_of_a_splitter_is_none(text):
-    assert Role.from_json(text) is None
+    assert SplitterStatus.from_json(text) is None
 
 
 # ---- the commands ----------------------------------------------------------------------------------------------------

@@ -263,8 +263,6 @@ class Stoppable(SplitterNode):
     def __init__(self, **options) -> None:
         self.stopped, self.queue = False, []
         super().__init__(**options)
-        heard = self._others.heard
-        self._others.heard = lambda text: self._later(heard, text)
 
     def _later(self, action, *arguments) -> None:
         if self.stopped:
@@ -275,18 +273,21 @@ class Stoppable(SplitterNode):
     def _beat(self) -> None:
         self._later(super()._beat)
 
-    def _heard(self, message) -> None:
-        self._later(super()._heard, message)
+    def _on_status(self, message) -> None:
+        self._later(super()._on_status, message)
 
-    def _inherit(self, message) -> None:
-        self._later(super()._inherit, message)
+    def _on_diagram(self, message) -> None:
+        self._later(super()._on_diagram, message)
+
+    def _on_deployed(self, message) -> None:
+        self._later(super()._on_deployed, message)
 
     def go_on(self, *, cut_off: bool) -> None:
         """`cut_off`: what was volatile is lost, and the last words come again."""
         self.stopped = False
         kinds = [action.__name__ for action, _ in self.queue]
         for number, (action, arguments) in enumerate(self.queue):
-            if not cut_off or (action.__name__ != "_heard" and action.__name__ not in kinds[number + 1 :]):
+            if not cut_off or (action.__name__ != "_on_diagram" and action.__name__ not in kinds[number + 1 :]):
                 action(*arguments)
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
         model_hash as model_hash,
         read_envelope as read_envelope,
     )
-    from fame.deploy.late_joiners import Keeper as Keeper
+    from fame.deploy.late_joiners import LateJoiners as LateJoiners
     from fame.deploy.sender import Deployment as Deployment
     from fame.deploy.sender_protocol import RobotProgress as RobotProgress
     from fame.deploy.splitter_node import SplitterNode as SplitterNode
@@ -53,7 +53,7 @@ else:
         __name__,
         {
             "envelope": ["Envelope", "Report", "STATUS_QOS", "STRING", "engines", "model_hash", "read_envelope"],
-            "late_joiners": ["Keeper"],
+            "late_joiners": ["LateJoiners"],
             "engine_node": ["EngineNode"],
             "sender": ["Deployment"],
             "sender_protocol": ["RobotProgress"],

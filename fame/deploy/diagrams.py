@@ -46,15 +46,15 @@ _DIAGRAM: dict[str, fields.Check] = {
 }
 
 
-class Desk:
-    """What comes in at a splitter. With `trusted` keys only what one of them signed is taken, newer after older."""
+class DiagramReader:
+    """Reads the diagrams that a splitter receives. With `trusted` keys it takes only what they signed, in order."""
 
     def __init__(self, trusted: Sequence[Any]) -> None:
         self._trusted = trusted
         self._newest: dict[str, float] = {}  # purpose -> when what was taken last was signed
 
-    def take(self, text: str, purpose: str, now: float) -> str:
-        """The model of what came in `now` (s since 1970). Raises DeploymentError."""
+    def read(self, text: str, purpose: str, now: float) -> str:
+        """The model of a diagram that was received `now` (s since 1970). Raises DeploymentError."""
         if not self._trusted:
             return text
         diagram = _read(text)

@@ -1,13 +1,16 @@
-"""Keeping a team supplied: whoever comes late, or comes back, gets what the others have.
+"""Keep a team supplied: robots that come late, or come back, get what the others have.
 
-A `Keeper` listens to every engine that a pool of its model wants. Those that say ``waiting`` are sent their parts, all
-that wait at that moment in one deployment, so that they find each other. Robots that have a process are left alone,
-whatever it is. Where no part can be started yet, it is tried again.
+Theory of operation. `LateJoiners` listens to every engine that a pool of its model wants. Those that report ``waiting``
+are sent their parts, all that wait at that moment in one deployment, so that they find each other. Robots that have a
+process are left alone, whatever it is. A robot whose deployment failed is tried again after `RETRY` s.
+
+Who is supplied when is decided by a pure state machine, ``step(state, event) -> (state, actions)``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -15,21 +18,119 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy.envelope import STATUS_QOS, STRING, engines
+from fame.deploy.machine import Machine
 from fame.deploy.report_reader import GONE, ReportReader
 from fame.deploy.sender import Deployment
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Subscription
 
-LOOK = 0.5
-"""How often it looks who is there (s)."""
-AGAIN = 10.0
-"""After how long robots that refused are sent their parts again (s)."""
+POLL = 0.5
+"""How often the graph is searched for engines (s)."""
+RETRY = 10.0
+"""After how long robots whose deployment failed are sent their parts again (s)."""
+
+
+# ---- decisions -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class JoinersState:
+    """What is known of the robots.
+
+    waiting    those that report that they wait for a process
+    supplied   those that have had the model before
+    retry      for each robot that was sent its part and has not started, when it may be sent again (ns)
+    deploying  whether a deployment is under way
+    """
+
+    waiting: frozenset[str] = frozenset()
+    supplied: frozenset[str] = frozenset()
+    retry: frozenset[tuple[str, int]] = frozenset()
+    deploying: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """A robot has reported its `Report.state`."""
+
+    robot: str
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A robot has no engine any more."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Polled:
+    """All engines were searched for; it is `now` (ns)."""
+
+    now: int
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """A robot of the deployment that is under way has started its process."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The deployment is over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Supply:
+    """Send these robots their parts, in one deployment; those in `again` have had them before."""
+
+    robots: tuple[str, ...]
+    again: frozenset[str]
+
+
+Event = Reported | Left | Polled | Started | Ended
+
+
+def step(state: JoinersState, event: Event) -> tuple[JoinersState, tuple[Supply, ...]]:
+    """The next state, and what is to be done."""
+    match event:
+        case Reported(robot, "waiting"):
+            return replace(state, waiting=state.waiting | {robot}), ()
+        case Reported(robot, _):
+            return replace(state, waiting=state.waiting - {robot}), ()
+        case Left(robot):
+            return replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot})), ()
+        case Started(robot):
+            state = replace(state, waiting=state.waiting - {robot}, retry=_without(state, {robot}))
+            return replace(state, supplied=state.supplied | {robot}), ()
+        case Ended():
+            return replace(state, deploying=False), ()
+        case Polled(now):
+            return _supply(state, now)
+
+
+def _supply(state: JoinersState, now: int) -> tuple[JoinersState, tuple[Supply, ...]]:
+    late = state.waiting - {robot for robot, time in state.retry if time > now}
+    if state.deploying or not late:
+        return state, ()
+    retry = _without(state, late) | {(robot, now + round(RETRY * SECOND)) for robot in late}
+    return replace(state, retry=retry, deploying=True), (Supply(tuple(sorted(late)), state.supplied & late),)
+
+
+def _without(state: JoinersState, robots: Collection[str]) -> frozenset[tuple[str, int]]:
+    return frozenset((robot, time) for robot, time in state.retry if robot not in robots)
+
+
+# ---- topics and deployments ------------------------------------------------------------------------------------------
 
 
 class Send(Protocol):
-    """Makes a deployment of the model to some robots, of which `again` had it before; `ended` is told when it is over.
+    """Makes a deployment of the model to some robots, of which `again` had it before; calls `ended` when it is over.
 
-    Raises FameError if that cannot be.
+    Raises FameError if that is not possible.
     """
 
     def __call__(
@@ -37,10 +138,10 @@ class Send(Protocol):
     ) -> Deployment: ...
 
 
-class Keeper:
-    """Keeps the robots of one model supplied until `close`. `served` are those that have it already.
+class LateJoiners:
+    """Keeps the robots of one model supplied until `close`. `supplied` are those that have it already.
 
-    With the `key` of a sender only reports that engines signed count.
+    With the `key` of a sender only reports that engines signed count. `tell` gets lines for people.
     """
 
     def __init__(
@@ -51,73 +152,57 @@ class Keeper:
         scheduler: Scheduler,
         middleware: Middleware,
         key: Any = None,
-        served: Collection[str] = (),
-        say: Callable[[str], object] = lambda text: None,
+        supplied: Collection[str] = (),
+        tell: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self._pools = pools_of(definitions)
-        self._send, self._say = send, say
         self.scheduler, self.middleware = scheduler, middleware
-        self.served = set(served)
-        self._signed, self._trusted = key is not None, [key.public_key()] if key is not None else []
-        self._states: dict[str, str] = {}
-        self._not_before: dict[str, int] = {}
+        self._pools, self._send, self._key, self._tell = pools_of(definitions), send, key, tell
+        state = JoinersState(supplied=frozenset(supplied))
+        self._protocol: Machine[JoinersState, Event, Supply] = Machine(state, step, self._supply)
         self._current: Deployment | None = None
         self.node = middleware.node("fame_keeper")
-        self._ends: dict[str, Subscription] = {}
-        self._next: Entry = scheduler.soon(self._look, Kind.TIMER)
+        self._engines: dict[str, Subscription] = {}
+        self._next: Entry = scheduler.soon(self._poll, Kind.TIMER)
 
     def close(self) -> None:
-        """Let them be."""
+        """Supply nobody any more, and close all endpoints."""
         self._next.cancel()
         if self._current is not None:
             self._current.close()
         self.node.close()
 
-    def _look(self) -> None:
-        """Listen to those who came, forget those who left, serve those who wait."""
-        self._next = self.scheduler.after(round(LOOK * SECOND), self._look, Kind.TIMER)
+    def _poll(self) -> None:
+        self._next = self.scheduler.after(round(POLL * SECOND), self._poll, Kind.TIMER)
         there = {robot for robot in engines(self.middleware) if any(matches(robot, pool) for pool in self._pools)}
-        for robot in self._ends.keys() - there:
-            self._ends.pop(robot).close()
-            self._states.pop(robot, None)
-            self._not_before.pop(robot, None)
-        for robot in sorted(there - self._ends.keys()):
-            reader = ReportReader(robot, signed=self._signed, trusted=self._trusted, patience=GONE)
-            heard = partial(self._heard, reader)
-            self._ends[robot] = self.node.subscription(f"/{robot}/bpmn_status", STRING, heard, STATUS_QOS)
-        if self._current is None:
-            self._serve()
+        for robot in self._engines.keys() - there:
+            self._engines.pop(robot).close()
+            self._protocol.handle(Left(robot))
+        for robot in sorted(there - self._engines.keys()):
+            on_report = partial(self._on_report, ReportReader.of_sender(robot, self._key, patience=GONE))
+            self._engines[robot] = self.node.subscription(f"/{robot}/bpmn_status", STRING, on_report, STATUS_QOS)
+        self._protocol.handle(Polled(self.scheduler.now))
 
-    def _heard(self, reader: ReportReader, message: Any) -> None:
+    def _on_report(self, reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data, self.scheduler.now / SECOND)
         if report is not None:
-            self._states[reader.robot] = report.state
+            self._protocol.handle(Reported(reader.robot, report.state))
 
-    def _serve(self) -> None:
-        now = self.scheduler.now
-        late = [
-            robot
-            for robot, state in sorted(self._states.items())
-            if state == "waiting" and self._not_before.get(robot, now) <= now
-        ]
-        if not late:
-            return
-        self._not_before.update(dict.fromkeys(late, now + round(AGAIN * SECOND)))
+    def _supply(self, action: Supply) -> None:
         try:
-            self._current = self._send(late, self.served & set(late), self._ended)
+            self._current = self._send(action.robots, action.again, self._on_end)
         except FameError as error:
-            self._say(f"{', '.join(late)}: {error}")
+            self._tell(f"{', '.join(action.robots)}: {error}")
+            self._protocol.handle(Ended())
 
-    def _ended(self, deployment: Deployment) -> None:
+    def _on_end(self, deployment: Deployment) -> None:
         for robot, progress in deployment.robots.items():
             if progress.state == "started":
-                self.served.add(robot)
-                self._states[robot] = "running"
-                self._not_before.pop(robot, None)
-            self._say(str(progress))
+                self._protocol.handle(Started(robot))
+            self._tell(str(progress))
         self.scheduler.soon(self._close_current)
 
     def _close_current(self) -> None:
         if self._current is not None:
             self._current.close()
             self._current = None
+        self._protocol.handle(Ended())

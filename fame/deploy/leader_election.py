@@ -1,32 +1,42 @@
-"""Which of several splitters has the role: the oldest that is heard; a younger one while that is silent.
+"""Which of several splitters leads, as a pure state machine: ``step(state, event) -> (state, actions)``.
 
-Where keys are used splitters sign what they say of themselves, and believe nothing else.
+Theory of operation. Every splitter publishes its `SplitterStatus` once a second. The oldest one that is heard leads,
+the others stand by::
+
+    standby ──no older splitter is heard──> leader
+       └───<──an older one is heard, a younger one leads, or it was stopped itself──┘
+
+A splitter that is not heard for `GONE` s is gone. So a leader that was itself stopped for longer may have a successor:
+it stands by, and learns what became of the team, before it leads again. A new leader inherits what the
+ones before it had deployed, so that the team goes on with it.
+
+Where keys are used splitters sign their status, and believe nothing else. Nothing here looks at a clock: events carry
+the time (ns).
 """
 
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from fame.clock import SECOND, Scheduler
+from fame.clock import SECOND
 from fame.deploy import fields
 from fame.deploy.signing import sign, verify_signature
 from fame.errors import DeploymentError
 
 HEARTBEAT = 1.0
-"""How often a splitter says that it is there (s)."""
+"""How often a splitter publishes its status (s)."""
 RECENT = 30.0
-"""How old what a splitter signed may be (s): what it said while it was there must not stand for it afterwards."""
+"""How old a signed status may be (s): a recorded one must not stand for a splitter that is gone."""
 GONE = 3.0
-"""After how long a splitter that says nothing is taken to be gone (s)."""
+"""After how long without a status a splitter is taken to be gone (s)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Role:
-    """What a splitter says of itself. `born` (ns since 1970) is its age and name; `deployed` the hash of a diagram.
+class SplitterStatus:
+    """The status of a splitter. `born` (ns since 1970) is its age and name; `deployed` the hash of a diagram.
 
     `issued` (s since 1970) and `signature` are there where keys are used.
     """
@@ -38,28 +48,38 @@ class Role:
     issued: float = 0.0
     signature: str = ""
 
-    def signed(self, key: Any, now: float) -> Role:
+    def signed(self, key: Any, now: float) -> SplitterStatus:
         """It as a private key signs it `now`; as it is without a key."""
         if key is None:
             return self
-        said = replace(self, issued=now)
-        return replace(said, signature=sign(asdict(said), key))
+        issued = replace(self, issued=now)
+        return replace(issued, signature=sign(asdict(issued), key))
+
+    def is_believed(self, trusted: Sequence[Any], now: float) -> bool:
+        """Whether one of the trusted keys signed it not long before `now` (s since 1970); true without keys."""
+        if not trusted:
+            return True
+        try:
+            verify_signature(asdict(self), trusted)
+        except DeploymentError:
+            return False
+        return abs(now - self.issued) <= RECENT
 
     def to_json(self) -> str:
         """As it is sent."""
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_json(cls, text: str) -> Role | None:
-        """What another one said, or None if it is nothing of that kind."""
+    def from_json(cls, text: str) -> SplitterStatus | None:
+        """The status in a text, or None if it has none."""
         try:
-            said = json.loads(text)
-            return cls(**said) if fields.wrong(said, _ROLE) is None else None
+            found = json.loads(text)
+            return cls(**found) if fields.wrong(found, _STATUS) is None else None
         except (ValueError, TypeError, AttributeError, RecursionError):
             return None
 
 
-_ROLE: dict[str, fields.Check] = {
+_STATUS: dict[str, fields.Check] = {
     "born": fields.integer(1, 2**63),
     "state": fields.among("standby", "idle", "deploying", "keeping"),
     "deployed": fields.text(64),
@@ -69,52 +89,125 @@ _ROLE: dict[str, fields.Check] = {
 }
 
 
-class Others:
-    """The other splitters, as one that was `born` then hears them. With `trusted` keys, those that one of them signed.
+# ---- state, events, actions ------------------------------------------------------------------------------------------
 
-    `regent` is what a younger one has deployed that has the role though we are there: we were stopped, or cut off.
+
+@dataclass(frozen=True, slots=True)
+class Older:
+    """An older splitter: when it was heard last (ns), and what it has deployed."""
+
+    born: int
+    heard: int
+    deployed: str
+
+
+@dataclass(frozen=True, slots=True)
+class ElectionState:
+    """What a splitter that was `born` then knows of the others.
+
+    beaten      when its own heart beat last (ns)
+    usurped_by  what a younger splitter has deployed that leads though this one is there: it was stopped, or cut off
+    inherited   what older splitters had deployed that are gone
     """
 
-    def __init__(
-        self,
-        born: int,
-        scheduler: Scheduler,
-        *,
-        trusted: Sequence[Any] = (),
-        wall_time: Callable[[], float] = time.time,
-    ) -> None:
-        self._born, self._scheduler = born, scheduler
-        self._trusted, self._wall_time = trusted, wall_time
-        self._elders: dict[int, tuple[int, Role]] = {}  # born -> when it was heard last, and what it said
-        self.regent = ""
+    born: int
+    beaten: int = 0
+    leads: bool = False
+    older: tuple[Older, ...] = ()
+    usurped_by: str = ""
+    inherited: frozenset[str] = frozenset()
 
-    @property
-    def older(self) -> bool:
-        """Whether one of them is older."""
-        return bool(self._elders)
 
-    def heard(self, text: str) -> None:
-        """One of them spoke."""
-        role = Role.from_json(text)
-        if role is None or not self._believes(role):
-            return
-        if role.born < self._born:
-            self._elders[role.born] = self._scheduler.now, role
-        elif role.born > self._born and role.state == "keeping":
-            self.regent = role.deployed
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """The status of another splitter was received."""
 
-    def _believes(self, role: Role) -> bool:
-        if not self._trusted:
-            return True
-        try:
-            verify_signature(asdict(role), self._trusted)
-        except DeploymentError:
-            return False
-        return abs(self._wall_time() - role.issued) <= RECENT
+    status: SplitterStatus
+    now: int
 
-    def forget_silent(self) -> Sequence[str]:
-        """What those had deployed that are gone."""
-        horizon = self._scheduler.now - round(GONE * SECOND)
-        heirloom = [role.deployed for heard, role in self._elders.values() if heard < horizon]
-        self._elders = {born: said for born, said in self._elders.items() if said[0] >= horizon}
-        return heirloom
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """A heartbeat."""
+
+    now: int
+
+
+@dataclass(frozen=True, slots=True)
+class Woken:
+    """Something else is about to be handled: a leader that was stopped must not act on it."""
+
+    now: int
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """Take the lead. `inherited`: hashes of diagrams that others had deployed; `gone`: an older splitter is gone."""
+
+    inherited: frozenset[str]
+    gone: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StandBy:
+    """Lead no more."""
+
+    reason: str
+
+
+Event = Heard | Beat | Woken
+Action = Lead | StandBy
+
+
+# ---- transitions -----------------------------------------------------------------------------------------------------
+
+
+def step(state: ElectionState, event: Event) -> tuple[ElectionState, tuple[Action, ...]]:
+    """The next state, and what is to be done."""
+    match event:
+        case Heard(status, now):
+            return _heard(state, status, now), ()
+        case Woken(now):
+            return _stand_by_if_replaced(state, now)
+        case Beat(now):
+            away = _was_stopped(state, now)
+            state, stands_by = _stand_by_if_replaced(_forget_silent(state, now), now)
+            state, elected = _elect(state, away=away)
+            return replace(state, beaten=now), (*stands_by, *elected)
+
+
+def _heard(state: ElectionState, status: SplitterStatus, now: int) -> ElectionState:
+    if status.born < state.born:
+        others = tuple(one for one in state.older if one.born != status.born)
+        return replace(state, older=(*others, Older(status.born, now, status.deployed)))
+    if status.born > state.born and status.state == "keeping":
+        return replace(state, usurped_by=status.deployed)
+    return state
+
+
+def _forget_silent(state: ElectionState, now: int) -> ElectionState:
+    horizon = now - round(GONE * SECOND)
+    there = tuple(one for one in state.older if one.heard >= horizon)
+    gone = frozenset(one.deployed for one in state.older if one.heard < horizon)
+    return replace(state, older=there, inherited=gone or state.inherited)
+
+
+def _was_stopped(state: ElectionState, now: int) -> bool:
+    return now - state.beaten > GONE * SECOND
+
+
+def _stand_by_if_replaced(state: ElectionState, now: int) -> tuple[ElectionState, tuple[Action, ...]]:
+    if state.leads and (_was_stopped(state, now) or state.usurped_by):
+        reason = "it was stopped or cut off, and listens what became of the team"
+        return replace(state, leads=False), (StandBy(reason),)
+    return state, ()
+
+
+def _elect(state: ElectionState, *, away: bool) -> tuple[ElectionState, tuple[Action, ...]]:
+    if state.leads and state.older:
+        return replace(state, leads=False), (StandBy("there is an older splitter"),)
+    if state.leads or state.older or away:
+        return state, ()
+    inherited = (state.inherited | {state.usurped_by}) - {""}
+    gone = bool(state.inherited)
+    return replace(state, leads=True, usurped_by="", inherited=frozenset()), (Lead(inherited, gone),)

@@ -1,9 +1,9 @@
 """The splitter as a node: it takes whole collaborations on ``/collaboration_diagram`` and keeps the team supplied.
 
-What it is at stands on ``/fame_splitter`` (latched, 1 Hz). There may be several splitters: all hear every diagram, the
-oldest that is heard has the role, the others stand by. What it has deployed stands on ``/fame_splitter/deployed``, for
-those who come later. Where the role changes hands, the team goes on with what it has; only a diagram that nobody had
-deployed yet is deployed then.
+Its status is on ``/fame_splitter`` (latched, 1 Hz). There may be several splitters: all receive every diagram, one
+leads (`fame.deploy.leader_election`), the others stand by. What it has deployed is on ``/fame_splitter/deployed``
+(latched). When another one takes the lead, the team goes on with what it has; only a diagram that nobody had deployed
+yet is deployed then.
 
 Of diagrams that wait, the newest is taken. One whose pools have no robots yet waits until they have.
 """
@@ -22,10 +22,23 @@ from fame.bpmn.pools import pools_of
 from fame.bpmn.reader.xml import LIMIT
 from fame.bpmn.split import split
 from fame.clock import SECOND, Kind, Scheduler
-from fame.deploy.diagrams import Desk, Diagram
+from fame.deploy.diagrams import Diagram, DiagramReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
-from fame.deploy.late_joiners import Keeper
-from fame.deploy.leader_election import GONE, HEARTBEAT, Others, Role
+from fame.deploy.late_joiners import LateJoiners
+from fame.deploy.leader_election import (
+    HEARTBEAT,
+    Action,
+    Beat,
+    ElectionState,
+    Event,
+    Heard,
+    Lead,
+    SplitterStatus,
+    StandBy,
+    Woken,
+    step,
+)
+from fame.deploy.machine import Machine
 from fame.deploy.sender import PATIENCE, Deployment
 from fame.deploy.sender_protocol import REFUSALS
 from fame.deploy.warnings import RateLimiter
@@ -62,24 +75,23 @@ class SplitterNode:
             "wall_time": wall_time,
         }
         self.born = round(wall_time() * SECOND)
-        self._desk = Desk(trusted)
+        self._trusted, self._diagrams = trusted, DiagramReader(trusted)
         self._sequence = 0
-        self._others = Others(self.born, scheduler, trusted=trusted, wall_time=wall_time)
-        self._beaten = scheduler.now
+        election = ElectionState(self.born, beaten=scheduler.now)
+        self._election: Machine[ElectionState, Event, Action] = Machine(election, step, self._perform)
         self._diagram: tuple[str, Definitions] | None = None  # hash and model, the newest
         self._deployed = ""  # the hash of the diagram that the team has
         self._text = ""
         self._deployment: Deployment | None = None
-        self._keeper: Keeper | None = None
+        self._late_joiners: LateJoiners | None = None
         self.node = middleware.node("fame_splitter")
         self._status = self.node.publisher(STATUS, STRING, LATCHED)
-        self.node.subscription(STATUS, STRING, lambda message: self._others.heard(message.data), STATUS_QOS)
+        self.node.subscription(STATUS, STRING, self._on_status, STATUS_QOS)
         self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
-        self.node.subscription(DEPLOYED, STRING, self._inherit, LATCHED)
-        self.node.subscription(DIAGRAM, STRING, self._heard, PROCESS_QOS).max_size = LIMIT
-        self._leads = False
+        self.node.subscription(DEPLOYED, STRING, self._on_deployed, LATCHED)
+        self.node.subscription(DIAGRAM, STRING, self._on_diagram, PROCESS_QOS).max_size = LIMIT
         self._refused = RateLimiter(scheduler, self._report)
-        self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # elders speak first
+        self._pulse = scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)  # older splitters report first
         self._report("begins")
 
     @property
@@ -87,76 +99,72 @@ class SplitterNode:
         """``standby``, ``idle`` (no diagram), ``deploying``, ``keeping`` (the team has it)."""
         if not self._leads:
             return "standby"
-        return "deploying" if self._deployment is not None else "keeping" if self._keeper is not None else "idle"
+        return "deploying" if self._deployment is not None else "idle" if self._late_joiners is None else "keeping"
 
-    # ---- who has the role ------------------------------------------------------------------------------------------
+    # ---- who leads -------------------------------------------------------------------------------------------------
 
     def _beat(self) -> None:
-        heirloom = self._others.forget_silent()
-        self._step_down_if_away()
-        if self._leads and self._others.older:
-            self._step_down("there is an older splitter")
-        elif not self._leads and not self._others.older and not self._away:
-            self._leads = True
-            self._report("has the role" + ("; the one before is gone" if heirloom else ""))
-            self._take_over([*heirloom, self._others.regent])
-        elif self._leads and self._deployment is None:
+        led = self._leads
+        self._election.handle(Beat(self.scheduler.now))
+        if led and self._leads and self._deployment is None:
             self._try()
         self._publish()
-        self._beaten = self.scheduler.now
         self._pulse = self.scheduler.after(round(HEARTBEAT * SECOND), self._beat, Kind.TIMER)
 
     @property
-    def _away(self) -> bool:
-        """Whether it was stopped for so long that another one may have taken the role."""
-        return self.scheduler.now - self._beaten > GONE * SECOND
+    def _leads(self) -> bool:
+        return self._election.state.leads
 
-    def _step_down_if_away(self) -> None:
-        if self._leads and (self._away or self._others.regent):
-            self._step_down("it was stopped or cut off, and listens what became of the team")
+    def _on_status(self, message: Any) -> None:
+        status = SplitterStatus.from_json(message.data)
+        if status is not None and status.is_believed(self._trusted, self._wall_time()):
+            self._election.handle(Heard(status, self.scheduler.now))
 
-    def _step_down(self, reason: str) -> None:
-        self._leads = False
-        self._let_be()
-        self._report(f"stands by: {reason}")
+    def _perform(self, action: Action) -> None:
+        match action:
+            case Lead(inherited, gone):
+                self._report("leads" + ("; the one before is gone" if gone else ""))
+                self._take_over(inherited)
+            case StandBy(reason):
+                self._cease()
+                self._report(f"stands by: {reason}")
 
-    def _take_over(self, heirloom: Sequence[str]) -> None:
-        """The team of the one before is kept; what it had not deployed is deployed."""
-        self._others.regent = ""
-        if self._diagram is not None and self._diagram[0] in heirloom:
-            self._keep(self._diagram, served=engines(self.middleware))
+    def _take_over(self, inherited: Collection[str]) -> None:
+        """Keep the team of the leader before supplied; deploy what it had not deployed."""
+        if self._diagram is not None and self._diagram[0] in inherited:
+            self._keep(self._diagram, supplied=engines(self.middleware))
         else:
             self._try()
 
     # ---- diagrams --------------------------------------------------------------------------------------------------
 
-    def _heard(self, message: Any) -> None:
+    def _on_diagram(self, message: Any) -> None:
         try:
             diagram = self._read(message.data, "deploy")
         except FameError as error:
             self._refused(f"refused: {error}")
             return
         self._diagram = diagram
-        self._step_down_if_away()
+        self._election.handle(Woken(self.scheduler.now))
         if self._leads and self._deployment is None:
             self._deployed = ""  # the same again is a restart
             self._try()
 
-    def _inherit(self, message: Any) -> None:
-        """What the one that has the role has deployed."""
-        self._step_down_if_away()
+    def _on_deployed(self, message: Any) -> None:
+        """Take note of what the leader has deployed."""
+        self._election.handle(Woken(self.scheduler.now))
         if not self._leads:
             with suppress(FameError):
                 self._diagram = self._read(message.data, "deployed")
 
     def _read(self, text: str, purpose: str) -> tuple[str, Definitions]:
-        """Check it as far as it can be without the robots. Raises FameError."""
+        """Hash and model, checked as far as that is possible without the robots. Raises FameError."""
         from fame.bpmn.reader import read_text
         from fame.check.gate import refuse_errors
 
         if len(text) > LIMIT:
             raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken")
-        text = self._desk.take(text, purpose, self._wall_time())
+        text = self._diagrams.read(text, purpose, self._wall_time())
         definitions = read_text(text, file=DIAGRAM)
         library = self._options["library"]
         refuse_errors(definitions, [pool.process for pool in pools_of(definitions)], library, sent=True)
@@ -164,7 +172,7 @@ class SplitterNode:
         return model_hash(text.encode(errors="replace")), definitions
 
     def _try(self) -> None:
-        """Deploy the newest diagram, if the team has it not and its robots are there."""
+        """Deploy the newest diagram if the team does not have it yet and its robots are there."""
         if self._diagram is None or self._diagram[0] == self._deployed:
             return
         diagram = self._diagram
@@ -176,7 +184,7 @@ class SplitterNode:
             self._diagram = None
             self._report(f"refused: {error}")
         else:
-            self._let_be(but=self._deployment)
+            self._cease(but=self._deployment)
 
     def _send(
         self,
@@ -206,44 +214,48 @@ class SplitterNode:
         self.scheduler.soon(partial(self._after, diagram, deployment))
 
     def _after(self, diagram: tuple[str, Definitions], deployment: Deployment) -> None:
-        """Make room for what came meanwhile, or keep the team supplied with what it has."""
+        """Keep the team supplied with what it has, and deploy what was received meanwhile."""
         deployment.close()
         if self._deployment is not deployment:
             return
         self._deployment = None
         if not deployment.failed:
-            self._keep(diagram, served=deployment.robots)
+            self._keep(diagram, supplied=deployment.robots)
         elif self._diagram is diagram and any(each.state in REFUSALS for each in deployment.robots.values()):
-            self._diagram = None  # the team keeps what it had; who was silent may come back, and is asked again
+            self._diagram = (
+                None  # the team keeps what it had; a robot that was silent may come back, and is asked again
+            )
         self._try()
 
     # ---- the team --------------------------------------------------------------------------------------------------
 
-    def _keep(self, diagram: tuple[str, Definitions], served: Collection[str]) -> None:
-        self._let_be()
+    def _keep(self, diagram: tuple[str, Definitions], supplied: Collection[str]) -> None:
+        self._cease()
         self._deployed = diagram[0]
         self._team.publish(messages.create(STRING, self._deployed_text(diagram[1].source.decode(errors="replace"))))
         send = partial(self._send, diagram[1])
         around: dict[str, Any] = {"scheduler": self.scheduler, "middleware": self.middleware}
-        self._keeper = Keeper(diagram[1], send, key=self._options["key"], served=served, say=self._report, **around)
+        self._late_joiners = LateJoiners(
+            diagram[1], send, key=self._options["key"], supplied=supplied, tell=self._report, **around
+        )
 
     def _deployed_text(self, model: str) -> str:
-        """What others are told that the team has."""
+        """The diagram that the team has, for other splitters."""
         key = self._options["key"]
         if key is None:
             return model
         return Diagram.of(model, purpose="deployed", now=self._wall_time(), key=key).to_json()
 
-    def _let_be(self, but: Deployment | None = None) -> None:
-        """Work no more for anybody."""
-        if self._keeper is not None:
-            self._keeper.close()
+    def _cease(self, but: Deployment | None = None) -> None:
+        """Supply nobody any more, and abort the deployment that is under way."""
+        if self._late_joiners is not None:
+            self._late_joiners.close()
         if self._deployment is not None and self._deployment is not but:
             self._deployment.close()
             self._deployment = None
-        self._keeper = None
+        self._late_joiners = None
 
-    # ---- saying so -------------------------------------------------------------------------------------------------
+    # ---- status ----------------------------------------------------------------------------------------------------
 
     def _report(self, text: str) -> None:
         if text != self._text:
@@ -252,17 +264,17 @@ class SplitterNode:
         self._publish()
 
     def _publish(self) -> None:
-        role = Role(born=self.born, state=self.state, deployed=self._deployed, text=self._text)
-        role = role.signed(self._options["key"], self._wall_time())
-        self._status.publish(messages.create(STRING, role.to_json()))
+        status = SplitterStatus(born=self.born, state=self.state, deployed=self._deployed, text=self._text)
+        status = status.signed(self._options["key"], self._wall_time())
+        self._status.publish(messages.create(STRING, status.to_json()))
 
     def stop(self) -> bool:
-        """It is over at once: the robots go on without it."""
+        """End at once: the robots go on without it."""
         return False
 
     def close(self) -> None:
-        """Leave."""
+        """Close all endpoints; the robots go on without it."""
         self._pulse.cancel()
         self._refused.close()
-        self._let_be()
+        self._cease()
         self.node.close()

@@ -9,7 +9,7 @@ from typing import Any
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, WallScheduler
-from fame.deploy import Deployment, Keeper, engines
+from fame.deploy import Deployment, LateJoiners, engines
 from fame.deploy.assignment import assign_robots
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
@@ -48,17 +48,17 @@ class Sending:
 
     def stay(self, served: Collection[str], say: Callable[[str], object]) -> None:
         """Supply robots that come late, or come back, until SIGINT or SIGTERM."""
-        keeper = Keeper(
+        late_joiners = LateJoiners(
             self.definitions,
             self._begin,
             scheduler=self.scheduler,
             middleware=self.middleware,
             key=self._options.get("key"),
-            served=served,
-            say=say,
+            supplied=served,
+            tell=say,
         )
         run_until_told(self.scheduler)
-        keeper.close()
+        late_joiners.close()
 
     def _find(self, only: Sequence[str], patience: float, say: Callable[[str], object]) -> None:
         """Wait until every pool has its robot."""

@@ -1,0 +1,40 @@
+"""Who is supplied when: decided without any middleware."""
+
+import pytest
+
+from fame.clock import SECOND
+from fame.deploy.late_joiners import Ended, JoinersState, Left, Polled, Reported, Started, Supply, step
+
+WAIT = Reported("A", "waiting"), Reported("B", "waiting")
+
+
+def after(*events, supplied: frozenset[str] = frozenset()) -> list[Supply]:
+    state, actions = JoinersState(supplied=supplied), ()
+    for event in events:
+        state, actions = step(state, event)
+    return list(actions)
+
+
+@pytest.mark.parametrize(
+    ("events", "robots"),
+    [
+        ((Polled(0),), None),
+        ((*WAIT, Polled(0)), ("A", "B")),
+        ((*WAIT, Reported("A", "running"), Polled(0)), ("B",)),
+        ((*WAIT, Left("B"), Polled(0)), ("A",)),
+        ((*WAIT, Polled(0), Polled(60 * SECOND)), None),
+        ((*WAIT, Polled(0), Ended(), Polled(5 * SECOND)), None),
+        ((*WAIT, Polled(0), Ended(), Polled(10 * SECOND)), ("A", "B")),
+        ((*WAIT, Polled(0), Started("A"), Ended(), Polled(10 * SECOND)), ("B",)),
+        ((*WAIT, Polled(0), Started("A"), Ended(), WAIT[0], Polled(SECOND)), ("A",)),
+        ((WAIT[0], Polled(0), Left("A"), Ended(), WAIT[0], Polled(SECOND)), ("A",)),
+    ],
+)
+def test_who_is_supplied(events, robots):
+    assert [action.robots for action in after(*events)] == ([robots] if robots else [])
+
+
+def test_a_robot_that_had_the_model_before_is_told_so():
+    assert after(*WAIT, Polled(0), supplied=frozenset({"B"})) == [Supply(("A", "B"), frozenset({"B"}))]
+    again = after(WAIT[0], Polled(0), Started("A"), Ended(), WAIT[0], Polled(SECOND))
+    assert again == [Supply(("A",), frozenset({"A"}))]
