@@ -15,7 +15,7 @@ from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.anomaly.live import Collector
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.nodes import TYPE, Collect, Operate
+from fame.monitor.anomaly.nodes import TYPE, CollectNode, OperateNode
 from fame.monitor.anomaly.paths import PathDetector
 from robots.arm.mh5 import MH5
 from robots.arm.sabotage import alter, knots
@@ -53,8 +53,8 @@ class Arm:
         self.node.publisher(topic, "std_msgs/msg/Empty").publish(messages.create("std_msgs/msg/Empty"))
         self.scheduler.run(self.scheduler.now)
 
-    def operate(self, **options) -> Operate:
-        return Operate(self.middleware, self.scheduler, model(), report=self.texts.append, **options)
+    def operate(self, **options) -> OperateNode:
+        return OperateNode(self.middleware, self.scheduler, model(), report=self.texts.append, **options)
 
 
 def runs(*numbers: int) -> np.ndarray:
@@ -127,21 +127,22 @@ def test_a_topic_that_stops_is_said_and_goes_on():
     arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
     arm.play(runs(21)[5:6])
     operate.close()
-    assert "has stopped: nothing for 1 s; run 0 waits" in arm.texts[0]
+    assert "no message for 1 s; run 0 waits" in arm.texts[0]
     assert "goes on" in arm.texts[1]
 
 
 def test_a_topic_that_stops_while_it_is_recorded_is_said():
     arm = Arm()
-    node = Collect(arm.middleware, arm.scheduler, Collector(1, "count", cycle=9), report=arm.texts.append)
+    node = CollectNode(arm.middleware, arm.scheduler, Collector(1, "count", cycle=9), report=arm.texts.append)
     arm.scheduler.run(2 * SECOND)
     arm.play(np.ones((2, 6)))
     arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
     node.close()
     arm.scheduler.run(arm.scheduler.now + 2 * SECOND)
     assert arm.texts == [
-        "/joint_states is silent: nothing in the first 1 s; run 0 waits for it",
-        "/joint_states has stopped: nothing for 1 s; run 0 waits for it",
+        "/joint_states: no message for 1 s; run 0 waits for it",
+        "/joint_states goes on",
+        "/joint_states: no message for 1 s; run 0 waits for it",
     ]
 
 
@@ -150,7 +151,7 @@ def test_collecting_stops_after_the_runs_that_are_wanted():
     arm = Arm()
     counted: list[int] = []
     collector = Collector(-1, limit=2)
-    Collect(arm.middleware, arm.scheduler, collector, progress=counted.append)
+    CollectNode(arm.middleware, arm.scheduler, collector, progress=counted.append)
     arm.play(runs(21, 23, 25))
     found = collector.recording()
     assert counted == [1, 2]
@@ -163,7 +164,7 @@ def test_collecting_stops_after_the_runs_that_are_wanted():
 def test_cycles_are_counted():
     arm = Arm()
     collector = Collector(1, "count", cycle=4, limit=2)
-    Collect(arm.middleware, arm.scheduler, collector)
+    CollectNode(arm.middleware, arm.scheduler, collector)
     arm.play(np.ones((11, 6)))
     assert collector.recording().runs.tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
 
@@ -172,17 +173,17 @@ def test_cycles_are_counted():
 def test_an_arm_under_way_is_recorded_from_home_on():
     arm = Arm()
     collector = Collector(1)
-    Collect(arm.middleware, arm.scheduler, collector, report=arm.texts.append)
+    CollectNode(arm.middleware, arm.scheduler, collector, report=arm.texts.append)
     arm.play(np.vstack([runs(21)[250:], runs(22, 23)]))
     assert [len(run) for run in collector.recording()] == [len(runs(22)), len(runs(23))]
-    assert "the arm is under way" in arm.texts[0]
+    assert "the arm is moving" in arm.texts[0]
 
 
 @needs_data
 def test_a_run_that_was_cut_off_is_left_out_of_what_is_learned_from():
     arm = Arm()
     collector = Collector(1)
-    Collect(arm.middleware, arm.scheduler, collector)
+    CollectNode(arm.middleware, arm.scheduler, collector)
     arm.play(np.vstack([runs(21, 22), runs(23)[:200]]))
     found = collector.recording()
     assert found.count == 2
@@ -207,7 +208,7 @@ def test_counting_without_a_count_is_refused():
 def test_signals_delimit_what_is_collected():
     arm = Arm()
     collector = Collector(1, "signal")
-    Collect(arm.middleware, arm.scheduler, collector)
+    CollectNode(arm.middleware, arm.scheduler, collector)
     arm.play(runs(21)[:50])
     for number in (21, 22):
         arm.signal("/task_start")

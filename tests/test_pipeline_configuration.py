@@ -14,7 +14,7 @@ from fame.errors import ConfigError, FameError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
 from fame.monitor.pipeline.configuration import INPUT, Configuration, load
-from fame.monitor.pipeline.fields import Unusable, reader
+from fame.monitor.pipeline.fields import UnusableMessage, reader
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import PROCESSORS, assign, find_class, make_processors
 from fame.monitor.pipeline.train import training_of
@@ -257,7 +257,7 @@ def test_a_path_reads_numbers_and_the_names_of_their_channels(path, value, names
 def test_a_path_goes_through_lists_of_messages_and_fixed_arrays() -> None:
     markers = messages.create("geometry_msgs/msg/PoseArray", {"poses": [{}, {"position": {"y": 4.0}}]})
     assert reader("geometry_msgs/msg/PoseArray", ("poses", 1, "position", "y"))(markers) == (4.0, ())
-    with pytest.raises(Unusable, match="poses has 2 entries, not 3"):
+    with pytest.raises(UnusableMessage, match="poses has 2 entries, not 3"):
         reader("geometry_msgs/msg/PoseArray", ("poses", 2, "position", "y"))(markers)
     with pytest.raises(MessageError, match="expected an index from 0 to 35, got 36"):
         reader("geometry_msgs/msg/PoseWithCovariance", ("covariance", 36))
@@ -267,9 +267,9 @@ def test_names_are_found_again_when_the_order_changes_and_missed_when_one_is_gon
     read_wrist = reader("sensor_msgs/msg/JointState", ("effort", "wrist"))
     assert read_wrist(joints())[0] == 2.0
     assert read_wrist(joints(name=["wrist", "elbow"]))[0] == 1.0
-    with pytest.raises(Unusable, match="wrist is not among its names: elbow, hand"):
+    with pytest.raises(UnusableMessage, match="wrist is not among its names: elbow, hand"):
         read_wrist(joints(name=["elbow", "hand"]))
-    with pytest.raises(Unusable, match="effort has 1 values, not 2"):
+    with pytest.raises(UnusableMessage, match="effort has 1 values, not 2"):
         read_wrist(joints(effort=[1.0]))
 
 

@@ -24,7 +24,7 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.bags import Bag
+from fame.monitor.bags import BagWriter
 from fame.monitor.pipeline.configuration import Configuration, load
 from fame.monitor.pipeline.influx import Influx
 from fame.monitor.pipeline.recording import RecordingNode, record_bag
@@ -531,9 +531,9 @@ def test_stamps_of_two_clocks_leave_no_topic_without_its_columns(tmp_path: Path)
 
 def test_a_bag_with_a_pause_of_decades_is_read_at_once(tmp_path: Path) -> None:
     of, said = configuration(tmp_path, Efforts=EFFORTS), list[str]()
-    bag = Bag(tmp_path / "bag", of.inputs, ["/joint_states"])
+    bag = BagWriter(tmp_path / "bag", of.inputs, ["/joint_states"])
     for time in (1.0, 1.1, 1.7e9, 1.7e9 + 0.1):
         bag.put("/joint_states", time, messages.create(JOINT_STATE, {"header": {"stamp": time}, "effort": [1.0]}))
     bag.close()
     assert record_bag(tmp_path / "bag", of, [tmp_path / "runs.csv"], report=said.append).rows == 4
-    assert "joints: /joint_states: nothing for 2 s" in said
+    assert "joints: /joint_states: no message for 2 s" in said

@@ -73,8 +73,8 @@ def _list(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
 def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.middleware import messages
-    from fame.monitor.pipeline.fields import Unusable, reader
-    from fame.monitor.pipeline.topic_tools import parse_path, shown
+    from fame.monitor.pipeline.fields import UnusableMessage, reader
+    from fame.monitor.pipeline.topic_tools import format_message, parse_path
 
     type = _type(arguments, scheduler, middleware)
     read = reader(type, parse_path(arguments.field)) if arguments.field else None
@@ -85,11 +85,13 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
         if left == 0:
             return
         try:
-            value = read(message)[0] if read is not None else shown(messages.to_mapping(message)) + "---"
-        except Unusable as reason:
+            value = read(message)[0] if read is not None else format_message(messages.to_mapping(message)) + "---"
+        except UnusableMessage as reason:
             print(f"fame: {reason}", file=sys.stderr)
             return
-        print(value if read is None else shown(value.tolist() if hasattr(value, "tolist") else value), flush=True)
+        print(
+            value if read is None else format_message(value.tolist() if hasattr(value, "tolist") else value), flush=True
+        )
         left -= 1
         if left == 0:
             scheduler.stop()
@@ -99,10 +101,10 @@ def _echo(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) ->
 
 def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.clock import SECOND
-    from fame.monitor.pipeline.topic_tools import Times
+    from fame.monitor.pipeline.topic_tools import MessageTimes
 
     type = _type(arguments, scheduler, middleware)
-    times = Times()
+    times = MessageTimes()
 
     def heard(message: Any) -> None:
         times.times.append(scheduler.now / SECOND)

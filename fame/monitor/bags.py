@@ -41,7 +41,7 @@ def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[floa
         raise ConfigError(f"is no bag that can be read: {error}", file=file) from None
 
 
-class Bag:
+class BagWriter:
     """Where messages go: a folder as `ros2 bag` writes it, or a file if its name ends in ``.mcap``.
 
     Raises ConfigError if it exists already.

@@ -112,13 +112,16 @@ def _with_parameters(configuration: Configuration, given: Mapping[str, Any], fol
     """Give each parameter to the stages that have it; files are relative to `folder`. Raises ConfigError."""
     from dataclasses import replace
 
-    from fame.monitor.pipeline.processor import declared
+    from fame.monitor.pipeline.processor import declared_parameters
     from fame.monitor.pipeline.processors import find_class
 
     stages: list[Stage] = []
     used: set[str] = set()
     for stage in configuration.stages:
-        types = {parameter.name: parameter.type for parameter in declared(find_class(stage.cls, configuration.folder))}
+        types = {
+            parameter.name: parameter.type
+            for parameter in declared_parameters(find_class(stage.cls, configuration.folder))
+        }
         own = {
             name: str((folder / str(value)).resolve()) if types[name] == "file" else value
             for name, value in given.items()
@@ -145,7 +148,7 @@ class CollectService:
 
     def __init__(self, context: ServiceContext, variables: Mapping[str, Any]) -> None:
         from fame.monitor.anomaly.live import Collector
-        from fame.monitor.anomaly.nodes import Collect
+        from fame.monitor.anomaly.nodes import CollectNode
 
         self._output = context.folder / variable(variables, "output", type=str)
         label = variable(variables, "label", type=int)
@@ -154,7 +157,7 @@ class CollectService:
         points, runs = variable(variables, "points", 0, type=int), variable(variables, "runs", 0, type=int)
         self._collector = Collector(label, _rule(variables), cycle=points, limit=runs)
         self._report = context.report
-        self._node = Collect(
+        self._node = CollectNode(
             context.middleware, context.scheduler, self._collector,
             topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),
             namespace=context.namespace, report=context.report, done=context.changed,
@@ -180,13 +183,13 @@ class CollectService:
 
 def _adm_operate(context: ServiceContext, variables: Mapping[str, Any]) -> RunningService:
     from fame.monitor.anomaly.model import load_model
-    from fame.monitor.anomaly.nodes import Operate
+    from fame.monitor.anomaly.nodes import OperateNode
 
     threshold = variable(variables, "threshold", type=float) if variables.get("threshold") is not None else None
     if threshold is not None and not 0 <= threshold < 1:
         raise ConfigError(f"variable threshold: expected a number from 0 to 1, got {threshold:g}")
     model = load_model(context.folder / variable(variables, "model", type=str))
-    node = Operate(
+    node = OperateNode(
         context.middleware, context.scheduler, model, threshold=threshold, rule=_rule(variables),
         cycle=variable(variables, "points", 0, type=int),
         topic=variable(variables, "topic", "/joint_states", type=str), field=_choice(variables, "field", FIELDS),

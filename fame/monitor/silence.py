@@ -1,74 +1,71 @@
-"""What arrives: subscriptions made from a configuration, and the samples that can be used.
-
-Each topic is subscribed once. A message gives one sample to every input of its topic, or to none: if any of them cannot
-be read, is not finite, or the stamp is not later than the last, the whole message is left out, and the reason is
-reported. So the inputs of one topic always have the same stamps. The stamp is that of the header, else the time of
-arrival (s, of the scheduler).
-
-
-Watch: says when a topic is silent, and when it goes on."""
+"""Silent topics, and reports that do not repeat themselves: what every monitoring node needs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from fame.clock import SECOND, Entry, Scheduler
+from fame.clock import SECOND, Entry, Kind, Scheduler
 
 
-class Reporter:
-    """Says each thing once, and again when it has happened 10, 100, 1000 ... times."""
+class ThrottledReport:
+    """Reports each kind of event once, and again when it has happened 10, 100, 1000, 2000 ... times."""
 
     def __init__(self, report: Callable[[str], object]) -> None:
-        self._report = report
+        """`report` gets a line of text; it stays at hand as `always`, for what is never throttled."""
+        self.always = report
         self.counts: dict[str, int] = {}
 
     def __call__(self, key: str, text: str) -> None:
-        """`key` is what counts as the same thing."""
+        """Report an event; events with the same `key` are of the same kind."""
         count = self.counts[key] = self.counts.get(key, 0) + 1
         if count in (1, 10, 100) or count % 1000 == 0:
-            self._report(text if count == 1 else f"{text} ({count} times)")
+            self.always(text if count == 1 else f"{text} ({count} times)")
 
     def over(self, key: str, text: str) -> None:
-        """It is over: if it was ever said, say so, and begin anew."""
+        """Report that events of this kind are over, if there were any, and count anew."""
         if self.counts.pop(key, 0):
-            self._report(text)
+            self.always(text)
 
 
-SILENCE = 1.0
-"""A topic without a message for so long (s) has stopped."""
+class SilenceWatch:
+    """Reports when no message of a topic has come for `silence` (s), and when messages come again.
 
-
-class Watch:
-    """Expects a message on `topic` within `silence` (s), again and again; `waits` tells what waits for it meanwhile."""
+    `reason` gives the end of the report; it gets whether there ever was a message. A message costs one assignment: the
+    timer is moved on only when it is due.
+    """
 
     def __init__(
         self,
         scheduler: Scheduler,
         topic: str,
+        silence: float,
         report: Callable[[str], object],
-        waits: Callable[[], str],
-        silence: float = SILENCE,
+        reason: Callable[[bool], str],
     ) -> None:
-        self._scheduler, self._topic, self._report, self._waits = scheduler, topic, report, waits
-        self._silence, self._stopped, self._heard = silence, False, False
-        self._entry: Entry = self._expect()
+        self._scheduler, self._topic, self._silence = scheduler, topic, silence
+        self._report, self._reason = report, reason
+        self._received = False
+        self._last = scheduler.now
+        self._timer: Entry | None = self._expect()
 
-    def heard(self) -> None:
-        """A message has come: the next is expected in time."""
-        if self._stopped and self._heard:
+    def on_message(self) -> None:
+        """Expect the next message in time."""
+        self._last, self._received = self._scheduler.now, True
+        if self._timer is None:
             self._report(f"{self._topic} goes on")
-        self._stopped, self._heard = False, True
-        self._entry.cancel()
-        self._entry = self._expect()
+            self._timer = self._expect()
 
     def close(self) -> None:
-        """Expect nothing more."""
-        self._entry.cancel()
+        """Expect no more messages."""
+        if self._timer is not None:
+            self._timer.cancel()
 
     def _expect(self) -> Entry:
-        return self._scheduler.after(round(self._silence * SECOND), self._silent)
+        return self._scheduler.at(self._last + round(self._silence * SECOND), self._check, Kind.TIMER)
 
-    def _silent(self) -> None:
-        self._stopped = True
-        found = "has stopped: nothing for" if self._heard else "is silent: nothing in the first"
-        self._report(f"{self._topic} {found} {self._silence:g} s; {self._waits()} waits for it")
+    def _check(self) -> None:
+        if self._scheduler.now < self._last + round(self._silence * SECOND):
+            self._timer = self._expect()
+            return
+        self._timer = None
+        self._report(f"{self._topic}: no message for {self._silence:g} s{self._reason(self._received)}")

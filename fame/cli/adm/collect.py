@@ -14,7 +14,7 @@ from fame.cli.network import add_network
 if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
-    from fame.monitor.anomaly.nodes import Collect
+    from fame.monitor.anomaly.nodes import CollectNode
 
 _EXAMPLES = (
     "fame adm collect --label 1 --runs 30 -o benign.csv",
@@ -39,15 +39,15 @@ def run(arguments: Namespace) -> int:
     """Collect until all runs are there, the bag is over, or somebody interrupts."""
     settle(arguments, "label", "output")
     from fame.monitor.anomaly.live import Collector
-    from fame.monitor.anomaly.nodes import Collect
+    from fame.monitor.anomaly.nodes import CollectNode
     from fame.monitor.anomaly.recording import write_csv
 
     writable(arguments.output)
     collector = Collector(arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs)
     of = f" of {arguments.runs}" if arguments.runs else ""
 
-    def make(middleware: Middleware, scheduler: Scheduler) -> Collect:
-        return Collect(
+    def make(middleware: Middleware, scheduler: Scheduler) -> CollectNode:
+        return CollectNode(
             middleware, scheduler, collector, topic=arguments.topic, field=arguments.field,
             report=say, progress=lambda count: say(f"{count}{of} runs"), done=scheduler.stop,
         )  # fmt: skip

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from fame.monitor.anomaly.live import RunReport
-    from fame.monitor.anomaly.nodes import Operate
+    from fame.monitor.anomaly.nodes import OperateNode
 
 _EXAMPLES = (
     "fame adm operate --model best.skops --threshold 0.01",
@@ -42,10 +42,10 @@ def run(arguments: Namespace) -> int:
     """Judge until all runs are evaluated, the bag is over, or somebody interrupts. 1 if one was anomalous."""
     settle(arguments, "model")
     from fame.monitor.anomaly.model import load_model
-    from fame.monitor.anomaly.nodes import Operate
+    from fame.monitor.anomaly.nodes import OperateNode
 
     model = load_model(arguments.model)
-    nodes: list[Operate] = []
+    nodes: list[OperateNode] = []
     over = False
 
     def enough() -> bool:
@@ -59,8 +59,8 @@ def run(arguments: Namespace) -> int:
             if over:
                 nodes[0].scheduler.stop()
 
-    def make(middleware: Middleware, scheduler: Scheduler) -> Operate:
-        made = Operate(
+    def make(middleware: Middleware, scheduler: Scheduler) -> OperateNode:
+        made = OperateNode(
             middleware, scheduler, model, topic=arguments.topic, field=arguments.field,
             threshold=arguments.threshold, rule=arguments.rule, cycle=arguments.points, report=report,
         )  # fmt: skip

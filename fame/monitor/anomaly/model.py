@@ -79,7 +79,7 @@ class Model:
             return PathScorer(self)
         return PointScorer(self)
 
-    def blame(self, values: Floats) -> tuple[str, float]:
+    def worst_joint(self, values: Floats) -> tuple[str, float]:
         """The joint that is farthest from the nearest benign point, and how far (rad)."""
         nearest = self.reference[np.argmin(((self.reference - values) ** 2).sum(axis=1))]
         apart = np.abs(values - nearest)
@@ -111,7 +111,7 @@ class PointScorer:
         point = np.asarray(values, dtype=np.float64)
         if self._benign(point):
             return BENIGN_POINT
-        joint, apart = self.model.blame(point)
+        joint, apart = self.model.worst_joint(point)
         return Verdict(True, apart, "rad", joint)
 
 
@@ -129,7 +129,7 @@ class PathScorer:
         reading = self._tracker.step(values, stamp)
         if not reading.anomalous:
             return BENIGN_POINT
-        joint, _ = self.model.blame(np.asarray(values))
+        joint, _ = self.model.worst_joint(np.asarray(values))
         if reading.off_path:
             return Verdict(True, 1000 * reading.deviation, "mm", joint)
         return Verdict(True, reading.lateness, "samples", joint)

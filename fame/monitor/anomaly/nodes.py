@@ -1,18 +1,14 @@
-"""Joint states as messages: which of their values belong to which joint, and why one is not taken.
+"""The two nodes of anomaly detection: `OperateNode` watches an arm, `CollectNode` records it. Both read joint states.
 
-Operate: the node that watches an arm with a stored model, and raises the signal `anomaly`.
+A message that cannot be used (too few joints, values that are not finite, zeros away from home) is left out and
+reported once per reason. A topic that stops is reported; the run waits, and continues with the topic.
 
-It hears joint states and publishes for each, relative to its namespace, ``anomaly_score`` (std_msgs/msg/Float64, the
+`OperateNode` publishes for each joint state, relative to its namespace, ``anomaly_score`` (std_msgs/msg/Float64, the
 score of the run so far) and ``anomaly_point`` (std_msgs/msg/Bool, whether the point is anomalous). When the score of a
 run exceeds the threshold it publishes ``/anomaly`` once: a sensor_msgs/msg/JointState with the time in its header, the
 unit of the magnitude as `frame_id`, the joint as the one name, the magnitude as the one position and the score as the
 one effort.
-
-What cannot be used (too few joints, values that are not finite, zeros away from home) is left out and reported once per
-reason; a topic that stops is reported, the run waits, and goes on with it.
-
-
-Collect: the node that records joint states of runs of a task, each with one label."""
+"""
 
 from __future__ import annotations
 
@@ -26,63 +22,109 @@ from fame.middleware.interface import SENSOR_DATA, Middleware
 from fame.monitor.anomaly.live import Collector, Point, RunMonitor, RunReport
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.segmentation import JUMP, Rule
-from fame.monitor.silence import SILENCE, Watch
+from fame.monitor.pipeline.fields import UnusableMessage
+from fame.monitor.silence import SilenceWatch
 
 TYPE = "sensor_msgs/msg/JointState"
-FIELDS = ("position", "velocity", "effort")
-
-
-class Unusable(Exception):
-    """A message that cannot be taken; its text says what was found."""
+EMPTY = "std_msgs/msg/Empty"
+START, END, ALARM = "/task_start", "/task_end", "/anomaly"
+SILENCE = 1.0
+"""A topic without a message for this time (s) is silent."""
 
 
 def stamp_of(message: Any) -> float:
-    """Its time in s; 0.0 if it has none."""
+    """Give the time of a message in s, 0.0 if it has none."""
     stamp = message.header.stamp
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
 def values_of(message: Any, joints: Sequence[str], field: str = "position") -> list[float]:
-    """The values of `joints`, in their order; of all, in the message's order, if `joints` is empty.
+    """Give the values of `joints`, in their order; of all, in the message's order, if `joints` is empty.
 
-    Joints of a headerless file have made-up names (``joint_1`` ...) and are taken by position if no name fits.
-    Raises Unusable.
+    Joints of a headerless file have default names (``joint_1`` ...) and are taken by position if no name fits.
+    Raises UnusableMessage.
     """
-    found = [float(value) for value in getattr(message, field)]
+    values = [float(value) for value in getattr(message, field)]
     names = [str(name) for name in message.name]
-    if not found:
-        raise Unusable(f"its {field} is empty")
-    if joints and set(joints) <= set(names) and len(names) == len(found):
-        found = [found[names.index(joint)] for joint in joints]
-    elif joints and (len(found) != len(joints) or not _made_up(joints)):
+    if not values:
+        raise UnusableMessage(f"its {field} is empty")
+    if joints and set(joints) <= set(names) and len(names) == len(values):
+        values = [values[names.index(joint)] for joint in joints]
+    elif joints and (len(values) != len(joints) or not _are_default_names(joints)):
         missing = [joint for joint in joints if joint not in names]
         lack = f", without {', '.join(missing)}" if missing else ""
-        raise Unusable(
-            f"it has {len(found)} joints ({', '.join(names) or 'unnamed'}){lack}; the model has {len(joints)}"
+        raise UnusableMessage(
+            f"it has {len(values)} joints ({', '.join(names) or 'unnamed'}){lack}; the model has {len(joints)}"
         )
-    if not all(map(math.isfinite, found)):
-        raise Unusable(f"its {field} holds a value that is not finite")
-    return found
-
-
-def refuse_dropout(values: list[float], before: Sequence[float]) -> list[float]:
-    """The values, unless all are 0 at once while the arm was away from home before. Raises Unusable."""
-    if before and not any(values) and max(map(abs, before)) > JUMP:
-        raise Unusable("all joints are 0 at once while the arm is away from home")
+    if not all(map(math.isfinite, values)):
+        raise UnusableMessage(f"its {field} holds a value that is not finite")
     return values
 
 
-def _made_up(joints: Sequence[str]) -> bool:
+def _are_default_names(joints: Sequence[str]) -> bool:
     return all(joint.startswith("joint_") and joint.removeprefix("joint_").isdecimal() for joint in joints)
 
 
-SIGNAL_TYPE = TYPE
-EMPTY = "std_msgs/msg/Empty"
-START, END, ALARM = "/task_start", "/task_end", "/anomaly"
+class _JointStateNode:
+    """A node that reads joint states, and reports what it cannot use and when they stop."""
+
+    def __init__(
+        self,
+        name: str,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        *,
+        topic: str,
+        field: str,
+        namespace: str,
+        report: Callable[[str], object],
+        silence: float = SILENCE,
+    ) -> None:
+        self.scheduler, self._field, self._report = scheduler, field, report
+        self._reported: set[str] = set()
+        self._last: list[float] = []
+        self.node = middleware.node(name, namespace)
+        self.topic: str = self.node.subscription(topic, TYPE, self._on_message, SENSOR_DATA).topic
+        self._watch = SilenceWatch(
+            scheduler, self.topic, silence, report, lambda received: f"; run {self.current_run()} waits for it"
+        )
+
+    def current_run(self) -> int:
+        """Give the number of the run that goes on."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Close all endpoints."""
+        self._watch.close()
+        self.node.close()
+
+    def _on_message(self, message: Any) -> None:
+        raise NotImplementedError
+
+    def _point_of(self, message: Any, joints: Sequence[str]) -> tuple[float, list[float]] | None:
+        """Give stamp (s) and values of a message, None if it cannot be used, which is reported."""
+        self._watch.on_message()
+        try:
+            values = values_of(message, joints, self._field)
+            if self._last and not any(values) and max(map(abs, self._last)) > JUMP:
+                raise UnusableMessage("all joints are 0 at once while the arm is away from home")
+        except UnusableMessage as reason:
+            self._report_once(f"{self.topic}: a message is left out: {reason}")
+            return None
+        self._last = values
+        return stamp_of(message) or self.scheduler.now / SECOND, values
+
+    def _report_once(self, text: str) -> None:
+        if text not in self._reported:
+            self._reported.add(text)
+            self._report(text)
 
 
-class Operate:
-    """The node. It lives until `close`; `report` gets a line for every run that ended and everything unusual."""
+class OperateNode(_JointStateNode):
+    """Watches an arm with a stored model, and raises the signal `anomaly`.
+
+    It lives until `close`. `report` gets a line for every run that ended and everything unusual.
+    """
 
     def __init__(
         self,
@@ -102,45 +144,50 @@ class Operate:
     ) -> None:
         self.monitor = RunMonitor(model, threshold, rule, cycle)
         self.alarms: list[Point] = []
-        self.scheduler, self._field, self._report, self._on_point = scheduler, field, report, on_point
-        self._said: set[str] = set()
-        self._last: list[float] = []
-        self.node = node = middleware.node("anomaly_detection", namespace)
-        self._score = node.publisher("anomaly_score", "std_msgs/msg/Float64")
-        self._point = node.publisher("anomaly_point", "std_msgs/msg/Bool")
-        self._alarm = node.publisher(ALARM, SIGNAL_TYPE)
-        self.topic = node.subscription(topic, TYPE, self._heard, SENSOR_DATA).topic
-        self._watch = Watch(scheduler, self.topic, report, lambda: f"run {self.monitor.run}", silence)
+        self._on_point, self._reported_runs = on_point, 0
+        super().__init__(
+            "anomaly_detection", middleware, scheduler,
+            topic=topic, field=field, namespace=namespace, report=report, silence=silence,
+        )  # fmt: skip
+        self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
+        self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
+        self._alarm = self.node.publisher(ALARM, TYPE)
         if rule == "signal":
-            node.subscription(START, EMPTY, lambda _: self._told(self.monitor.begin))
-            node.subscription(END, EMPTY, lambda _: self._told(self.monitor.end))
-        self._reported = 0
+            self.node.subscription(START, EMPTY, lambda _: self._begin())
+            self.node.subscription(END, EMPTY, lambda _: self._end())
 
     @property
     def runs(self) -> list[RunReport]:
         """Every run that has ended."""
         return self.monitor.ended
 
-    def close(self) -> None:
-        """Leave; the run that goes on is evaluated as far as it got."""
-        self._watch.close()
-        self._told(self.monitor.end)
-        self.node.close()
+    def current_run(self) -> int:
+        """Give the number of the run that goes on."""
+        return self.monitor.run
 
-    def _heard(self, message: Any) -> None:
-        self._watch.heard()
-        try:
-            values = values_of(message, self.monitor.model.joints, self._field)
-            self._last = refuse_dropout(values, self._last)
-        except Unusable as reason:
-            self._once(f"{self.topic}: a message is left out: {reason}")
+    def close(self) -> None:
+        """Close all endpoints; the run that goes on is evaluated up to here."""
+        self._end()
+        super().close()
+
+    def _begin(self) -> None:
+        self.monitor.begin()
+        self._report_runs()
+
+    def _end(self) -> None:
+        self.monitor.end()
+        self._report_runs()
+
+    def _on_message(self, message: Any) -> None:
+        taken = self._point_of(message, self.monitor.model.joints)
+        if taken is None:
             return
-        point = self.monitor.step(stamp_of(message) or self.scheduler.now / SECOND, values)
-        self._tell()
+        point = self.monitor.step(*taken)
+        self._report_runs()
         if point is not None:
             self._publish(point)
         elif self.monitor.late:
-            self._once(f"{self.topic}: the arm is under way; what it does is evaluated from its next rest at home on")
+            self._report_once(f"{self.topic}: the arm is moving; it is judged from its next rest at home on")
 
     def _publish(self, point: Point) -> None:
         self._score.publish(messages.create("std_msgs/msg/Float64", point.score))
@@ -151,47 +198,15 @@ class Operate:
             self._alarm.publish(alarm_message(point))
             self._report(alarm_text(point))
 
-    def _told(self, what: Callable[[], object]) -> None:
-        what()
-        self._tell()
-
-    def _tell(self) -> None:
-        """Report the runs that have ended since the last time."""
-        for report in self.runs[self._reported :]:
+    def _report_runs(self) -> None:
+        """Report the runs that have ended since the last report."""
+        for report in self.runs[self._reported_runs :]:
             self._report(report.text)
-        self._reported = len(self.runs)
-
-    def _once(self, text: str) -> None:
-        if text not in self._said:
-            self._said.add(text)
-            self._report(text)
+        self._reported_runs = len(self.runs)
 
 
-def alarm_message(point: Point) -> Any:
-    """The signal `anomaly` as a message."""
-    verdict = point.verdict
-    return messages.create(
-        SIGNAL_TYPE,
-        {
-            "header": {"stamp": point.stamp, "frame_id": verdict.unit},
-            "name": [verdict.joint],
-            "position": [verdict.magnitude],
-            "effort": [point.score],
-        },
-    )
-
-
-def alarm_text(point: Point) -> str:
-    """The same in one line."""
-    verdict = point.verdict
-    return (
-        f"run {point.run}: alarm at point {point.index} ({point.stamp:.3f} s), score {point.score:.4f}: "
-        f"{verdict.magnitude:.3g} {verdict.unit}, most of all {verdict.joint}"
-    )
-
-
-class Collect:
-    """The node. `done` is called after the last run that is wanted; `progress` after each, with their number."""
+class CollectNode(_JointStateNode):
+    """Records joint states. `progress` gets the number of complete runs, `done` is called after the last one wanted."""
 
     def __init__(
         self,
@@ -206,52 +221,60 @@ class Collect:
         progress: Callable[[int], object] = lambda runs: None,
         done: Callable[[], object] = lambda: None,
     ) -> None:
-        self.collector = collector
-        self._scheduler, self._field, self._report, self._progress, self._done = (
-            scheduler,
-            field,
-            report,
-            progress,
-            done,
-        )
-        self._said: set[str] = set()
-        self._last: list[float] = []
-        self.node = middleware.node("anomaly_collection", namespace)
-        self.topic = self.node.subscription(topic, TYPE, self._heard, SENSOR_DATA).topic
-        self._watch = Watch(scheduler, self.topic, report, lambda: f"run {collector.complete}")
+        self.collector, self._progress, self._done = collector, progress, done
+        super().__init__(
+            "anomaly_collection", middleware, scheduler,
+            topic=topic, field=field, namespace=namespace, report=report,
+        )  # fmt: skip
         self.node.subscription(START, EMPTY, lambda _: collector.begin())
         self.node.subscription(END, EMPTY, lambda _: self._count(collector.end))
 
-    def close(self) -> None:
-        """Leave."""
-        self._watch.close()
-        self.node.close()
+    def current_run(self) -> int:
+        """Give the number of the run that goes on."""
+        return self.collector.complete
 
-    def _heard(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         if self.collector.done:
             return
-        self._watch.heard()
-        try:
-            values = values_of(message, self.collector.joints, self._field)
-            self._last = refuse_dropout(values, self._last)
-        except Unusable as reason:
-            text = f"{self.topic}: a message is left out: {reason}"
-            if text not in self._said:
-                self._said.add(text)
-                self._report(text)
+        taken = self._point_of(message, self.collector.joints)
+        if taken is None:
             return
         names: Sequence[str] = message.name
-        if not self.collector.joints and len(names) == len(values):
+        if not self.collector.joints and len(names) == len(taken[1]):
             self.collector.joints = tuple(names)
         before = self.collector.late
-        self._count(lambda: self.collector.step(stamp_of(message) or self._scheduler.now / SECOND, values))
+        self._count(lambda: self.collector.step(*taken))
         if self.collector.late and not before:
-            self._report(f"{self.topic}: the arm is under way; it is recorded from its next pass of home on")
+            self._report(f"{self.topic}: the arm is moving; it is recorded from its next pass of home on")
 
-    def _count(self, what: Callable[[], object]) -> None:
+    def _count(self, change: Callable[[], object]) -> None:
+        """Change the collector, and report a run that is complete thereafter."""
         before = self.collector.complete
-        what()
+        change()
         if self.collector.complete > before:
             self._progress(self.collector.complete)
             if self.collector.done:
                 self._done()
+
+
+def alarm_message(point: Point) -> Any:
+    """Give the signal `anomaly` as a message."""
+    verdict = point.verdict
+    return messages.create(
+        TYPE,
+        {
+            "header": {"stamp": point.stamp, "frame_id": verdict.unit},
+            "name": [verdict.joint],
+            "position": [verdict.magnitude],
+            "effort": [point.score],
+        },
+    )
+
+
+def alarm_text(point: Point) -> str:
+    """Describe an alarm in one line."""
+    verdict = point.verdict
+    return (
+        f"run {point.run}: alarm at point {point.index} ({point.stamp:.3f} s), score {point.score:.4f}: "
+        f"{verdict.magnitude:.3g} {verdict.unit}, most of all {verdict.joint}"
+    )

@@ -27,7 +27,7 @@ _NAMES = ("name", "joint_names", "names")
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
-class Unusable(Exception):
+class UnusableMessage(Exception):
     """A message that lacks what a path names; its text says what was found."""
 
 
@@ -38,10 +38,10 @@ def has_stamp(type: str) -> bool:
 
 
 def reader(type: str, path: Path) -> Read:
-    """What gives the numbers at a path of a message, and the names of their channels if it has some.
+    """Give a function that reads the numbers at a path of a message, and the names of their channels if it has some.
 
-    A single number is a float, several are an array. It raises Unusable for a message that lacks a place of the path.
-    This raises MessageError if the type has no such path, or no number is there.
+    A single number is a float, several are an array. The function raises UnusableMessage for a message that lacks an
+    element of the path. Raises MessageError if the type has no such path, or no number is there.
     """
     return _read(typesystem.definition(type), path, ())
 
@@ -63,14 +63,14 @@ def _read(content: Definition, path: Path, done: tuple[Any, ...]) -> Read:
     if field.is_message:
         return _read_element(content, field, rest, place)
     if field.base == "string":
-        raise MessageError(f"{spell(place)} holds texts; expected numbers", type=content.name)
+        raise MessageError(f"{format_path(place)} holds texts; expected numbers", type=content.name)
     return _read_array(content, field, rest, place)
 
 
 def _read_element(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> Read:
     """One message of a list of messages."""
     if not rest or type(rest[0]) is not int:
-        text = f"{spell(place)} is a list of {field.base}; expected an index such as 0 after it"
+        text = f"{format_path(place)} is a list of {field.base}; expected an index such as 0 after it"
         raise MessageError(text, type=content.name)
     index = checked_index(content, field, rest[0], place)
     inner = _read(typesystem.definition(field.base), rest[1:], (*place, index))
@@ -78,7 +78,7 @@ def _read_element(content: Definition, field: Field, rest: Path, place: tuple[An
     def read(message: Any) -> Any:
         items = getattr(message, field.attribute)
         if len(items) <= index:
-            raise Unusable(f"{spell(place)} has {len(items)} entries, not {index + 1}")
+            raise UnusableMessage(f"{format_path(place)} has {len(items)} entries, not {index + 1}")
         return inner(items[index])
 
     return read
@@ -89,15 +89,15 @@ def _read_array(content: Definition, field: Field, rest: Path, place: tuple[Any,
     if not rest:
         return _read_whole(field, beside)
     if len(rest) > 1:
-        raise MessageError(f"{spell((*place, rest[0]))} is a number; nothing may follow", type=content.name)
+        raise MessageError(f"{format_path((*place, rest[0]))} is a number; nothing may follow", type=content.name)
     wanted = rest[0] if isinstance(rest[0], list) else [rest[0]]
     if not wanted or not all(type(item) in (int, str) for item in wanted):
-        raise MessageError(f"{spell(place)}: expected an index or a name, got {rest[0]!r}", type=content.name)
+        raise MessageError(f"{format_path(place)}: expected an index or a name, got {rest[0]!r}", type=content.name)
     for item in wanted:
         if isinstance(item, int):
             checked_index(content, field, item, place)
         elif beside is None:
-            text = f"{spell(place)} has no names to find {item!r} by; expected an index such as 0"
+            text = f"{format_path(place)} has no names to find {item!r} by; expected an index such as 0"
             raise MessageError(text, type=content.name)
     return _read_places(field, beside, wanted, place, single=not isinstance(rest[0], list))
 
@@ -115,7 +115,7 @@ def _read_whole(field: Field, beside: str | None) -> Read:
         if names != kept[0]:
             kept = (list(names), tuple(names))
         if not len(values):
-            raise Unusable(f"{field.name} is empty")
+            raise UnusableMessage(f"{field.name} is empty")
         return np.asarray(values, dtype=np.float64), kept[1] if len(names) == len(values) else ()
 
     return read
@@ -133,7 +133,7 @@ def _read_places(
     def find(names: Sequence[str]) -> list[int]:
         missing = [item for item in wanted if isinstance(item, str) and item not in names]
         if missing:
-            raise Unusable(f"{', '.join(missing)} is not among its names: {', '.join(names) or 'none'}")
+            raise UnusableMessage(f"{', '.join(missing)} is not among its names: {', '.join(names) or 'none'}")
         return [names.index(item) if isinstance(item, str) else item for item in wanted]
 
     def read(message: Any) -> Any:
@@ -144,7 +144,7 @@ def _read_places(
             places, kept = find(names), list(names)
         values = get(message)
         if len(values) <= max(places):
-            raise Unusable(f"{spell(place)} has {len(values)} values, not {max(places) + 1}")
+            raise UnusableMessage(f"{format_path(place)} has {len(values)} values, not {max(places) + 1}")
         return (float(values[places[0]]) if single else np.asarray(values, dtype=np.float64)[places]), told
 
     return read
@@ -163,21 +163,21 @@ def field_of(content: Definition, step: Any, done: tuple[Any, ...]) -> Field:
         if field.name == step:
             return field
     have = ", ".join(field.name for field in content.fields) or "none"
-    raise MessageError(f"there is no field {spell((*done, step))}; it has {have}", type=content.name)
+    raise MessageError(f"there is no field {format_path((*done, step))}; it has {have}", type=content.name)
 
 
 def _check_number(content: Definition, field: Field, rest: Path, place: tuple[Any, ...]) -> None:
     if field.base == "string":
-        raise MessageError(f"{spell(place)} is a text; expected a number", type=content.name)
+        raise MessageError(f"{format_path(place)} is a text; expected a number", type=content.name)
     if rest:
-        text = f"{spell(place)} is a {field.base}; nothing may follow, found {spell(rest)}"
+        text = f"{format_path(place)} is a {field.base}; nothing may follow, found {format_path(rest)}"
         raise MessageError(text, type=content.name)
 
 
 def checked_index(content: Definition, field: Field, index: int, place: tuple[Any, ...]) -> int:
     if index < 0 or (field.shape == "array" and index >= field.size) or (field.size and index >= field.size):
         right = f"0 to {field.size - 1}" if field.size else "0 on"
-        raise MessageError(f"{spell(place)}: expected an index from {right}, got {index}", type=content.name)
+        raise MessageError(f"{format_path(place)}: expected an index from {right}, got {index}", type=content.name)
     return index
 
 
@@ -185,5 +185,5 @@ def _then(get: Callable[[Any], Any], read: Read) -> Read:
     return lambda message: read(get(message))
 
 
-def spell(steps: Sequence[Any]) -> str:
+def format_path(steps: Sequence[Any]) -> str:
     return ".".join(map(str, steps))

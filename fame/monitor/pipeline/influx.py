@@ -24,7 +24,7 @@ BATCH = 5000
 """Lines sent at a time."""
 
 _BYTES = 1 << 20
-_PATIENCE = 5.0
+_TIMEOUT = 5.0
 
 
 class Influx:
@@ -45,8 +45,8 @@ class Influx:
         spool.parent.mkdir(parents=True, exist_ok=True)
         self._lines, self._done, self._refused = (spool.with_suffix(end) for end in (".lines", ".sent", ".refused"))
         self._spool = self._lines.open("ab", buffering=0)
-        _cut_torn(self._lines)
-        self.sent, self.rows, self._away, self._made = 0, 0, False, False
+        _truncate_partial_line(self._lines)
+        self.sent, self.rows, self._unreachable, self._database_exists = 0, 0, False, False
         self._pending: list[str] = []
         self._wake, self._ending = threading.Event(), False
         self._thread = threading.Thread(target=self._work, daemon=True)
@@ -69,12 +69,12 @@ class Influx:
                 data = data[self._spool.write(data) :]
             self._wake.set()
 
-    def close(self, patience: float = _PATIENCE) -> None:
+    def close(self, timeout: float = _TIMEOUT) -> None:
         """Send the rest for so long (s); what cannot be sent waits on disk, which is reported."""
         self.flush()
         self._ending = True
         self._wake.set()
-        self._thread.join(patience)
+        self._thread.join(timeout)
         self._spool.close()
         left = self._lines.stat().st_size - self._offset()
         if left:
@@ -114,38 +114,38 @@ class Influx:
     def _send(self, batch: bytes) -> bool:
         """Whether it is out of the way: stored, or refused for good."""
         try:
-            if not self._made:
-                self._ask(
+            if not self._database_exists:
+                self._post(
                     self._query_url, urllib.parse.urlencode({"q": f'CREATE DATABASE "{self._database}"'}).encode()
                 )
-                self._made = True
-            self._ask(self._write_url, batch)
+                self._database_exists = True
+            self._post(self._write_url, batch)
             self.sent += batch.count(b"\n")
         except urllib.error.HTTPError as error:
             if error.code >= 500:
-                return self._is_away(f"HTTP {error.code}")
+                return self._report_unreachable(f"HTTP {error.code}")
             with self._refused.open("ab") as stream:
                 stream.write(batch)
             self._report(f"the server refuses {batch.count(10)} lines (HTTP {error.code}); kept in {self._refused}")
         except (OSError, http.client.HTTPException) as error:
-            return self._is_away(str(getattr(error, "reason", error)) or type(error).__name__)
-        if self._away:
-            self._away = False
+            return self._report_unreachable(str(getattr(error, "reason", error)) or type(error).__name__)
+        if self._unreachable:
+            self._unreachable = False
             self._report("the server is there again; what waited on disk is sent")
         part = self._done.with_suffix(".part")
         part.write_text(str(self._offset() + len(batch)))
         part.replace(self._done)
         return True
 
-    def _is_away(self, reason: str) -> bool:
-        if not self._away:
-            self._away = True
+    def _report_unreachable(self, reason: str) -> bool:
+        if not self._unreachable:
+            self._unreachable = True
             self._report(f"the server cannot be reached ({reason}); rows wait on disk in {self._lines}")
         return False
 
-    def _ask(self, url: str, data: bytes) -> None:
+    def _post(self, url: str, data: bytes) -> None:
         request = urllib.request.Request(url, data=data, method="POST")
-        with urllib.request.urlopen(request, timeout=_PATIENCE) as answer:
+        with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
             answer.read()
 
 
@@ -157,7 +157,7 @@ def _is_host(parts: urllib.parse.SplitResult) -> bool:
         return False
 
 
-def _cut_torn(lines: Path) -> None:
+def _truncate_partial_line(lines: Path) -> None:
     """Cut off a last line without an end: whoever wrote it was killed, and another would be appended to it."""
     data = lines.read_bytes()
     os.truncate(lines, data.rfind(b"\n") + 1)

@@ -26,16 +26,16 @@ from fame.monitor.pipeline.offline import as_samples
 from fame.monitor.pipeline.parameters import ParameterServer
 from fame.monitor.pipeline.processor import Floats, Samples
 from fame.monitor.pipeline.processors import assign, make_processors, pair
-from fame.monitor.pipeline.subscriptions import Intake, check_types
+from fame.monitor.pipeline.subscriptions import Subscriptions, check_types
 from fame.monitor.pipeline.writing import Writer, writer
-from fame.monitor.silence import Reporter
+from fame.monitor.silence import ThrottledReport
 
-_LATEST = 2.0**31
+_LAST_SECOND = 2.0**31
 """Seconds of builtin_interfaces/msg/Time end here."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Outlet:
+class _Publication:
     """One topic."""
 
     ports: tuple[Port, ...]
@@ -43,60 +43,66 @@ class _Outlet:
     writer: Writer
 
 
-class Outlets:
+class Publications:
     """The publishers. `publish` sends what was computed, a message per sample and topic."""
 
-    def __init__(self, node: Node, ports: Sequence[Port], say: Reporter) -> None:
-        self._say, self.count = say, 0
-        self._outlets = []
+    def __init__(self, node: Node, ports: Sequence[Port], report: ThrottledReport) -> None:
+        self._report, self.count = report, 0
+        self._publications = []
         for topic in dict.fromkeys(port.topic for port in ports):
             of_it = tuple(port for port in ports if port.topic == topic)
             publisher = node.publisher(topic, of_it[0].type, of_it[0].qos)
-            self._outlets.append(_Outlet(of_it, publisher, writer(of_it[0].type, [port.path for port in of_it])))
+            self._publications.append(
+                _Publication(of_it, publisher, writer(of_it[0].type, [port.path for port in of_it]))
+            )
 
     def publish(self, computed: Mapping[str, Samples]) -> None:
         """Send, by name of the output. What does not fit, or is not finite, is reported and not sent."""
-        for outlet in self._outlets:
-            there = [computed[port.name] for port in outlet.ports if port.name in computed]
+        for publication in self._publications:
+            there = [computed[port.name] for port in publication.ports if port.name in computed]
             if not there:
                 continue
             lengths = {len(samples) for samples in there}
-            if len(there) < len(outlet.ports) or len(lengths) > 1:
-                text = f"{outlet.publisher.topic}: its outputs were not computed together; nothing is sent"
-                self._say(f"together {outlet.publisher.topic}", text)
+            if len(there) < len(publication.ports) or len(lengths) > 1:
+                text = f"{publication.publisher.topic}: its outputs were not computed together; nothing is sent"
+                self._report(f"together {publication.publisher.topic}", text)
                 continue
             try:
-                self._send(outlet, there)
+                self._send(publication, there)
             except FameError as error:
-                self._say(f"unfit {outlet.publisher.topic}", f"{outlet.publisher.topic}: not sent: {error}")
+                self._report(
+                    f"unfit {publication.publisher.topic}", f"{publication.publisher.topic}: not sent: {error}"
+                )
 
-    def _send(self, outlet: _Outlet, there: Sequence[Samples]) -> None:
+    def _send(self, publication: _Publication, there: Sequence[Samples]) -> None:
         names = next((item.names for item in there if item.names), ())
         told = tuple(name.rpartition(".")[2] for name in names)
-        finite = _finite([item.values for item in there], there[0].stamps)
+        finite = _finite_rows([item.values for item in there], there[0].stamps)
         if not finite.all():
-            self._say(f"finite {outlet.publisher.topic}", f"{outlet.publisher.topic}: not sent: it is not finite")
+            self._report(
+                f"finite {publication.publisher.topic}", f"{publication.publisher.topic}: not sent: it is not finite"
+            )
         rows = [np.ascontiguousarray(item.values[finite]) for item in there]  # as a middleware writes them
         stamps = there[0].stamps[finite].tolist()
-        plain = bool(stamps) and outlet.writer.is_plain(rows)
+        plain = bool(stamps) and publication.writer.is_plain(rows)
         for index, stamp in enumerate(stamps[:1] if plain else stamps):
-            first = outlet.writer.message([item[index] for item in rows], stamp, told)
-            outlet.publisher.publish(first)
-        for message in outlet.writer.alike(first, [item[1:] for item in rows], stamps[1:]) if plain else ():
-            outlet.publisher.publish(message)
+            first = publication.writer.message([item[index] for item in rows], stamp, told)
+            publication.publisher.publish(first)
+        for message in publication.writer.alike(first, [item[1:] for item in rows], stamps[1:]) if plain else ():
+            publication.publisher.publish(message)
         self.count += len(stamps)
 
 
-def _finite(arrays: Sequence[Any], stamps: Floats) -> Any:
+def _finite_rows(arrays: Sequence[Any], stamps: Floats) -> Any:
     """Which rows are finite in all of them, at a time that a message can tell."""
-    finite = np.isfinite(stamps) & (np.abs(stamps) < _LATEST)
+    finite = np.isfinite(stamps) & (np.abs(stamps) < _LAST_SECOND)
     for values in arrays:
         if values.dtype.kind == "f":
             finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     return finite
 
 
-_WATCH = SECOND
+_WATCH_PERIOD = SECOND
 
 
 class ProcessingNode:
@@ -116,21 +122,21 @@ class ProcessingNode:
         namespace: str = "",
         report: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self.configuration, self.scheduler, self._middleware = configuration, scheduler, middleware
+        self.configuration, self.scheduler = configuration, scheduler
         self.processors = list(processors) if processors is not None else make_processors(configuration)
         self._assigned = assign(self.processors, configuration)
-        self.say = Reporter(lambda text: report(f"{configuration.name}: {text}"))
+        self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
         for processor in self.processors:
             if hasattr(processor, "report"):
-                processor.report = partial(self._reported, type(processor).__name__)
+                processor.report = partial(self._on_processor_report, type(processor).__name__)
         ends = [[(resolve(port.topic, namespace), port.type) for port in ports]
                 for ports in (configuration.inputs, configuration.outputs)]  # fmt: skip
         check_types(middleware, *ends)
         self.node = middleware.node(configuration.name, namespace)
         try:
-            self._intake = Intake(self.node, scheduler, configuration.inputs, self.say)
-            self._outlets = Outlets(self.node, configuration.outputs, self.say)
-            self._parameters = ParameterServer(self.node, self.processors, self.say)
+            self._subscriptions = Subscriptions(middleware, self.node, scheduler, configuration.inputs, self.report)
+            self._publications = Publications(self.node, configuration.outputs, self.report)
+            self._parameters = ParameterServer(self.node, self.processors, self.report)
         except BaseException:
             self.node.close()
             raise
@@ -139,18 +145,19 @@ class ProcessingNode:
         self._due = scheduler.now + self._period
         self._entries: list[Entry] = [
             scheduler.at(self._due, self._call, Kind.TIMER),
-            scheduler.after(_WATCH, self._watch, Kind.TIMER),
+            scheduler.after(_WATCH_PERIOD, self._check_rates, Kind.TIMER),
         ]
 
     @property
     def published(self) -> int:
         """Messages."""
-        return self._outlets.count
+        return self._publications.count
 
     def close(self) -> None:
         """Leave."""
         for entry in self._entries:
             entry.cancel()
+        self._subscriptions.close()
         for processor in self.processors:
             close = getattr(processor, "close", None)
             if close is not None:
@@ -161,12 +168,12 @@ class ProcessingNode:
         """Set a parameter, as `fame param set` does. Raises ConfigError."""
         return self._parameters.set(name, value)
 
-    def _watch(self) -> None:
-        self._intake.watch(self._middleware)
-        self._entries[1] = self.scheduler.after(_WATCH, self._watch, Kind.TIMER)
+    def _check_rates(self) -> None:
+        self._subscriptions.check_rates()
+        self._entries[1] = self.scheduler.after(_WATCH_PERIOD, self._check_rates, Kind.TIMER)
 
-    def _reported(self, who: str, text: str) -> None:
-        self.say(_without_numbers(f"{who} {text}"), f"{who}: {text}")
+    def _on_processor_report(self, who: str, text: str) -> None:
+        self.report(_without_numbers(f"{who} {text}"), f"{who}: {text}")
 
     def _call(self) -> None:
         if not self.calls:  # other nodes of the process may have been made in between
@@ -175,10 +182,12 @@ class ProcessingNode:
         if late:
             self.missed += late
             share = 100 * self.missed / (self.calls + self.missed + 1)
-            self.say("slow", f"slower than its period of {self._period / 1e6:g} ms: {share:.3g} % of its calls missed")
+            self.report(
+                "slow", f"slower than its period of {self._period / 1e6:g} ms: {share:.3g} % of its calls missed"
+            )
         self._due += (late + 1) * self._period
         self.calls += 1
-        inputs = self._intake.take()
+        inputs = self._subscriptions.take()
         if not inputs or any(map(len, inputs.values())):
             self._execute(inputs)
         self._entries[0] = self.scheduler.at(self._due, self._call, Kind.TIMER)
@@ -195,17 +204,17 @@ class ProcessingNode:
             except Exception as error:
                 reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
                 text = f"{who} raised {' '.join(reason.split())}; nothing is sent"
-                self.say(_without_numbers(text), text)
+                self.report(_without_numbers(text), text)
                 return
             if not current:
                 return
         try:
-            self._outlets.publish(self._named(current))
+            self._publications.publish(self._by_output(current))
         except Exception as error:  # what a processor gives may be anything
             text = f"what {type(self.processors[-1]).__name__} gives cannot be sent: {type(error).__name__}: {error}"
-            self.say(_without_numbers(text), text)
+            self.report(_without_numbers(text), text)
 
-    def _named(self, computed: Mapping[str, Samples]) -> dict[str, Samples]:
+    def _by_output(self, computed: Mapping[str, Samples]) -> dict[str, Samples]:
         """What was computed, by name of the output."""
         assigned = self._assigned
         if assigned is None:
@@ -213,11 +222,11 @@ class ProcessingNode:
             try:
                 assigned = pair(tuple(computed), outputs, who)
             except ConfigError as error:
-                self.say(f"output {error}", str(error))
+                self.report(f"output {error}", str(error))
                 return {}
         return {assigned[name]: samples for name, samples in computed.items() if name in assigned}
 
 
 def _without_numbers(text: str) -> str:
-    """What counts as the same thing to say, though its numbers differ."""
+    """What counts as the same thing to report, though its numbers differ."""
     return re.sub(r"\d[\d.]*", "#", text)

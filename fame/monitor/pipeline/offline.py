@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from fame.monitor.pipeline.processor import Executes, Samples
+from fame.monitor.pipeline.processor import Samples, SupportsExecute
 
 
-def run(processors: Sequence[Executes], inputs: Mapping[str, Samples], frequency: float = 0.0) -> dict[str, Samples]:
+def run(
+    processors: Sequence[SupportsExecute], inputs: Mapping[str, Samples], frequency: float = 0.0
+) -> dict[str, Samples]:
     """What a chain of processors computes: the outputs of each are the inputs of the next.
 
     `frequency` (Hz) is that of the calls, as a node would make them; 0: one call with everything. A processor that
@@ -23,7 +25,7 @@ def run(processors: Sequence[Executes], inputs: Mapping[str, Samples], frequency
     return {name: _joined(parts) for name, parts in collected.items()}
 
 
-def step(processors: Sequence[Executes], inputs: Mapping[str, Samples]) -> dict[str, Samples]:
+def step(processors: Sequence[SupportsExecute], inputs: Mapping[str, Samples]) -> dict[str, Samples]:
     """One call of a chain. Bare values get the stamp of the latest sample that was given."""
     current = dict(inputs)
     for processor in processors:

@@ -16,8 +16,8 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Node
-from fame.monitor.pipeline.processor import Parameter, declared, set_value
-from fame.monitor.silence import Reporter
+from fame.monitor.pipeline.processor import Parameter, declared_parameters, set_value
+from fame.monitor.silence import ThrottledReport
 
 _SERVICES = {
     "ListParameters": "string[] prefixes\nuint64 depth\n---\nListParametersResult result",
@@ -60,7 +60,7 @@ def owners(processors: Sequence[Any]) -> dict[str, tuple[Any, Parameter]]:
     """Name of a parameter -> whose it is."""
     known: dict[str, tuple[Any, Parameter]] = {}
     for number, processor in enumerate(processors):
-        for parameter in declared(processor):
+        for parameter in declared_parameters(processor):
             name = parameter.name if parameter.name not in known else f"{number + 1}.{parameter.name}"
             known[name] = (processor, parameter)
     return known
@@ -69,8 +69,8 @@ def owners(processors: Sequence[Any]) -> dict[str, tuple[Any, Parameter]]:
 class ParameterServer:
     """Offers the parameters of some processors on a node."""
 
-    def __init__(self, node: Node, processors: Sequence[Any], say: Reporter) -> None:
-        self.owners, self._say = owners(processors), say
+    def __init__(self, node: Node, processors: Sequence[Any], report: ThrottledReport) -> None:
+        self.owners, self._report = owners(processors), report
         if hasattr(node, "ros"):
             self._declare(node)
             return
@@ -90,7 +90,7 @@ class ParameterServer:
             raise ConfigError(f"there is no such parameter; there are {', '.join(self.owners) or 'none'}", element=name)
         processor, parameter = self.owners[name]
         kept = set_value(processor, parameter.name, value)
-        self._say(f"set {name} {kept}", f"{name} is {_shown(kept)} now")
+        self._report(f"set {name} {kept}", f"{name} is {_shown(kept)} now")
         return kept
 
     def _value(self, name: str) -> dict[str, Any]:
@@ -167,7 +167,7 @@ class ParameterServer:
         """Set one that somebody set in ROS; what its processor refuses is said."""
         told = self._try(name, value)
         if not told["successful"]:
-            self._say(f"refused {name}", f"{name} stays as it is: {told['reason']}")
+            self._report(f"refused {name}", f"{name} stays as it is: {told['reason']}")
 
     def _changed(self, parameters: Any) -> Iterator[tuple[str, Any]]:
         """Names and values of those that are ours and new."""
@@ -188,21 +188,21 @@ class ParameterServer:
 class ParameterClient:
     """Asks a node for its parameters, and waits for the answers on the scheduler."""
 
-    def __init__(self, node: Node, scheduler: Scheduler, other: str, patience: float = 3.0) -> None:
+    def __init__(self, node: Node, scheduler: Scheduler, other: str, timeout: float = 3.0) -> None:
         """`other` is the full name of the node: ``/low_pass``."""
-        self._node, self._scheduler, self.other, self._patience = node, scheduler, other.rstrip("/"), patience
+        self._node, self._scheduler, self.other, self._timeout = node, scheduler, other.rstrip("/"), timeout
 
     def names(self) -> list[str]:
         """Raises MissionError if the node does not answer."""
-        return list(self._ask("ListParameters", {}).result.names)
+        return list(self._call("ListParameters", {}).result.names)
 
     def get(self, names: Sequence[str]) -> list[Any]:
         """Values; None for a parameter that the node does not have."""
-        return [from_value(value) for value in self._ask("GetParameters", {"names": list(names)}).values]
+        return [from_value(value) for value in self._call("GetParameters", {"names": list(names)}).values]
 
     def describe(self, names: Sequence[str]) -> list[Any]:
         """Messages of rcl_interfaces/msg/ParameterDescriptor."""
-        return list(self._ask("DescribeParameters", {"names": list(names)}).descriptors)
+        return list(self._call("DescribeParameters", {"names": list(names)}).descriptors)
 
     def set(self, name: str, value: Any) -> None:
         """Raises ConfigError if the node refuses, with its reason."""
@@ -213,14 +213,14 @@ class ParameterClient:
             value = [value]
         kind = type_of(value)
         field = {"name": name, "value": {"type": _FIELDS[kind][0], _FIELDS[kind][1]: value}}
-        (result,) = self._ask("SetParameters", {"parameters": [field]}).results
+        (result,) = self._call("SetParameters", {"parameters": [field]}).results
         if not result.successful:
             raise ConfigError(result.reason or f"{name} was refused", file=self.other)
 
-    def _ask(self, kind: str, request: dict[str, Any]) -> Any:
+    def _call(self, kind: str, request: dict[str, Any]) -> Any:
         client = self._node.client(f"{self.other}/{_snake(kind)}", service_type(kind))
         answers: list[Any] = []
-        end = self._scheduler.now + round(self._patience * SECOND)
+        end = self._scheduler.now + round(self._timeout * SECOND)
         while not client.available and self._scheduler.now < end:
             self._scheduler.run(self._scheduler.now + SECOND // 20)
         if client.available:

@@ -22,11 +22,11 @@ from urllib.parse import parse_qs, urlsplit
 from fame.errors import ConfigError
 from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples
 
-_RETRY = 50  # calls between two attempts to reach a machine that is away
-_MOST = 1 << 16  # bytes of a line, at most
+_RETRY_CALLS = 50  # calls between two attempts to reach a machine that is away
+_MAX_LINE = 1 << 16  # bytes of a line, at most
 
 
-class Source(Protocol):
+class Connection(Protocol):
     """What gives lines."""
 
     def read(self) -> bytes:
@@ -49,31 +49,31 @@ class Machine(Processor):
         super().__init__(**values)
         self.source = source if isinstance(source, str) else getattr(source, "__name__", "callable")
         self.outputs = self.fields  # type: ignore[misc]
-        self._ask = source if callable(source) else _callable(source, Path(folder))
-        self._open = None if self._ask is not None else _opener(self.source)
-        self._line: Source | None = None
+        self._poll = source if callable(source) else _callable(source, Path(folder))
+        self._open = None if self._poll is not None else _opener(self.source)
+        self._connection: Connection | None = None
         self._rest, self._wait = b"", 0
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        said = self._ask() if self._ask is not None else self._last_line()
-        return None if said is None else self._fitting(said)
+        answer = self._poll() if self._poll is not None else self._last_line()
+        return None if answer is None else self._by_name(answer)
 
     def close(self) -> None:
         """Let go of the line."""
-        if self._line is not None:
-            self._line.close()
-            self._line = None
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
 
-    def _fitting(self, said: Any) -> Result:
+    def _by_name(self, answer: Any) -> Result:
         """The values by name. What lacks one, or holds what is no number, is reported and left out."""
-        given = said if isinstance(said, Mapping) else None
+        given = answer if isinstance(answer, Mapping) else None
         if given is None:
-            items = list(said) if isinstance(said, Sequence) or hasattr(said, "__len__") else [said]
+            items = list(answer) if isinstance(answer, Sequence) or hasattr(answer, "__len__") else [answer]
             given = dict(zip(self.fields, items, strict=False))
         try:
             return {name: float(given[name]) for name in self.fields}
         except (KeyError, TypeError, ValueError) as error:
-            self.report(f"{self.source}: left out: {str(said)[:60]!r} ({type(error).__name__}: {error})")
+            self.report(f"{self.source}: left out: {str(answer)[:60]!r} ({type(error).__name__}: {error})")
             return None
 
     def _last_line(self) -> Any:
@@ -83,15 +83,15 @@ class Machine(Processor):
             self._wait -= 1
             return None
         try:
-            self._line = self._line or self._open()
-            data = self._rest + self._line.read()
+            self._connection = self._connection or self._open()
+            data = self._rest + self._connection.read()
         except OSError as error:
             self.close()
-            self._rest, self._wait = b"", _RETRY
+            self._rest, self._wait = b"", _RETRY_CALLS
             self.report(f"{self.source}: away: {error.strerror or error}")
             return None
         whole, _, self._rest = data.rpartition(b"\n")
-        self._rest = self._rest[-_MOST:]
+        self._rest = self._rest[-_MAX_LINE:]
         lines = [line.strip() for line in whole.splitlines() if line.strip()]
         return parse_line(lines[-1].decode("utf-8", "replace")) if lines else None
 
@@ -104,7 +104,7 @@ def parse_line(text: str) -> list[str] | dict[str, str]:
     return tokens
 
 
-class _Tcp:
+class _TcpConnection:
     """A connection that is being made, or stands."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -130,7 +130,7 @@ class _Tcp:
         self._socket.close()
 
 
-class _Serial:
+class _SerialConnection:
     """A terminal in raw mode."""
 
     def __init__(self, path: str, baud: int) -> None:
@@ -182,7 +182,7 @@ def _callable(source: str, folder: Path) -> Callable[[], Any] | None:
     return made
 
 
-def _opener(source: str) -> Callable[[], Source]:
+def _opener(source: str) -> Callable[[], Connection]:
     """What opens an address. Raises ConfigError."""
     import termios
 
@@ -190,11 +190,11 @@ def _opener(source: str) -> Callable[[], Source]:
         parts = urlsplit(source)
         if parts.scheme == "tcp" and parts.hostname and parts.port:
             host, port = parts.hostname, parts.port
-            return lambda: _Tcp(host, port)
+            return lambda: _TcpConnection(host, port)
         baud = int(parse_qs(parts.query).get("baud", ["115200"])[0])
         if parts.scheme == "serial" and parts.path and hasattr(termios, f"B{baud}"):
             path = parts.path
-            return lambda: _Serial(path, baud)
+            return lambda: _SerialConnection(path, baud)
     except ValueError:
         pass
     text = f"expected tcp://host:port, serial:///dev/ttyUSB0?baud=115200 or module:function, got {source!r}"

@@ -67,7 +67,7 @@ Result: TypeAlias = Mapping[str, Any] | None
 """Per output a value, which is published once, or `Samples`, which are published one by one; None: nothing."""
 
 
-class Executes(Protocol):
+class SupportsExecute(Protocol):
     """What every processor is."""
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
@@ -144,7 +144,7 @@ _TYPES: dict[str, type] = {"float": float, "int": int, "bool": bool, "str": str,
 
 
 class Processor:
-    """A convenient base of what `Executes`: takes its parameters by keyword and keeps each as an attribute.
+    """A convenient base of what `SupportsExecute`: takes its parameters by keyword and keeps each as an attribute.
 
     Raises ConfigError.
     """
@@ -159,7 +159,7 @@ class Processor:
             setattr(self, parameter.name, given.get(parameter.name, parameter.convert(parameter.default)))
 
 
-def declared(processor: Any) -> Sequence[Parameter]:
+def declared_parameters(processor: Any) -> Sequence[Parameter]:
     """The parameters of any processor."""
     return tuple(getattr(processor, "parameters", ()))
 
@@ -175,14 +175,14 @@ def set_value(processor: Any, name: str, value: Any) -> Any:
 
 
 def _declared(processor: Any, name: str) -> Parameter:
-    known = {parameter.name: parameter for parameter in declared(processor)}
+    known = {parameter.name: parameter for parameter in declared_parameters(processor)}
     if name not in known:
         text = f"{type(processor).__name__} has no such parameter; it has {', '.join(known) or 'none'}"
         raise ConfigError(text, element=name)
     return known[name]
 
 
-def computed(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...] | None:
+def output_names(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...] | None:
     """The names of what a processor computes from these inputs; None if it does not say."""
     outputs = getattr(processor, "outputs", None)
     return tuple(outputs) if outputs else None if outputs is None or inputs is None else tuple(inputs)

@@ -16,7 +16,7 @@ from fame.monitor.pipeline.configuration import Configuration, Port, Stage
 from fame.monitor.pipeline.estimators import Autoencoder, Estimator
 from fame.monitor.pipeline.filters import LowPass, Resample, Scale
 from fame.monitor.pipeline.polled_source import Machine
-from fame.monitor.pipeline.processor import computed, declared
+from fame.monitor.pipeline.processor import declared_parameters, output_names
 from fame.monitor.pipeline.threshold import Expression, Threshold
 from fame.monitor.pipeline.windows import RMS, MovingStatistics, Spectrum, Window
 
@@ -78,7 +78,7 @@ def assign(processors: Sequence[Any], configuration: Configuration) -> dict[str,
     """
     names: tuple[str, ...] | None = tuple(port.name for port in configuration.inputs)
     for processor in processors:
-        names = computed(processor, names)
+        names = output_names(processor, names)
     if names is None:
         return None
     in_order = not getattr(processors[-1], "outputs", ())
@@ -141,7 +141,7 @@ def _make(stage: Stage, configuration: Configuration) -> Any:
 
 def _arguments(kind: type, given: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Give the arguments for a class; files are relative to the folder. Raises ConfigError for an unknown one."""
-    types = {parameter.name: parameter.type for parameter in declared(kind)}
+    types = {parameter.name: parameter.type for parameter in declared_parameters(kind)}
     taken = inspect.signature(kind).parameters.values()
     names = {each.name for each in taken if each.kind is not inspect.Parameter.VAR_KEYWORD} | types.keys()
     for name in given:

@@ -12,12 +12,12 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, resolve
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.bags import Bag
+from fame.monitor.bags import BagWriter
 from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.influx import Influx
 from fame.monitor.pipeline.rows import CsvFile, Row
-from fame.monitor.pipeline.subscriptions import Intake, check_types
-from fame.monitor.silence import Reporter
+from fame.monitor.pipeline.subscriptions import Subscriptions, check_types
+from fame.monitor.silence import ThrottledReport
 
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
@@ -56,24 +56,24 @@ class RecordingNode:
     ) -> None:
         if not configuration.inputs:
             raise ConfigError("has no Inputs to record", file=str(configuration.file), element="Inputs")
-        self._scheduler, self._middleware = scheduler, middleware
+        self._scheduler = scheduler
         self.rows, self.run, self._begun = 0, 0, False
-        self.say = Reporter(lambda text: report(f"{configuration.name}: {text}"))
+        self.report = ThrottledReport(lambda text: report(f"{configuration.name}: {text}"))
         ports = configuration.inputs
         topics = [resolve(port.topic, namespace) for port in ports]
         check_types(middleware, list(zip(topics, (port.type for port in ports), strict=True)), [])
         self.node = middleware.node(f"{configuration.name}_recorder", namespace)
         self._sinks: list[Sink] = []
-        self._bags: list[Bag] = []
+        self._bags: list[BagWriter] = []
         try:
             self._open(configuration, outputs, topics, append)
-            self.intake = Intake(self.node, scheduler, ports, self.say, self._arrived)
+            self.subscriptions = Subscriptions(middleware, self.node, scheduler, ports, self.report, self._on_sample)
             for topic, port in dict(zip(topics, ports, strict=True)).items() if self._bags else ():
                 self.node.subscription(topic, port.type, partial(self._message, topic), port.qos)
             if run_topic:
                 self.node.subscription(run_topic, EMPTY, lambda message: self.begin())
         except BaseException:
-            self._leave()
+            self._close_all()
             raise
         self._entry: Entry = scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
         self._watched = scheduler.now
@@ -99,9 +99,10 @@ class RecordingNode:
     def close(self) -> None:
         """Write the rest, and leave."""
         self._entry.cancel()
-        self._leave()
+        self.subscriptions.close()
+        self._close_all()
 
-    def _leave(self) -> None:
+    def _close_all(self) -> None:
         self.node.close()
         for sink in self._sinks:
             sink.close()
@@ -118,11 +119,11 @@ class RecordingNode:
                     r"\W+", "_", str(output).partition("://")[2]
                 )  # what waits for one must not go to another
                 spool = configuration.folder / f".{configuration.name}_influx_{place}"
-                self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.say, "influx")))
+                self._sinks.append(Influx(str(output), spool, configuration.name, partial(self.report, "influx")))
             elif path.suffix == ".csv":
-                self._sinks.append(CsvFile(path, configuration.inputs, self.say, self._now, append=append))
+                self._sinks.append(CsvFile(path, configuration.inputs, self.report, self._now, append=append))
             elif path.suffix in ("", ".mcap"):
-                self._bags.append(Bag(path, configuration.inputs, topics))
+                self._bags.append(BagWriter(path, configuration.inputs, topics))
             else:
                 text = f"expected .csv, .mcap, no ending (a bag) or http://, got {path.suffix!r}"
                 raise ConfigError(text, file=str(output))
@@ -130,7 +131,7 @@ class RecordingNode:
     def _now(self) -> float:
         return self._scheduler.now / SECOND
 
-    def _arrived(self, ports: Sequence[Port], stamp: float, values: Sequence[Any], names: Any) -> None:
+    def _on_sample(self, ports: Sequence[Port], stamp: float, values: Sequence[Any], names: Any) -> None:
         row = Row(stamp, self.run, ports, values, tuple(names))
         self.rows += 1
         self._begun = True
@@ -146,7 +147,7 @@ class RecordingNode:
             sink.flush()
         if self._scheduler.now - self._watched >= SECOND:
             self._watched = self._scheduler.now
-            self.intake.watch(self._middleware)
+            self.subscriptions.check_rates()
         self._entry = self._scheduler.after(round(FLUSH * SECOND), self._flush, Kind.TIMER)
 
 
@@ -176,7 +177,7 @@ def record_bag(
         LocalMiddleware(scheduler), scheduler, configuration, outputs,
         namespace=namespace, append=append, run_topic="", report=report,
     )  # fmt: skip
-    heard = {source.topic: partial(node.intake.heard, source) for source in node.intake.sources}
+    handlers = {each.topic: partial(node.subscriptions.on_message, each) for each in node.subscriptions.streams}
     begins = resolve(run_topic, namespace) if run_topic else None
     try:
         for time, topic, message in (first, *messages) if first is not None else ():
@@ -184,7 +185,7 @@ def record_bag(
             if topic == begins:
                 node.begin()
             else:
-                heard[topic](message)
+                handlers[topic](message)
     finally:
         node.close()
     return node

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from fame.errors import ConfigError
 from fame.monitor.pipeline.configuration import Port
-from fame.monitor.silence import Reporter
+from fame.monitor.silence import ThrottledReport
 from fame.monitor.tables import RUN, STAMP
 
 PATIENCE = 10.0
@@ -67,16 +67,22 @@ class CsvFile:
     of two topics may be of two clocks."""
 
     def __init__(
-        self, path: Path, ports: Sequence[Port], say: Reporter, now: Callable[[], float], *, append: bool = False
+        self,
+        path: Path,
+        ports: Sequence[Port],
+        report: ThrottledReport,
+        now: Callable[[], float],
+        *,
+        append: bool = False,
     ) -> None:
-        self.path, self.rows, self._say, self._now, self._since = path, 0, say, now, 0.0
+        self.path, self.rows, self._report, self._now, self._since = path, 0, report, now, 0.0
         self._topics = list(dict.fromkeys(port.topic for port in ports))
         self._waiting: list[Row] | None = []
         self._places: dict[str, tuple[list[str], str]] = {}  # topic -> its columns, and the format of a line
         self._lines: list[str] = []
         self.first_run, self._header = 0, ""
         if append and path.exists():
-            self._header, self.first_run = _mend(path)
+            self._header, self.first_run = _recover(path)
         elif path.exists():
             raise ConfigError("exists already; --append goes on with it", file=str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -118,7 +124,7 @@ class CsvFile:
         of_topics = {topic: first[topic] for topic in self._topics if topic in first}
         for topic in self._topics:
             if topic not in of_topics:
-                self._say(f"silent column {topic}", f"{topic}: silent for {PATIENCE:g} s; it has no columns")
+                self._report(f"silent column {topic}", f"{topic}: silent for {PATIENCE:g} s; it has no columns")
         header = _header(name for names in of_topics.values() for name in names)
         if self._header and self._header != header:
             text = f"has the columns {self._header.strip()}; now there are {header.strip()}"
@@ -139,7 +145,7 @@ class CsvFile:
         names, line = self._places.get(topic, ([], ""))
         cells = cells_of(row)
         if len(cells) != len(names):
-            self._say(f"columns {topic}", f"{topic}: left out: {len(cells)} values for {len(names)} columns")
+            self._report(f"columns {topic}", f"{topic}: left out: {len(cells)} values for {len(names)} columns")
             return
         self._lines.append(line % (row.stamp, row.run + self.first_run, *cells))
         self.rows += 1
@@ -152,7 +158,7 @@ def _header(columns: Iterable[str]) -> str:
     return line.getvalue()
 
 
-def _mend(path: Path) -> tuple[str, int]:
+def _recover(path: Path) -> tuple[str, int]:
     """The header and the number of the next run of a file to go on with; a torn last line is cut off."""
     data, begins = path.read_bytes(), f"{STAMP},{RUN},".encode()
     if data[: len(begins)] != begins[: len(data)]:

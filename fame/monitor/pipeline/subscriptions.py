@@ -1,15 +1,14 @@
-"""What arrives: subscriptions made from a configuration, and the samples that can be used.
+"""Subscriptions of a node, made from its configuration, and the samples that arrive.
 
-Each topic is subscribed once. A message gives one sample to every input of its topic, or to none: if any of them cannot
-be read, is not finite, or the stamp is not later than the last, the whole message is left out, and the reason is
-reported. So the inputs of one topic always have the same stamps. The stamp is that of the header, else the time of
+Each topic is subscribed once. A message gives one sample to every input of its topic, or to none: if any input cannot
+be read or is not finite, or the stamp is not later than the last one, the whole message is left out, and the reason is
+reported. So the inputs of one topic always have the same stamps. The stamp is that of the header, otherwise the time of
 arrival (s, of the scheduler).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from typing import Any
@@ -20,132 +19,131 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import Middleware, Node
 from fame.monitor.pipeline.configuration import Port
-from fame.monitor.pipeline.fields import Read, Unusable, has_stamp, reader
+from fame.monitor.pipeline.fields import Read, UnusableMessage, has_stamp, reader
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.silence import Reporter
+from fame.monitor.silence import SilenceWatch, ThrottledReport
 
 SILENCE = 2.0
-"""A topic without a message for so long (s) is silent."""
+"""A topic without a message for this time (s) is silent."""
 
 LATE = 1.0
-"""A message is late if it took so much longer (s) than the quickest."""
+"""A message is late if it took this much longer (s) than the quickest one."""
 
 DEVIATION = 0.2
-"""How far the rate may be from that expected, as a part of it."""
+"""Relative deviation of the rate from the expected one that is tolerated."""
 
-_MOST = 200_000  # samples that wait, at most
-_ENOUGH = 50  # samples from which a rate is told
-
-
-@dataclass(slots=True)
-class _Source:
-    """One topic."""
-
-    ports: list[Port]
-    reads: list[Read]
-    stamped: bool
-    topic: str = ""
-    stamps: list[float] = field(default_factory=list)
-    values: list[list[Any]] = field(default_factory=list)
-    names: list[tuple[str, ...]] = field(default_factory=list)
-    shapes: list[tuple[int, ...] | None] = field(default_factory=list)
-    last: float = -np.inf
-    arrived: float | None = None
-    quickest: float = np.inf
-    begin: float = -np.inf
-    count: int = 0
-    counted: int = 0
-    told: list[Any] = field(default_factory=list)
+_MAX_WAITING = 200_000  # samples that wait to be processed
+_MIN_SAMPLES = 50  # samples that a rate is computed from
 
 
-class Intake:
-    """The subscriptions. `take` gives what has arrived since the last time."""
+class _Stream:
+    """The inputs of one topic, and what has arrived of them."""
+
+    def __init__(self, ports: list[Port]) -> None:
+        self.ports = ports
+        self.reads: list[Read] = [reader(port.type, port.path) for port in ports]
+        self.stamped = has_stamp(ports[0].type)
+        self.topic = ""
+        self.silence: SilenceWatch
+        self.stamps: list[float] = []
+        self.values: list[list[Any]] = [[] for _ in ports]
+        self.names: list[tuple[str, ...]] = [() for _ in ports]  # of the channels
+        self.message_names: list[Any] = [None for _ in ports]  # as the last message gave them
+        self.shapes: list[tuple[int, ...] | None] = [None for _ in ports]
+        self.last, self.begin, self.quickest = -np.inf, -np.inf, np.inf
+        self.count = self.counted = 0
+
+
+class Subscriptions:
+    """The subscriptions of a node. `take` gives what has arrived since its last call."""
 
     def __init__(
         self,
+        middleware: Middleware,
         node: Node,
         scheduler: Scheduler,
         ports: Sequence[Port],
-        say: Reporter,
-        arrived: Callable[[Sequence[Port], float, Sequence[Any], Sequence[tuple[str, ...]]], object] | None = None,
+        report: ThrottledReport,
+        on_sample: Callable[[Sequence[Port], float, Sequence[Any], Sequence[tuple[str, ...]]], object] | None = None,
     ) -> None:
-        """`arrived`, if given, gets every sample at once, and nothing is kept for `take`."""
-        self._scheduler, self._say, self._arrived = scheduler, say, arrived
-        self._made = scheduler.now / SECOND
-        self.sources: list[_Source] = []
+        """Subscribe. `on_sample`, if given, gets every sample at once, and nothing is kept for `take`."""
+        self._scheduler, self._report, self._on_sample = scheduler, report, on_sample
+        self.streams: list[_Stream] = []
         for topic in dict.fromkeys(port.topic for port in ports):
-            of_it = [port for port in ports if port.topic == topic]
-            source = _Source(of_it, [reader(port.type, port.path) for port in of_it], has_stamp(of_it[0].type))
-            source.values, source.names = [[] for _ in of_it], [() for _ in of_it]
-            source.shapes, source.told = [None for _ in of_it], [None for _ in of_it]
-            heard = partial(self.heard, source)
-            source.topic = node.subscription(topic, of_it[0].type, heard, of_it[0].qos).topic
-            self.sources.append(source)
+            stream = _Stream([port for port in ports if port.topic == topic])
+            type = stream.ports[0].type
+            handler = partial(self.on_message, stream)
+            stream.topic = node.subscription(topic, type, handler, stream.ports[0].qos).topic
+            reason = partial(_silence_reason, middleware, stream.topic, type)
+            stream.silence = SilenceWatch(scheduler, stream.topic, SILENCE, report.always, reason)
+            self.streams.append(stream)
 
     def take(self) -> dict[str, Samples]:
-        """Per input, by name, what arrived since the last call; none of an input is an array without rows."""
+        """Give the samples that arrived since the last call, by name of the input; arrays may have no rows."""
         taken = {}
-        for source in self.sources:
-            stamps, source.stamps = np.array(source.stamps), []
-            for number, port in enumerate(source.ports):
-                shape = source.shapes[number] or ()
-                values = np.array(source.values[number], dtype=np.float64).reshape(len(stamps), *shape)
-                source.values[number] = []
-                taken[port.name] = Samples(values, stamps, source.names[number])
+        for stream in self.streams:
+            stamps, stream.stamps = np.array(stream.stamps), []
+            for number, port in enumerate(stream.ports):
+                shape = stream.shapes[number] or ()
+                values = np.array(stream.values[number], dtype=np.float64).reshape(len(stamps), *shape)
+                stream.values[number] = []
+                taken[port.name] = Samples(values, stamps, stream.names[number])
         return taken
 
-    def watch(self, middleware: Middleware) -> None:
-        """Report topics that are silent, and why if it can be told, and rates. To be called every second."""
-        now = self._scheduler.now / SECOND
-        for source in self.sources:
-            self._rate(source)
-            since = self._made if source.arrived is None else source.arrived
-            if now - since > SILENCE and "silent " + source.topic not in self._say.counts:
-                reason = "" if source.arrived is not None else _why(middleware, source)
-                self._say("silent " + source.topic, f"{source.topic}: nothing for {SILENCE:g} s{reason}")
+    def check_rates(self) -> None:
+        """Report rates that differ from the expected ones. To be called about once a second."""
+        for stream in self.streams:
+            self._check_rate(stream)
 
-    def heard(self, source: _Source, message: Any) -> None:
-        """A message came."""
-        now = self._scheduler.now / SECOND
-        topic, source.arrived = source.topic, now
-        if self._say.counts:
-            self._say.over("silent " + topic, f"{topic} goes on")
+    def close(self) -> None:
+        """Stop watching for silent topics. The subscriptions end with their node."""
+        for stream in self.streams:
+            stream.silence.close()
+
+    def on_message(self, stream: _Stream, message: Any) -> None:
+        """Take a message of a stream."""
+        now, topic = self._scheduler.now / SECOND, stream.topic
+        stream.silence.on_message()
         stamp = now
-        if source.stamped:
+        if stream.stamped:
             time = message.header.stamp
             stamp = (time.sec + time.nanosec * 1e-9) or now
-        if not stamp > source.last:
-            what = "a second sample" if stamp == source.last else f"a sample {source.last - stamp:.3g} s older"
-            self._say(f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {source.last:.3f} s")
+        if not stamp > stream.last:
+            what = "a second sample" if stamp == stream.last else f"a sample {stream.last - stamp:.3g} s older"
+            self._report(
+                f"order {topic}", f"{topic}: left out: {what} of stamp {stamp:.3f} s after {stream.last:.3f} s"
+            )
             return
         try:
-            values = self._read(source, message)
-        except Unusable as reason:
-            self._say(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
+            values = self._read(stream, message)
+        except UnusableMessage as reason:
+            self._report(f"unusable {topic} {reason}", f"{topic}: a message is left out: {reason}")
             return
-        source.last = stamp
-        source.count += 1
+        stream.last = stamp
+        stream.count += 1
         delay = now - stamp
-        if delay < source.quickest:
-            source.quickest = delay
-        elif delay - source.quickest > LATE:
-            text = f"{topic}: late: a message took {delay - source.quickest:.3g} s longer than others"
-            self._say(f"late {topic}", text)
-        if self._arrived is not None:
-            self._arrived(source.ports, stamp, values, source.names)
+        if delay < stream.quickest:
+            stream.quickest = delay
+        elif delay - stream.quickest > LATE:
+            text = f"{topic}: late: a message took {delay - stream.quickest:.3g} s longer than others"
+            self._report(f"late {topic}", text)
+        if self._on_sample is not None:
+            self._on_sample(stream.ports, stamp, values, stream.names)
             return
-        source.stamps.append(stamp)
-        for kept, value in zip(source.values, values, strict=True):
+        stream.stamps.append(stamp)
+        for kept, value in zip(stream.values, values, strict=True):
             kept.append(value)
-        if len(source.stamps) > _MOST:
-            self._say(f"many {topic}", f"{topic}: {_MOST} samples wait to be processed; the oldest are left out")
-            for kept in (source.stamps, *source.values):
-                del kept[: _MOST // 2]
+        if len(stream.stamps) > _MAX_WAITING:
+            self._report(
+                f"many {topic}", f"{topic}: {_MAX_WAITING} samples wait to be processed; the oldest are left out"
+            )
+            for kept in (stream.stamps, *stream.values):
+                del kept[: _MAX_WAITING // 2]
 
-    def _read(self, source: _Source, message: Any) -> list[Any]:
-        """The value of each input. Raises Unusable."""
+    def _read(self, stream: _Stream, message: Any) -> list[Any]:
+        """Give the value of each input. Raises UnusableMessage."""
         values = []
-        for number, read in enumerate(source.reads):
+        for number, read in enumerate(stream.reads):
             value, names = read(message)
             if value.__class__ is float:
                 shape, finite = (), value - value == 0
@@ -153,57 +151,57 @@ class Intake:
                 shape = value.shape
                 finite = isfinite(value.ravel().dot(value.ravel())) or np.isfinite(value).all()  # the first is quicker
             if not finite:
-                raise Unusable(f"{source.ports[number].name} is not finite")
-            if shape != source.shapes[number]:
-                self._shape(source, number, shape)
-            if names is not source.told[number]:
-                port = source.ports[number].name
-                source.told[number] = names
-                source.names[number] = tuple(f"{port}.{name}" for name in names) or ((port,) if shape == () else ())
+                raise UnusableMessage(f"{stream.ports[number].name} is not finite")
+            if shape != stream.shapes[number]:
+                self._shape(stream, number, shape)
+            if names is not stream.message_names[number]:
+                port = stream.ports[number].name
+                stream.message_names[number] = names
+                stream.names[number] = tuple(f"{port}.{name}" for name in names) or ((port,) if shape == () else ())
             values.append(value)
         return values
 
-    def _shape(self, source: _Source, number: int, shape: tuple[int, ...]) -> None:
-        """The first value of an input, or one of another shape than before. Raises Unusable."""
-        before, name = source.shapes[number], source.ports[number].name
+    def _shape(self, stream: _Stream, number: int, shape: tuple[int, ...]) -> None:
+        """Take the shape of the first value of an input, or a new one. Raises UnusableMessage."""
+        before, name = stream.shapes[number], stream.ports[number].name
         if before is not None:
-            if source.stamps or self._arrived is not None:
-                raise Unusable(f"{name} has {shape} values, before it had {before}")
-            self._say(f"shape {name}", f"{name}: {shape} values from now on")
-        source.shapes[number] = shape
+            if stream.stamps or self._on_sample is not None:
+                raise UnusableMessage(f"{name} has {shape} values, before it had {before}")
+            self._report(f"shape {name}", f"{name}: {shape} values from now on")
+        stream.shapes[number] = shape
 
-    def _rate(self, source: _Source) -> None:
-        """Report a rate that is not what is expected."""
-        topic, expected = source.topic, source.ports[0].rate
-        count, span = source.count - source.counted, source.last - source.begin
-        if not expected or count < _ENOUGH or not span >= 1 / DEVIATION / expected:
+    def _check_rate(self, stream: _Stream) -> None:
+        """Report a rate that differs from the expected one."""
+        topic, expected = stream.topic, stream.ports[0].rate
+        count, span = stream.count - stream.counted, stream.last - stream.begin
+        if not expected or count < _MIN_SAMPLES or not span >= 1 / DEVIATION / expected:
             return
-        source.counted, source.begin = source.count, source.last
+        stream.counted, stream.begin = stream.count, stream.last
         if not isfinite(span):
             return  # the first second
         if abs(count / span - expected) > DEVIATION * expected:
-            self._say(f"rate {topic}", f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected")
+            self._report(f"rate {topic}", f"{topic}: {count / span:.3g} Hz arrive; Rate: {expected:g} is expected")
         else:
-            self._say.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
+            self._report.over(f"rate {topic}", f"{topic}: {expected:g} Hz again")
 
 
 def check_types(middleware: Middleware, inputs: Sequence[tuple[str, str]], outputs: Sequence[tuple[str, str]]) -> None:
-    """Full names and types against the topics that are there. Raises MessageError for a topic with another type."""
+    """Compare full names and types with the graph. Raises MessageError for a topic with another type."""
     there = {info.name: info for info in middleware.graph()}
     for topic, type in (*inputs, *outputs):
         info = there.get(topic)
         if info is not None and info.types and type not in info.types:
             users = ", ".join(dict.fromkeys((*info.publishers, *info.subscribers)))
-            text = f"topic {topic} carries {', '.join(info.types)} ({users}); the configuration says {type}"
+            text = f"topic {topic} carries {', '.join(info.types)} ({users}); expected {type} by the configuration"
             raise MessageError(text)
 
 
-def _why(middleware: Middleware, source: _Source) -> str:
-    """What the graph tells of a topic that was never heard."""
-    info = next((item for item in middleware.graph() if item.name == source.topic), None)
-    others = [type for type in (info.types if info else ()) if type != source.ports[0].type]
+def _silence_reason(middleware: Middleware, topic: str, type: str, received: bool) -> str:
+    """Explain from the graph why a topic has had no message at all."""
+    if received:
+        return ""
+    info = next((item for item in middleware.graph() if item.name == topic), None)
+    others = [other for other in (info.types if info else ()) if other != type]
     if others:
-        return f": it carries {', '.join(others)}, not {source.ports[0].type}"
-    if info is None or not info.publishers:
-        return ": nobody publishes it"
-    return ""
+        return f": it carries {', '.join(others)}, not {type}"
+    return "" if info is not None and info.publishers else ": it has no publisher"

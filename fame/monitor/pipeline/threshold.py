@@ -61,24 +61,24 @@ class Threshold(Processor):
         samples = stacked(inputs)
         if not len(samples):
             return None
-        names, threshold = self._told(samples)
+        names, threshold = self._channels(samples)
         excess = samples.channels() / per_channel(threshold, samples.channels().shape, "threshold")
         worst = excess.max(axis=1)
         active = self._states(worst)
         rising = np.flatnonzero(active & ~np.concatenate(([self._active], active[:-1])))
         self._active = bool(active[-1])
         stamps, channel = samples.stamps[rising], excess[rising].argmax(axis=1)
-        told: dict[str, Any] = {
+        alarm: dict[str, Any] = {
             "alarm": np.ones(len(rising), dtype=bool),
             "channel": channel,
             "name": np.array([[names[index]] for index in channel], dtype=object).reshape(-1, 1),
             "loss": samples.channels()[rising, channel],
             "excess": worst[rising],
         }
-        alarms = {name: Samples(values, stamps) for name, values in told.items()} if len(rising) else {}
+        alarms = {name: Samples(values, stamps) for name, values in alarm.items()} if len(rising) else {}
         return {**alarms, "active": Samples(active, samples.stamps)}
 
-    def _told(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    def _channels(self, samples: Samples) -> tuple[tuple[str, ...], tuple[float, ...]]:
         """Names and thresholds of the channels. Data that name theirs are matched to `names`, in whichever order.
 
         Raises ValueError if there are not as many names as channels.
@@ -95,10 +95,10 @@ class Threshold(Processor):
 
     def _states(self, worst: Any) -> Any:
         """Whether the alarm stands after each sample: set above 1, cleared below the hysteresis, else as before."""
-        said = np.where(worst > 1, 1, np.where(worst <= 1 - self.hysteresis, 0, -1))
-        said = np.concatenate(([int(self._active)], said))
-        last = np.maximum.accumulate(np.where(said >= 0, np.arange(len(said)), 0))
-        return said[last][1:].astype(bool)
+        states = np.where(worst > 1, 1, np.where(worst <= 1 - self.hysteresis, 0, -1))
+        states = np.concatenate(([int(self._active)], states))
+        last = np.maximum.accumulate(np.where(states >= 0, np.arange(len(states)), 0))
+        return states[last][1:].astype(bool)
 
 
 class Expression(Processor):

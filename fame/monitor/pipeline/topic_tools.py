@@ -11,7 +11,7 @@ import numpy as np
 from fame.clock import SECOND, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import SENSOR_DATA, Middleware, Node
-from fame.monitor.pipeline.fields import Path, Unusable, has_stamp, reader
+from fame.monitor.pipeline.fields import Path, UnusableMessage, has_stamp, reader
 from fame.text import printable
 
 
@@ -28,7 +28,7 @@ def type_of_topic(middleware: Middleware, topic: str) -> str:
 
 
 @dataclass(slots=True)
-class Times:
+class MessageTimes:
     """When messages came: how often, and how regularly."""
 
     times: list[float] = field(default_factory=list)
@@ -57,12 +57,12 @@ class Series:
         self.values: list[Any] = []
         self.names: tuple[str, ...] = ()
         self.unusable = 0
-        node.subscription(topic, type, self._heard, SENSOR_DATA)
+        node.subscription(topic, type, self._on_message, SENSOR_DATA)
 
-    def _heard(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         try:
             value, self.names = self._read(message)
-        except Unusable:
+        except UnusableMessage:
             self.unusable += 1
             return
         stamp = self._scheduler.now / SECOND
@@ -78,7 +78,7 @@ def parse_path(text: str) -> Path:
     return tuple(int(step) if step.isdecimal() else step for step in text.replace("/", ".").split("."))
 
 
-def shown(value: Any, limit: int = 8, indent: str = "") -> str:
+def format_message(value: Any, limit: int = 8, indent: str = "") -> str:
     """A message as plain data, like YAML, long lists cut."""
     if isinstance(value, dict):
         return "".join(_entry(name, item, limit, indent) for name, item in value.items())
@@ -87,9 +87,9 @@ def shown(value: Any, limit: int = 8, indent: str = "") -> str:
 
 def _entry(name: str, item: Any, limit: int, indent: str) -> str:
     if isinstance(item, dict):
-        return f"{indent}{name}:\n{shown(item, limit, indent + '  ')}" if item else f"{indent}{name}: {{}}\n"
+        return f"{indent}{name}:\n{format_message(item, limit, indent + '  ')}" if item else f"{indent}{name}: {{}}\n"
     if isinstance(item, list) and item and isinstance(item[0], dict):
-        parts = "".join(f"{indent}-\n{shown(each, limit, indent + '  ')}" for each in item[:limit])
+        parts = "".join(f"{indent}-\n{format_message(each, limit, indent + '  ')}" for each in item[:limit])
         return f"{indent}{name}:\n{parts}" + (f"{indent}... {len(item)} in all\n" if len(item) > limit else "")
     if isinstance(item, list):
         more = f", ... {len(item)} in all" if len(item) > limit else ""

@@ -84,30 +84,30 @@ class _Windowed(Processor):
         self._windowers: dict[str, Windower] = {}
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        results = {name: self._of(name, samples) for name, samples in inputs.items() if len(samples)}
+        results = {name: self._apply(name, samples) for name, samples in inputs.items() if len(samples)}
         return {name: result for name, result in results.items() if len(result)}
 
-    def _of(self, name: str, samples: Samples) -> Samples:
+    def _apply(self, name: str, samples: Samples) -> Samples:
         windower = self._windowers.setdefault(name, Windower())
         windows = windower.feed(samples, self.size, self.stride, self.rate, self.report)
-        return windows.replace(values=self.tell(windows.values)) if len(windows) else windows
+        return windows.replace(values=self.compute(windows.values)) if len(windows) else windows
 
     @abstractmethod
-    def tell(self, windows: Floats) -> Floats:
+    def compute(self, windows: Floats) -> Floats:
         """(k, size, ...) to (k, ...)."""
 
 
 class Window(_Windowed):
     """The windows themselves: (k, size, channels ...)."""
 
-    def tell(self, windows: Floats) -> Floats:
+    def compute(self, windows: Floats) -> Floats:
         return windows
 
 
 class RMS(_Windowed):
     """Root mean square per channel."""
 
-    def tell(self, windows: Floats) -> Floats:
+    def compute(self, windows: Floats) -> Floats:
         return np.asarray(np.sqrt(np.mean(np.square(windows), axis=1)))
 
 
@@ -127,7 +127,7 @@ class MovingStatistics(_Windowed):
         "minimum": np.min, "maximum": np.max, "range": np.ptp,
     }  # fmt: skip
 
-    def tell(self, windows: Floats) -> Floats:
+    def compute(self, windows: Floats) -> Floats:
         return np.asarray(self._STATISTICS[self.statistic](windows, axis=1))
 
 
@@ -137,7 +137,7 @@ class Spectrum(_Windowed):
     One-sided, of a window weighted by Hann: a sine of amplitude A in the middle of a line has A there.
     """
 
-    def tell(self, windows: Floats) -> Floats:
+    def compute(self, windows: Floats) -> Floats:
         weights = np.hanning(self.size + 1)[:-1]  # periodic
         shaped = windows * weights.reshape(-1, *[1] * (windows.ndim - 2))
         amplitudes = 2 * np.abs(np.fft.rfft(shaped, axis=1)) / weights.sum()

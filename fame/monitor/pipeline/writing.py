@@ -16,7 +16,7 @@ from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import messages, typesystem
 from fame.middleware.definitions import Definition
-from fame.monitor.pipeline.fields import Path, checked_index, field_of, has_stamp, names_field, spell
+from fame.monitor.pipeline.fields import Path, checked_index, field_of, format_path, has_stamp, names_field
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +119,14 @@ def _slot(
         return _Slot(steps, tuple(numbers), False, tuple(map(str, places[0])), beside, several)
     if all(isinstance(place, int) for place in places):
         if sorted(places) != list(range(len(places))):
-            text = f"{spell(steps)}: expected outputs for the places 0, 1, ... once each, got {sorted(places)}"
+            text = f"{format_path(steps)}: expected outputs for the places 0, 1, ... once each, got {sorted(places)}"
             raise MessageError(text, type=content.name)
         return _Slot(
             steps, tuple(number for _, number in sorted(zip(places, numbers, strict=True))), True, (), None, True
         )
     if all(isinstance(place, str) for place in places) and len(set(places)) == len(places):
         return _Slot(steps, tuple(numbers), True, tuple(places), beside, True)
-    raise MessageError(f"{spell(steps)}: two outputs go to one place", type=content.name)
+    raise MessageError(f"{format_path(steps)}: two outputs go to one place", type=content.name)
 
 
 def _checked(content: Definition, path: Path, done: tuple[str, ...]) -> tuple[tuple[str, ...], Any, bool, str | None]:
@@ -139,14 +139,14 @@ def _checked(content: Definition, path: Path, done: tuple[str, ...]) -> tuple[tu
     if field.is_message and field.shape == "single":
         return _checked(typesystem.definition(field.base), rest, place)
     if field.is_message:
-        raise MessageError(f"{spell(place)} is a list of messages, which no output can fill", type=content.name)
+        raise MessageError(f"{format_path(place)} is a list of messages, which no output can fill", type=content.name)
     beside = names_field(content, field)
     if rest and (field.shape == "single" or len(rest) > 1):
-        raise MessageError(f"{spell(place)} is a {field}; {spell(rest)} cannot follow", type=content.name)
+        raise MessageError(f"{format_path(place)} is a {field}; {format_path(rest)} cannot follow", type=content.name)
     if rest and isinstance(rest[0], int):
         checked_index(content, field, rest[0], place)
     elif rest and beside is None:
-        raise MessageError(f"{spell(place)} has no names; expected an index after it", type=content.name)
+        raise MessageError(f"{format_path(place)} has no names; expected an index after it", type=content.name)
     return place, rest[0] if rest else None, field.shape != "single", beside
 
 
