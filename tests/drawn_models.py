@@ -146,7 +146,7 @@ FEATURES: dict[str, Feature] = {
     "a flow across a border": Feature(
         '<subProcess id="s{n}"><task id="in{n}"/></subProcess><task id="t{n}"/>'
         '<sequenceFlow id="f{n}" sourceRef="t{n}" targetRef="in{n}"/>',
-        "it crosses the border of its scope",
+        "it crosses the boundary of its scope",
     ),
     "a flow out of an end": Feature(
         '<endEvent id="e{n}"/><task id="t{n}"/><sequenceFlow id="f{n}" sourceRef="e{n}" targetRef="t{n}"/>'
@@ -176,7 +176,7 @@ FEATURES: dict[str, Feature] = {
     ),
     # what cannot be there, or is not known
     "a timer at the end": Feature('<endEvent id="e{n}"><timerEventDefinition/></endEvent>', "cannot be end events"),
-    "an unknown event": Feature('<endEvent id="e{n}"><fooEventDefinition/></endEvent>', "is not of BPMN 2.0"),
+    "an unknown event": Feature('<endEvent id="e{n}"><fooEventDefinition/></endEvent>', "unknown event definition"),
     "an unknown element": Feature('<choreographyTask id="t{n}" name="Agree"/>', "not a flow element that FAME knows"),
     "an element of no BPMN": Feature('<v:shape xmlns:v="http://vendor" id="v{n}"/>'),
     "a truth of a tool": Feature('<userTask id="t{n}" isForCompensation="FALSE "/>', "expected true or false"),

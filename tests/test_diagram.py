@@ -37,7 +37,7 @@ def test_shapes_are_read_with_bounds_labels_and_colours() -> None:
 
 def test_a_shape_of_nothing_is_a_note() -> None:
     definitions = read_text(diagram('<bpmndi:BPMNShape id="x" bpmnElement="gone"><dc:Bounds/></bpmndi:BPMNShape>'))
-    assert notes_of(definitions) == ["the diagram shows 'gone', which the file does not have"]
+    assert notes_of(definitions) == ["the diagram shows 'gone': the file has no such element"]
 
 
 @pytest.mark.parametrize(

@@ -254,7 +254,7 @@ def test_a_broken_embedded_process_is_an_error_of_its_call_activity() -> None:
     inside = '<callActivity:process process="&lt;bpmn2:process id="/>'
     error = refused(process(f'<callActivity id="c">{extensions(inside)}</callActivity>'))
     assert error.element == "c"
-    assert "the process embedded in it: " in error.text
+    assert "its embedded process cannot be read: " in error.text
 
 
 # ---- Camunda 7 -------------------------------------------------------------------------------------------------------

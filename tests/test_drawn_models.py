@@ -205,7 +205,7 @@ def test_conversations_and_choreographies_are_drawn() -> None:
         "</bpmndi:BPMNDiagram>"
     )
     definitions = read_text(text)
-    assert [note.text for note in definitions.notes] == ["<choreography> is kept and has no effect"]
+    assert [note.text for note in definitions.notes] == ["<choreography> has no effect"]
     picture = etree.fromstring(draw(definitions))
     names = {"".join(group.itertext()) for group in picture.iter("{*}g") if group.get("id")}
     assert names == {"Talk", "Begin", "Order", "Buyer", "Letter", ""}

@@ -73,7 +73,7 @@ def test_both_ends_have_the_topic_of_the_receiver(sends: str, receives: str, flo
 def test_a_message_that_is_not_what_the_receiver_waits_for_is_warned_of() -> None:
     found = check(read_text(team(throws("M"), waits("N"), root=ROOT), file="m.bpmn"))
     texts = [one.text for one in found if one.level == "warning"]
-    assert "sends M to y, which waits for N: that is the topic it goes to" in texts
+    assert "sends M to y, which waits for N: it is sent as N" in texts
 
 
 def test_robots_talk_along_it(tmp_path: Path) -> None:

@@ -247,22 +247,22 @@ WRONG = {
     "a sequence flow into a sub-process": (
         '<task id="t"/><subProcess id="s"><task id="u"/></subProcess>' + FLOW.format("t", "u"),
         "f",
-        "crosses the border of its scope",
+        "crosses the boundary of its scope",
     ),
     "a flow to an element of another namespace": (
         '<task id="t"/><x:robotTask xmlns:x="http://acme/bpmn" id="r"/>' + FLOW.format("t", "r"),
         "f",
-        "that is a <robotTask> of namespace http://acme/bpmn, which is no flow node of BPMN 2.0",
+        "that is a <robotTask> of namespace http://acme/bpmn, which is not a flow node of BPMN 2.0",
     ),
     "a flow to an element without a namespace": (
         '<task id="t"/><robotTask xmlns="" id="r"/>' + FLOW.format("t", "r"),
         "f",
-        "that is a <robotTask> without a namespace, which is no flow node of BPMN 2.0",
+        "that is a <robotTask> without a namespace, which is not a flow node of BPMN 2.0",
     ),
     "a flow to a data object": (
         '<task id="t"/><dataObject id="d"/>' + FLOW.format("t", "d"),
         "f",
-        "that is a <dataObject>, no flow node",
+        "that is a <dataObject>, not a flow node",
     ),
     "a boundary event on nothing": (
         '<boundaryEvent id="b"><signalEventDefinition signalRef="S"/></boundaryEvent>',
@@ -385,7 +385,7 @@ def test_process_properties_with_bad_values_are_errors(said: dict[str, str], exp
 
 def test_foreign_elements_in_a_process_are_noted_and_passed_over() -> None:
     definitions = read_text(process('<v:shape xmlns:v="http://vendor" id="v"/><task id="t"/>'))
-    assert notes_of(definitions) == ["<{http://vendor}shape> is not of BPMN: it stays in the file and has no effect"]
+    assert notes_of(definitions) == ["<{http://vendor}shape> is not a BPMN element and has no effect"]
     assert [node.id for node in definitions.processes[0].body.nodes] == ["t"]
 
 

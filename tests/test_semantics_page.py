@@ -260,15 +260,15 @@ REFUSED = {
     "a service task needs the name of what it calls": START + "<serviceTask id='x'/>" + flow("s", "x"),
     "unknown service 'grip'; known are: wave": START + "<serviceTask id='x' implementation='grip'/>"
         + flow("s", "x"),
-    "it runs the Java class org.example.Grip; FAME has no Java: make it a script task, or name an operation that is "
-    "registered": START + "<serviceTask id='x' camunda:class='org.example.Grip'/>" + flow("s", "x"),
+    "it runs the Java class org.example.Grip; FAME does not run Java: use a script task, or name a registered "
+    "operation": START + "<serviceTask id='x' camunda:class='org.example.Grip'/>" + flow("s", "x"),
     "language 'groovy': expected python (the default), javascript, ${...} or =...":
         START + "<scriptTask id='x' scriptFormat='groovy'><script>1</script></scriptTask>" + flow("s", "x"),
     "has no called element: give it the id of a process or the name of a library file": START + "<callActivity id='x'/>"
         + flow("s", "x"),
     "the called element is computed at run time; give the id of a process":
         START + "<callActivity id='x' calledElement='${q}'/>" + flow("s", "x"),
-    "the name '=topic' is computed: name the topic, since its endpoints are made before anything runs":
+    "the name '=topic' is computed: give a fixed name, since topics are created before the process runs":
         START + "<endEvent id='x' name='=topic'><signalEventDefinition/></endEvent>" + flow("s", "x"),
     "its condition is the resource c.groovy; put its text into the condition":
         START + TASK + flow("s", "t").replace("/>", f"><{RESOURCE}/></sequenceFlow>"),

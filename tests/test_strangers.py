@@ -158,10 +158,10 @@ REFUSED = {
     "jbpm_java.bpmn": f":10: _2-_3: language 'http://www.java.com/java': {_LANGUAGES}",
     "jbpm_mvel.bpmn": f":10: _2-_3: language 'http://www.mvel.org/2.0': {_LANGUAGES}",
     "flowable_groovy.bpmn": f":6: \"Add\" (add): language 'groovy': {_LANGUAGES}",
-    "flowable_java.bpmn": ':5: "Motor" (motor): it runs the Java class org.example.MotorDelegate; FAME has no Java: '
-    "make it a script task, or name an operation that is registered",
-    "flowable_http.bpmn": ":1: h: it is a task of type http of its tool; make it a script task, or name an "
-    "operation that is registered",
+    "flowable_java.bpmn": ':5: "Motor" (motor): it runs the Java class org.example.MotorDelegate; '
+    "FAME does not run Java: use a script task, or name a registered operation",
+    "flowable_http.bpmn": ":1: h: it is a vendor-specific task of type http; use a script task, or name a "
+    "registered operation",
     "ibm_script.bpmn": f":7: \"Weigh\" (bpdid:2): language 'text/x-javascript': {_LANGUAGES}",
     "trisotech.bpmn": ':6: "Confirm" (_c): it calls the <globalUserTask> _g1: make it a process with that task in it',
     "choreography.bpmn": ": name the process to run: the file has none",
@@ -195,7 +195,7 @@ WARNINGS = {
         "always takes it: give it one, or mark it as the default",
         f"ROS 2 refuses the namespace /Proceso principal: {ROS}",
     ],
-    "choreography.bpmn": ["<choreography> is kept and has no effect"],
+    "choreography.bpmn": ["<choreography> has no effect"],
     "flowable.bpmn": ["flowable:executionListener is not run: FAME has no listeners"],
     "signavio.bpmn": [
         f"ROS 2 refuses the namespace /Mäher: {ROS}",

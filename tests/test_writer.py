@@ -40,9 +40,9 @@ def test_reading_and_writing_loses_nothing(source: bytes, tmp_path: Path) -> Non
 
 def test_a_model_that_was_changed_in_python_is_not_written_wrong() -> None:
     definitions = read_bytes(STRANGE)
-    with pytest.raises(ModelError, match="change the file, not the model"):
+    with pytest.raises(ModelError, match="change the file instead"):
         write(replace(definitions, processes=()))
-    with pytest.raises(ModelError, match="change the file, not the model"):
+    with pytest.raises(ModelError, match="change the file instead"):
         write(Definitions(file="", source=b""))
 
 

@@ -18,7 +18,7 @@ from fame.bpmn.merging import full_tree
 from fame.bpmn.model import Definitions, Process, SubProcess, Task
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
-from fame.bpmn.reader.dialects.camunda7 import VENDORS_ATTRIBUTES, VENDORS_ELEMENTS
+from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
 from fame.bpmn.split import update_type_prefixes
@@ -128,9 +128,9 @@ def _rename_vendors(root: Node) -> None:
     for element in root.iter("*"):
         for key in attributes(element):
             namespace, _, name = key[1:].partition("}")
-            if namespace in (FLOWABLE, ACTIVITI) and name in VENDORS_ATTRIBUTES:
+            if namespace in (FLOWABLE, ACTIVITI) and name in SHARED_ATTRIBUTES:
                 element.set(f"{_C}{name}", element.attrib.pop(key))
-        if element.tag[1:].partition("}")[0] in (FLOWABLE, ACTIVITI) and local_name(element) in VENDORS_ELEMENTS:
+        if element.tag[1:].partition("}")[0] in (FLOWABLE, ACTIVITI) and local_name(element) in SHARED_ELEMENTS:
             element.tag = f"{_C}{local_name(element)}"
 
 

@@ -189,7 +189,7 @@ def test_the_code_of_an_error_or_escalation_may_be_computed_where_it_is_thrown(p
         run = play(model(process(content), root=root), {"code": "lost"}).run()
         assert run.visits["b"] == 1
         with pytest.raises(
-            ModelError, match=r"test.bpmn:1: b: the \w+ code '=code' is computed: what catches has a fixed"
+            ModelError, match=r"test.bpmn:1: b: the \w+ code '=code' is computed: a catch event needs a fixed"
         ):
             Run(model(process(content.replace("E2", "E1")), root=root))
 
@@ -205,7 +205,7 @@ def test_a_code_that_cannot_be_computed_is_an_error_of_the_event(play: Play) -> 
 def test_the_name_of_a_topic_is_not_computed() -> None:
     for name in ("=topic", "order-${id}"):
         content = process(start() + throw("t", '<signalEventDefinition signalRef="S1"/>') + path("s t"))
-        with pytest.raises(ModelError, match=r"test.bpmn:1: t: the name '.*' is computed: name the topic"):
+        with pytest.raises(ModelError, match=r"test.bpmn:1: t: the name '.*' is computed: give a fixed name"):
             Run(model(content, root=f'<signal id="S1" name="{name}"/>'))
 
 

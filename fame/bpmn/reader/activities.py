@@ -1,4 +1,4 @@
-"""Tasks and call activities, and the loops around activities."""
+"""Reads tasks and call activities, and the loop characteristics of activities."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ _NO_RULES = "business rules are not executed: decide with a gateway or a script 
 
 
 def read_activity(node: NodeReader) -> dict[str, Any]:
-    """What all activities have in common, as arguments of their dataclasses."""
+    """What all activities have in common, as arguments for their dataclasses."""
     for name in ("startQuantity", "completionQuantity"):
         if node.get(name).strip() not in ("", "1"):
-            text = f"{name}={node.get(name)!r} has no effect: every token starts it, and one leaves it"
+            text = f"{name}={node.get(name)!r} has no effect: each token starts it once and leaves as one token"
             node.context.note(node.element, text, "warning")
     io, moves = node.extensions.mapping(), node.associations
     if moves.assigned_in or moves.assigned_out:
@@ -59,7 +59,7 @@ def read_activity(node: NodeReader) -> dict[str, Any]:
 
 
 def read_task(node: NodeReader, kind: TaskKind) -> Task:
-    """A task of any kind."""
+    """Read a task of any kind."""
     found = node.extensions
     if kind == "business_rule" and not found.operation and not found.script:
         found.refused = found.refused or _NO_RULES
@@ -88,24 +88,24 @@ def _script(node: NodeReader) -> Expression | None:
 
 
 def _message(node: NodeReader, kind: Literal["send", "receive"]) -> Topic | None:
-    """Of a send or receive task that says anything of a message."""
+    """The topic of a send or receive task, None if it has neither a message nor topic properties."""
     say = take_topic_properties(node.context, node.element, node.extensions)
     if not node.get("messageRef") and not (say.type or say.payload):
         return None
     if kind == "send":
         return read_topic(TopicSource(node, "throw"), node.element, "message", say)
     takes, node.extensions.outputs = tuple(node.extensions.outputs), []
-    if node.extensions.inputs:  # it has variables of its own: what is taken has to leave them
+    if node.extensions.inputs:  # it has its own scope: copy the received values out of it
         leaving = (Assignment(one.target, Expression(one.target, "python", one.source.line)) for one in takes)
         node.extensions.outputs = list(leaving)
     return read_topic(TopicSource(node, "catch", takes), node.element, "message", say)
 
 
 def _service(node: NodeReader) -> Topic | None:
-    """The ROS service or action of a service task: by the web modeler's elements, or by a property of that name."""
+    """The ROS service or action of a service task, from properties or from elements of the web modeler."""
     service, action = node.extensions.take("service"), node.extensions.take("action")
     if service is not None and action is not None:
-        node.fault("the properties service and action: a service task calls one of them")
+        node.fault("has both properties service and action: expected one of them")
     named = service or action
     if named is None and not node.extensions.service:
         return None
@@ -115,7 +115,7 @@ def _service(node: NodeReader) -> Topic | None:
 
 
 def _operation(node: NodeReader) -> str:
-    """By the standard: the name of the operation referred to, or what `implementation` names."""
+    """The operation of a service task as in the standard: by `operationRef` or `implementation`."""
     for interface in node.context.roots.values() if node.get("operationRef") else ():
         operations = {one.get("id", ""): one for one in children(interface, "operation")}
         operation = resolve(operations, node.get("operationRef"))
@@ -126,7 +126,7 @@ def _operation(node: NodeReader) -> str:
 
 
 def read_call(node: NodeReader) -> CallActivity:
-    """A call activity: what it calls stays a name, or an expression that gives one."""
+    """Read a call activity. The called element is a name, or an expression that gives one."""
     called = node.extensions.called or local_id(node.element, "calledElement")
     root = node.context.root(called)
     if root is not None and local_name(root).startswith("global"):
@@ -151,7 +151,7 @@ def _loop(node: NodeReader) -> MultiInstance | StandardLoop | None:
     loop = node.parts["standardLoopCharacteristics"][0]
     maximum = loop.get("loopMaximum")
     return StandardLoop(
-        condition=_inner(node.context, loop, "loopCondition"),
+        condition=_child_expression(node.context, loop, "loopCondition"),
         test_before=boolean_attribute(node.context, loop, "testBefore"),
         maximum=whole_number(node.context, loop, "loopMaximum", maximum, 1) if maximum else 0,
         line=line_of(loop),
@@ -159,49 +159,51 @@ def _loop(node: NodeReader) -> MultiInstance | StandardLoop | None:
 
 
 def _multi_instance(node: NodeReader, loop: Node) -> MultiInstance:
-    """What it says of its results may stand at the activity: Camunda Modeler has properties there alone."""
+    """Read a multi-instance loop. The activity may have its output properties, as Camunda Modeler writes them."""
     context, said = node.context, read_extensions(node.context, loop)
     named, each = (said.take(name) or node.extensions.take(name) for name in ("outputCollection", "outputElement"))
     collection = variable_or_expression(context, loop, said.collection) if said.collection.strip() else None
     if collection is None:
         reference = child(loop, "loopDataInputRef")
-        name = _variable_of(context, loop, text_of(reference)) if reference is not None else ""
+        name = _referenced_variable(context, loop, text_of(reference)) if reference is not None else ""
         collection = variable_or_expression(context, loop, name) if name else None
     output = child(loop, "loopDataOutputRef")
     output_collection = (named.value if named is not None else said.output_collection).strip()
     if output is not None and not output_collection:
-        output_collection = _variable_of(context, loop, text_of(output))
-    element = (each.value if each is not None else said.output_element).strip() or _item_name(loop, "outputDataItem")
+        output_collection = _referenced_variable(context, loop, text_of(output))
+    element = (each.value if each is not None else said.output_element).strip() or _item_variable(
+        loop, "outputDataItem"
+    )
     if loop.get("behavior", "All") != "All":
         text = f"behavior={loop.get('behavior')!r} has no effect: no event is thrown per instance"
         context.note(loop, text, "warning")
     return MultiInstance(
         sequential=boolean_attribute(context, loop, "isSequential"),
-        cardinality=_inner(context, loop, "loopCardinality"),
+        cardinality=_child_expression(context, loop, "loopCardinality"),
         collection=collection,
-        element_variable=said.element_variable.strip() or _item_name(loop, "inputDataItem"),
-        completion=_inner(context, loop, "completionCondition"),
+        element_variable=said.element_variable.strip() or _item_variable(loop, "inputDataItem"),
+        completion=_child_expression(context, loop, "completionCondition"),
         output_collection=output_collection,
         output_element=variable_or_expression(context, loop, element) if element else None,
         line=line_of(loop),
     )
 
 
-def _item_name(loop: Node, name: str) -> str:
+def _item_variable(loop: Node, name: str) -> str:
     item = child(loop, name)
     return variable_name(item) if item is not None else ""
 
 
-def _inner(context: Context, element: Node, name: str) -> Expression | None:
+def _child_expression(context: Context, element: Node, name: str) -> Expression | None:
     holder = child(element, name)
     read = code_of if name == "loopCardinality" else condition_of
     return read(context, holder) if holder is not None else None
 
 
-def _variable_of(context: Context, loop: Node, reference: str) -> str:
-    """The variable that a reference to data means: that of a data object with just one, else its name.
+def _referenced_variable(context: Context, loop: Node, reference: str) -> str:
+    """The variable that a data reference stands for: the only one of the data object, else the name of the object.
 
-    A data input or output of the activity is followed to the data object that fills it.
+    Data inputs and outputs of the activity are followed to the associated data object.
     """
     reference = reference.strip()
     activity = loop.getparent()

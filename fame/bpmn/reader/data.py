@@ -1,4 +1,4 @@
-"""Data: objects and the variables that they hold, and the associations that move values."""
+"""Reads data objects with the variables that they hold, and data associations."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from fame.bpmn.reader.expressions import code_of, is_name, mapping_source, varia
 from fame.bpmn.reader.xml import BPMN, Node, Parts, child, children, line_of, local_name, resolve, text_of
 
 _PLACEHOLDER = "__targetRef_placeholder"
-"""A property that modelers write because an association must have a target."""
-_JBPM = "http://www.jboss.org/drools"
-"""Where jBPM is at work, what is assigned to an input of a task is a text, not an expression."""
+"""A property that modelers generate because the schema requires a target of an association."""
+_JBPM_NAMESPACE = "http://www.jboss.org/drools"
+"""In files of jBPM, the value assigned to an input of a task is a text, not an expression."""
 _KINDS: Mapping[str, Literal["object", "input", "output", "store", "property"]] = {
     "dataObjectReference": "object",
     "dataObject": "object",
@@ -31,9 +31,9 @@ _ENDS = {"dataInputAssociation": "sourceRef", "dataOutputAssociation": "targetRe
 
 
 def shared_stores(context: Context, process: Node) -> Iterator[Node]:
-    """Data stores that associations of a process name and that stand outside of it: in another pool, or at the root.
+    """Data stores outside of a process, in another pool or at the root, that its data associations refer to.
 
-    Robots share no memory, so each process has one of its own.
+    Robots share no memory, so each process gets its own copy.
     """
     found: set[Node] = set()
     for association in process.iter(*(f"{{{BPMN}}}{kind}" for kind in _ENDS)):
@@ -47,29 +47,30 @@ def shared_stores(context: Context, process: Node) -> Iterator[Node]:
 
 
 def data_elements(process: Node, stores: Sequence[Node]) -> list[Node]:
-    """Everything in a process that an association may name, and the stores outside of it that it shares."""
+    """All data elements of a process, and the shared stores outside of it."""
     return [*process.iter(*(f"{{{BPMN}}}{kind}" for kind in _KINDS)), *stores]
 
 
 def data_ids(data: Iterable[Node]) -> dict[str, str]:
-    """Id of each -> id of the data object that it means.
+    """Id of each data element -> id of the data object that it stands for.
 
-    A data object means its first reference; inputs, outputs and properties of one activity or event mean none ("").
+    A data object stands for its first reference. Inputs, outputs and properties of activities and events stand for none
+    (empty).
     """
     found: dict[str, str] = {}
-    behind: dict[str, str] = {}
+    data_object: dict[str, str] = {}
     for one in data:
         id = one.get("id", "")
-        found[id] = id if _has_variables(one) else ""
+        found[id] = id if _belongs_to_scope(one) else ""
         if local_name(one) == "dataObjectReference":
-            behind.setdefault(one.get("dataObjectRef", ""), id)
-    return {id: behind.get(id, means) for id, means in found.items()}
+            data_object.setdefault(one.get("dataObjectRef", ""), id)
+    return {id: data_object.get(id, object_id) for id, object_id in found.items()}
 
 
 def data_variables(data: Iterable[Node]) -> dict[str, str]:
-    """Id of each that holds just one variable -> that variable; it goes by its own name, if by none.
+    """Id of each data element that holds a single variable -> the variable, named after the element by default.
 
-    So do the data inputs and outputs of activities and events.
+    Includes the data inputs and outputs of activities and events.
     """
     found: dict[str, str] = {}
     for one in data:
@@ -82,12 +83,12 @@ def data_variables(data: Iterable[Node]) -> dict[str, str]:
 
 
 def _own_variable(one: Node) -> str:
-    """The variable that a data item without properties is; a data object or store without any holds none."""
+    """The variable of a data element without properties, or empty."""
     kind = _KINDS[local_name(one)]
     return one.get("name", "") if kind in ("object", "store") else variable_name(one) if one.get("name") else ""
 
 
-def _has_variables(one: Node) -> bool:
+def _belongs_to_scope(one: Node) -> bool:
     holder = one.getparent()
     if holder is not None and local_name(holder) == "ioSpecification":
         holder = holder.getparent()
@@ -95,7 +96,7 @@ def _has_variables(one: Node) -> bool:
 
 
 def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
-    """Those of one body."""
+    """Read the data objects of one scope."""
     objects = {one.get("id"): one for one in parts.get("dataObject", ())}
     referred = {one.get("dataObjectRef") for one in parts.get("dataObjectReference", ())}
     found = [_data_object(context, one, objects) for one in parts.get("dataObjectReference", ())]
@@ -112,10 +113,10 @@ def read_data_objects(context: Context, parts: Parts) -> tuple[DataObject, ...]:
 
 
 def _data_object(context: Context, element: Node, objects: Mapping[str | None, Node]) -> DataObject:
-    behind = objects.get(element.get("dataObjectRef"))
+    data_object = objects.get(element.get("dataObjectRef"))
     extensions = read_extensions(context, element)
-    if behind is not None and not extensions.properties and not extensions.values:
-        extensions = read_extensions(context, behind)
+    if data_object is not None and not extensions.properties and not extensions.values:
+        extensions = read_extensions(context, data_object)
     kind = _KINDS[local_name(element)]
     name = element.get("name", "")
     values = take_data_values(extensions)
@@ -128,7 +129,9 @@ def _data_object(context: Context, element: Node, objects: Mapping[str | None, N
         kind=kind,
         values=values,
         state=state.get("name", "") if state is not None else "",
-        collection=any(boolean_attribute(context, one, "isCollection") for one in (element, behind) if one is not None),
+        collection=any(
+            boolean_attribute(context, one, "isCollection") for one in (element, data_object) if one is not None
+        ),
         id=context.register(element),
         name=name,
         line=line_of(element),
@@ -138,7 +141,7 @@ def _data_object(context: Context, element: Node, objects: Mapping[str | None, N
 
 @dataclass(slots=True)
 class DataAssociations:
-    """What the data associations of a flow node say: ids of data objects, assignments of their own, copies."""
+    """The data associations of a flow node: ids of data objects, explicit assignments, and copies."""
 
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
@@ -148,16 +151,16 @@ class DataAssociations:
     copied_out: tuple[Assignment, ...] = ()
 
 
-_NONE = DataAssociations()
+_NO_ASSOCIATIONS = DataAssociations()
 
 
 def read_data_associations(
     context: Context, data: Mapping[str, str], variables: Mapping[str, str], parts: Parts
 ) -> DataAssociations:
-    """What they say; one to nothing is a fault."""
+    """Read the data associations of a flow node. One without a data object is a fault."""
     into, out = parts.get("dataInputAssociation", ()), parts.get("dataOutputAssociation", ())
     if not into and not out:
-        return _NONE
+        return _NO_ASSOCIATIONS
     return DataAssociations(
         tuple(_ends(context, data, into, "sourceRef")),
         tuple(_ends(context, data, out, "targetRef")),
@@ -169,7 +172,7 @@ def read_data_associations(
 
 
 def required_outputs(parts: Parts) -> tuple[str, ...]:
-    """The names of the data outputs of an activity that belong to each of its output sets, and are not optional."""
+    """The names of the data outputs that are required in every output set of an activity."""
     found: list[str] = []
     for specification in parts.get("ioSpecification", ()):
         sets = [_references(one, "dataOutputRefs") - _references(one, "optionalOutputRefs")
@@ -185,7 +188,7 @@ def _references(element: Node, tag: str) -> set[str]:
 
 
 def _copies(context: Context, variables: Mapping[str, str], associations: Iterable[Node]) -> Iterable[Assignment]:
-    """From one variable to another, perhaps through a transformation; what has assignments says all by itself."""
+    """Copies between variables, optionally through a transformation. Associations with assignments have none."""
     for association in associations:
         target, source = child(association, "targetRef"), child(association, "sourceRef")
         into = resolve(variables, text_of(target)) if target is not None else None
@@ -205,16 +208,18 @@ def _ends(context: Context, data: Mapping[str, str], associations: Iterable[Node
         context.register(association)
         for reference in children(association, end):
             text = text_of(reference).strip()
-            means = resolve(data, text)
-            if means is None:
-                context.fault(association, f"a data association with {text!r}: the process has no such data object")
-            if means:
-                yield means
+            object_id = resolve(data, text)
+            if object_id is None:
+                context.fault(
+                    association, f"a data association refers to {text!r}: the process has no such data object"
+                )
+            if object_id:
+                yield object_id
 
 
 def _assignments(context: Context, variables: Mapping[str, str], associations: Iterable[Node]) -> Iterable[Assignment]:
     for association in associations:
-        constant = _JBPM in association.nsmap.values()
+        constant = _JBPM_NAMESPACE in association.nsmap.values()
         own = child(association, "targetRef")
         for assignment in children(association, "assignment"):
             source, target = child(assignment, "from"), child(assignment, "to")

@@ -1,4 +1,4 @@
-"""The diagram interchange: where everything is drawn."""
+"""Reads the diagram interchange: shapes, edges and labels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fame.bpmn.reader.xml import BPMNDI, DC, DI, Node, attributes, line_of, loca
 _SHAPE, _EDGE, _LABEL = f"{{{BPMNDI}}}BPMNShape", f"{{{BPMNDI}}}BPMNEdge", f"{{{BPMNDI}}}BPMNLabel"
 _BOUNDS, _WAYPOINT = f"{{{DC}}}Bounds", f"{{{DI}}}waypoint"
 _FAR = 1e9
-"""No drawing is that large; NaN and infinity are not less than it either."""
+"""Larger coordinates are invalid, as are NaN and infinity."""
 _STROKES = (
     "{http://www.omg.org/spec/BPMN/non-normative/color/1.0}border-color",
     "{http://bpmn.io/schema/bpmn/biocolor/1.0}stroke",
@@ -25,7 +25,7 @@ _FILLS = (
 
 @dataclass(slots=True)
 class Diagrams:
-    """What the diagrams of a file show."""
+    """The shapes and edges of all diagrams of a file."""
 
     planes: list[str] = field(default_factory=list)
     shapes: list[Shape] = field(default_factory=list)
@@ -33,7 +33,7 @@ class Diagrams:
 
 
 def read_diagrams(context: Context, root: Node) -> Diagrams:
-    """All diagrams of a file that is read otherwise. What cannot be drawn gets a note."""
+    """Read all diagrams, after all other elements. Invalid shapes and edges get a note."""
     found = Diagrams()
     for plane in root.iterchildren(f"{{{BPMNDI}}}BPMNDiagram"):
         for surface in plane.iterchildren(f"{{{BPMNDI}}}BPMNPlane"):
@@ -51,7 +51,7 @@ def _read(context: Context, one: Node, plane: int, found: Diagrams) -> None:
     shown = resolve(context.elements, reference)
     shown = context.find_in_file(one, reference) if shown is None else shown
     if shown is None:
-        what = f"{reference!r}, which the file does not have" if reference else "something that is no element"
+        what = f"{reference!r}: the file has no such element" if reference else "something without a bpmnElement"
         context.note(one, f"the diagram shows {what}", "warning")
     elif one.tag == _SHAPE:
         shape = _shape(context, one, plane, shown)

@@ -47,16 +47,16 @@ from fame.bpmn.reader.xml import (
 )
 from fame.errors import ModelError, expect
 
-_IGNORED_ROOTS = ("choreography", "globalChoreographyTask", "conversation")
+_ROOTS_WITHOUT_EFFECT = ("choreography", "globalChoreographyTask", "conversation")
 _ENCODING = re.compile(r"""\sencoding\s*=\s*(["'])[^"']*\1""")
-_MARKER = re.compile("multiplicity|multiinstance|multi_instance", re.IGNORECASE)
+_MULTI_INSTANCE = re.compile("multiplicity|multiinstance|multi_instance", re.IGNORECASE)
 
 
 def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -> Definitions:
-    """The model of a file (its path), or of its content (bytes); `file` is what errors then call it.
+    """The model of a file, given by its path or its content (bytes). Errors about content refer to it as `file`.
 
-    One that has been read is given back. Raises ModelError if it cannot be read or is not BPMN 2.0, ConfigError if
-    `source` is something else. What cannot be executed is read all the same: see `fame.bpmn.model.Process.faults`.
+    A model is returned unchanged. Processes that cannot be executed are read too: see `fame.bpmn.model.Process.faults`.
+    Raises ModelError if the file cannot be read or is not BPMN 2.0, ConfigError if `source` has another type.
     """
     if isinstance(source, Definitions):
         return source
@@ -74,7 +74,7 @@ def read(source: str | PathLike[str] | bytes | Definitions, *, file: str = "") -
 
 
 def read_text(text: str, *, file: str = "") -> Definitions:
-    """As `read`, of a text: whatever encoding it declares, it is UTF-8 from here on."""
+    """As `read`, for the content as text. An encoding that it declares is ignored."""
     declaration, end, rest = text.partition("?>")
     if declaration.lstrip("\ufeff").startswith("<?xml"):
         declaration = _ENCODING.sub("", declaration, count=1)
@@ -82,12 +82,12 @@ def read_text(text: str, *, file: str = "") -> Definitions:
 
 
 def read_bytes(source: bytes, *, file: str = "") -> Definitions:
-    """As `read`, of bytes."""
+    """As `read`, for the content as bytes."""
     return read_tree(parse(source, file), source, file)
 
 
 def read_tree(root: Node, source: bytes, file: str) -> Definitions:
-    """As `read`, of a file that is parsed, without comments. Elements that have no id in the tree get one."""
+    """As `read`, for a parsed file without comments. Elements without an id get one in the tree."""
     context = Context(file)
     prepare(context, root)
     context.roots = {id: one for one in root.iterchildren(f"{{{BPMN}}}*") if (id := one.get("id")) and _is_shared(one)}
@@ -115,11 +115,11 @@ def _definitions(context: Context, source: bytes, root: Node, processes: tuple[P
         flows += [flow for flow in read if flow is not None]
     for one in root.iter(f"{{{BPMN}}}association"):
         context.register(one)
-    for name in _IGNORED_ROOTS:
+    for name in _ROOTS_WITHOUT_EFFECT:
         for one in children(root, name):
-            context.note(one, f"<{name}> is kept and has no effect", "warning")
+            context.note(one, f"<{name}> has no effect", "warning")
     diagrams = read_diagrams(context, root)
-    for fault in context.take_faults():  # where nothing is executed
+    for fault in context.take_faults():  # outside of processes
         context.notes.append(Note("warning", fault.text, fault.element, fault.line, name=fault.name))
     return Definitions(
         file=context.file,
@@ -140,7 +140,7 @@ def _process(context: Context, element: Node) -> Process:
     found, parts, stores = read_extensions(context, element), parts_of(element), list(shared_stores(context, element))
     for store in stores:
         name = " ".join(store.get("name", "").split()) or store.get("id")
-        context.note(element, f"it shares the data store {name!r} with another pool: each robot has one of its own")
+        context.note(element, f"the data store {name!r} is shared with another pool: each robot has its own copy")
     parts["dataStoreReference"] = [*parts.get("dataStoreReference", ()), *stores]
     data = data_elements(element, stores)
     topics, instances, semantics, fields = map(found.take, ("topics", "instances", "semantics", "fields"))
@@ -161,7 +161,7 @@ def _process(context: Context, element: Node) -> Process:
     body = read_body(process, element, parts)
     executable = boolean_attribute(context, element, "isExecutable", True)
     bound = whole_number(context, element, "instances", instances.value, 1) if instances is not None else None
-    may_stay = boolean_property(context, element, "optional", optional.value) if optional is not None else False
+    is_optional = boolean_property(context, element, "optional", optional.value) if optional is not None else False
     return Process(
         id=context.register(element),
         name=element.get("name", ""),
@@ -170,7 +170,7 @@ def _process(context: Context, element: Node) -> Process:
         body=body,
         executable=executable,
         instances=bound,
-        optional=may_stay,
+        optional=is_optional,
         faults=context.take_faults(),
         semantics=meaning,
         by_prefix=fields.value.strip() == "prefix" if fields is not None else context.original,
@@ -190,8 +190,8 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
     reference = element.get("processRef", "").strip()
     process = resolve({one.id: one for one in processes}, reference)
     found = read_extensions(context, element)
-    marks = [one for one in element.iterdescendants() if _is_many(one)]
-    marked = bool(marks) or any(_MARKER.search(name) for name in found.properties)
+    marks = [one for one in element.iterdescendants() if _is_multi_instance_mark(one)]
+    marked = bool(marks) or any(_MULTI_INSTANCE.search(name) for name in found.properties)
     return Participant(
         id=context.register(element),
         name=element.get("name", ""),
@@ -205,13 +205,16 @@ def _participant(context: Context, element: Node, processes: tuple[Process, ...]
     )
 
 
-def _is_many(element: Node) -> bool:
-    """Whether it marks a pool as many robots; a multiplicity that says one does not."""
-    return _MARKER.search(local_name(element)) is not None and element.get("maximum", "").strip() not in ("0", "1")
+def _is_multi_instance_mark(element: Node) -> bool:
+    """Whether an element marks a pool as multi-instance. A participantMultiplicity of at most one does not."""
+    return _MULTI_INSTANCE.search(local_name(element)) is not None and element.get("maximum", "").strip() not in (
+        "0",
+        "1",
+    )
 
 
 def _numbers(marks: Sequence[Node], attribute: str) -> list[int]:
-    """What marks say of how many; ``unbounded`` and the like say nothing."""
+    """The numbers in an attribute of the marks; ``unbounded`` and the like are skipped."""
     texts = [one.get(attribute, "").strip() for one in marks]
     return [int(text) for text in texts if re.fullmatch("[0-9]{1,9}", text)]
 
@@ -247,16 +250,14 @@ def _artifacts(context: Context, root: Node) -> Iterator[Artifact]:
 
 
 def write(definitions: Definitions, path: str | Path | None = None) -> bytes:
-    """The XML of a model, byte for byte as it was read; written to `path` too if that is given.
+    """The XML of a model, byte for byte as it was read. Also write it to `path`, if given.
 
-    Raises ModelError if `path` cannot be written, or if the model was changed after reading: a file holds more than the
-    dataclasses (extensions of others, comments), so a change is made in the file. Raises ConfigError for what is none.
+    A file holds more than the model (comments, unknown extensions), so changes are made in the file. Raises ModelError
+    if the model was changed after reading or if `path` cannot be written, ConfigError if `definitions` is not a model.
     """
-    expect(isinstance(definitions, Definitions), "definitions", definitions, "a model, as fame.read gives it")
+    expect(isinstance(definitions, Definitions), "definitions", definitions, "a model, as returned by fame.read")
     if not definitions.source or read_bytes(definitions.source, file=definitions.file) != definitions:
-        raise ModelError(
-            "the model is not the one that was read: change the file, not the model", file=definitions.file
-        )
+        raise ModelError("the model was changed after reading: change the file instead", file=definitions.file)
     if path is not None:
         try:
             Path(path).write_bytes(definitions.source)

@@ -1,4 +1,4 @@
-"""Events: what triggers them, what they throw, where they may stand."""
+"""Reads events: their definitions, topics, codes and mappings."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ _ALLOWED: Mapping[str, str] = {
     "cancel": "end boundary",
     "terminate": "end",
 }
-"""Trigger -> places (standard, tables 10.84 to 10.93)."""
+"""Event definition -> places where BPMN 2.0 allows it (tables 10.84 to 10.93)."""
 _SUFFIX = "EventDefinition"
 
 
 @dataclass(slots=True)
 class TopicSource:
-    """Where a topic is read from: an event, or a send or receive task. `properties` hold for all of its topics."""
+    """The event, or send or receive task, whose topics are read. `properties` apply to all of its topics."""
 
     node: NodeReader
     place: Place
@@ -60,7 +60,7 @@ class TopicSource:
 
 
 def read_definitions(node: NodeReader, place: Place) -> tuple[EventDefinition, ...]:
-    """Its event definitions, in document order; a fault is one that may not stand there, or says something wrong."""
+    """The event definitions of an event, in document order. Faults are definitions that are not allowed or invalid."""
     found: list[tuple[Node, str]] = []
     for tag, elements in node.parts.items():
         if tag.endswith(_SUFFIX):
@@ -75,9 +75,9 @@ def read_definitions(node: NodeReader, place: Place) -> tuple[EventDefinition, .
 
 
 def _is_known(node: NodeReader, kind: str, place: Place) -> bool:
-    """Whether an event can have a definition of that kind; one that it cannot have there is a fault."""
+    """Whether BPMN 2.0 has definitions of this kind. One that is not allowed at this place is a fault."""
     if kind not in _ALLOWED:
-        node.fault(f"event definition {kind!r} is not of BPMN 2.0: {', '.join(_ALLOWED)} are")
+        node.fault(f"unknown event definition {kind!r}: expected one of {', '.join(_ALLOWED)}")
     elif place not in _ALLOWED[kind].split():
         places = ", ".join(_ALLOWED[kind].split())
         node.fault(f"{kind} events cannot be {place} events: they can be {places}")
@@ -85,7 +85,7 @@ def _is_known(node: NodeReader, kind: str, place: Place) -> bool:
 
 
 def read_mapping(node: NodeReader, place: Place, definitions: tuple[EventDefinition, ...]) -> IoMapping | None:
-    """What the event maps besides what a caught message brings."""
+    """The mapping of an event, without that of a caught message."""
     found, moves = node.extensions, node.associations
     catches = place not in THROWS and any(isinstance(one, SignalDefinition | MessageDefinition) for one in definitions)
     inputs = (*found.inputs, *moves.assigned_in) if place in THROWS else ()
@@ -102,17 +102,17 @@ def _referred(context: Context, reference: Node) -> tuple[Node, str] | None:
 
 
 def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "message"], say: TopicProperties) -> Topic:
-    """The topic of a signal or message: named by what is referred to, else by the label (FORMATS, rules of reading)."""
+    """The topic of a signal or message, named after the referenced element, else after the label."""
     node, reference = source.node, element.get(f"{kind}Ref")
     referred = node.context.root(reference)
     if referred is not None and local_name(referred) != kind:
         node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected a {kind}")
     name = _topic_name(node, referred, say)
     if has_placeholders(name) or name.startswith("="):
-        text = f"the name {name!r} is computed: name the topic, since its endpoints are made before anything runs"
+        text = f"the name {name!r} is computed: give a fixed name, since topics are created before the process runs"
         node.fault(text)
     if not name or (reference and name == node.label and not (referred is not None and _name(referred))):
-        name = _stand_in(node, kind, reference, referred)
+        name = _default_topic_name(node, kind, reference, referred)
     return Topic(
         name=name,
         type=say.type or _item_type(node.context, referred),
@@ -126,25 +126,25 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
 
 
 def _addressee(source: TopicSource, element: Node, kind: str, say: TopicProperties) -> Expression | None:
-    """The robot that a message is for."""
+    """The expression for the robot that a message is sent to."""
     if say.to is not None and (kind == "signal" or source.place not in THROWS):
-        text = "its property 'to' has no effect: only messages that are thrown are for one robot"
+        text = "its property 'to' has no effect: only thrown messages can be sent to one robot"
         source.node.context.note(element, text, "warning")
         return None
     return say.to
 
 
-def _stand_in(node: NodeReader, kind: str, reference: str | None, referred: Node | None) -> str:
-    """The topic of an event whose signal or message has no name: its label, else the id of what has none."""
+def _default_topic_name(node: NodeReader, kind: str, reference: str | None, referred: Node | None) -> str:
+    """The topic of an event whose signal or message has no name: its label, else the id."""
     name = node.label or (referred.get("id", "") if referred is not None else node.id)
-    meant = f"the label {name!r}" if node.label else f"its id {name!r}"
+    source_of_name = f"the label {name!r}" if node.label else f"its id {name!r}"
     if reference and referred is None and not node.label:
         node.fault(f"{kind}Ref {reference!r}: the file has no such {kind}, and the event has no label")
     elif reference and referred is None:
-        text = f"the file has no {kind} {reference!r}: the topic is {meant}"
+        text = f"the file has no {kind} {reference!r}: the topic is {source_of_name}"
         node.context.note(node.element, text, "warning", quirk=True)
     elif reference or kind == "signal":
-        text = f"the {kind} has no name: the topic is {meant}"
+        text = f"the {kind} has no name: the topic is {source_of_name}"
         node.context.note(node.element, text, "reading" if node.label else "note", quirk=True)
     return name
 
@@ -170,7 +170,7 @@ def _topic_name(node: NodeReader, referred: Node | None, say: TopicProperties) -
 
 
 def _item_type(context: Context, referred: Node | None) -> str | None:
-    """The message type by way of an item definition, the standard's own place for it."""
+    """The message type given by an item definition, as in the standard."""
     if referred is None:
         return None
     item = context.root(referred.get("structureRef") or referred.get("itemRef"))
@@ -186,19 +186,24 @@ def _topic(source: TopicSource, element: Node, kind: Literal["signal", "message"
         if source.place not in THROWS:
             source.takes += tuple(node.extensions.outputs)
     has_own = len(element) or any(key[0] == "{" for key in attributes(element))
-    return read_topic(source, element, kind, _own(node, element, source.properties) if has_own else source.properties)
+    return read_topic(
+        source,
+        element,
+        kind,
+        _definition_properties(node, element, source.properties) if has_own else source.properties,
+    )
 
 
-def _own(node: NodeReader, element: Node, common: TopicProperties) -> TopicProperties:
-    """What the definition itself says, before what the event says."""
+def _definition_properties(node: NodeReader, element: Node, common: TopicProperties) -> TopicProperties:
+    """The topic properties of a definition, completed by those of its event."""
     extensions = read_extensions(node.context, element)
     if extensions.refused:
-        text = f"{extensions.refused.split(';')[0]}: that is passed over, the message is published"
+        text = f"{extensions.refused.split(';')[0]}: ignored, the message is published"
         node.context.note(element, text, "warning")
     own = take_topic_properties(node.context, element, extensions)
     return TopicProperties(
         type=own.type or common.type,
-        payload=own.payload or common.payload or _copied(extensions),
+        payload=own.payload or common.payload or _copied_payload(extensions),
         to=own.to or common.to,
         queue=own.queue or common.queue,
         private=own.private or common.private,
@@ -206,8 +211,8 @@ def _own(node: NodeReader, element: Node, common: TopicProperties) -> TopicPrope
     )
 
 
-def _copied(extensions: Extensions) -> Expression | None:
-    """``camunda:in`` of a signal that is thrown: the payload as a mapping."""
+def _copied_payload(extensions: Extensions) -> Expression | None:
+    """The payload given by ``camunda:in`` of a thrown signal."""
     if not extensions.inputs:
         return None
     pairs = ((one.target, one.source) for one in extensions.inputs)
@@ -227,9 +232,9 @@ def _message(source: TopicSource, element: Node) -> MessageDefinition:
 
 
 def message_keys(context: Context, reference: str | None) -> tuple[tuple[str, Expression], ...]:
-    """What correlates a message: name of a variable of the process -> expression over ``msg``.
+    """The correlation keys of a message: variable of the process -> expression over ``msg``.
 
-    The standard's correlation properties (chapter 8.3.2); a Camunda 8 key ``=order.id`` correlates with field ``id``.
+    From correlation properties (BPMN 2.0, chapter 8.3.2); a Camunda 8 key ``=order.id`` correlates with field ``id``.
     """
     message = context.root(reference)
     if message is None:
@@ -275,7 +280,7 @@ def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
 
 
 def _code(source: TopicSource, element: Node, kind: str) -> str | None:
-    """The code of an error or escalation. A throw without one goes by its name."""
+    """The code of an error or escalation; by default, that of a throw event is its name."""
     reference = element.get(f"{kind}Ref")
     referred = source.node.context.root(reference)
     if reference and referred is None:
@@ -290,14 +295,16 @@ def _code(source: TopicSource, element: Node, kind: str) -> str | None:
     return source.node.label or None
 
 
-def _computed(source: TopicSource, element: Node, kind: str) -> Expression | None:
-    """The expression that gives the code of a throw; one at a catch is a fault: its code is fixed."""
+def _computed_code(source: TopicSource, element: Node, kind: str) -> Expression | None:
+    """The expression for the code of a throw event. At a catch event it is a fault."""
     referred = source.node.context.root(element.get(f"{kind}Ref"))
     text = referred.get(f"{kind}Code", "").strip() if referred is not None else ""
     if by_form(text, 0) is None:
         return None
     if source.place not in THROWS:
-        source.node.fault(f"the {kind} code {text!r} is computed: what catches has a fixed code, or none for all")
+        source.node.fault(
+            f"the {kind} code {text!r} is computed: a catch event needs a fixed code, or none to catch all"
+        )
         return None
     return by_form(text, line_of(element))
 
@@ -306,7 +313,7 @@ def _error(source: TopicSource, element: Node) -> ErrorDefinition:
     extensions = read_extensions(source.node.context, element)
     return ErrorDefinition(
         code=_code(source, element, "error"),
-        computed=_computed(source, element, "error"),
+        computed=_computed_code(source, element, "error"),
         code_variable=extensions.code_variable,
         message_variable=extensions.message_variable,
         line=line_of(element),
@@ -316,7 +323,7 @@ def _error(source: TopicSource, element: Node) -> ErrorDefinition:
 def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
     return EscalationDefinition(
         code=_code(source, element, "escalation"),
-        computed=_computed(source, element, "escalation"),
+        computed=_computed_code(source, element, "escalation"),
         code_variable=read_extensions(source.node.context, element).code_variable,
         line=line_of(element),
     )
@@ -325,7 +332,7 @@ def _escalation(source: TopicSource, element: Node) -> EscalationDefinition:
 def _link(source: TopicSource, element: Node) -> LinkDefinition:
     name = element.get("name", "").strip() or source.node.label
     if not name:
-        source.node.fault("the link has no name: give both of its ends the same one")
+        source.node.fault("the link has no name: give both of its events the same name")
     return LinkDefinition(name=name or source.node.id, line=line_of(element))
 
 

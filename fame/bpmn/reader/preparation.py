@@ -52,16 +52,16 @@ def prepare(context: Context, root: Node) -> None:
 
 
 def extract_embedded_processes(context: Context, root: Node) -> None:
-    """Makes processes that stand as escaped text in a call activity processes of the file, called by their id.
+    """Move processes embedded as escaped text in call activities into the file, and call them by their id.
 
-    The extension element then holds the id. Ids in it that are taken get a number: it was drawn in a file of its own,
-    and may have call activities with processes inside in turn.
+    Ids that are taken get a number, since an embedded process comes from another file. It may contain embedded
+    processes in turn.
     """
-    holders = _folded(root)
+    holders = _embedding_elements(root)
     known = {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
     taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
     for holder in holders:
-        process, diagrams = _embedded(context, holder, holder.get("process", "").strip())
+        process, diagrams = _parse_embedded(context, holder, holder.get("process", "").strip())
         plain = etree.tostring(process)
         if plain not in known:
             known[plain] = process
@@ -71,28 +71,28 @@ def extract_embedded_processes(context: Context, root: Node) -> None:
             for one in everything:
                 one.sourceline = line_of(holder)  # type: ignore[assignment]
             root.extend([process, *diagrams])
-            holders += _folded(process)
+            holders += _embedding_elements(process)
         holder.set("process", known[plain].get("id", ""))
-        text = f"the process embedded in it is read as process {known[plain].get('id')} of the file"
+        text = f"its embedded process is read as process {known[plain].get('id')} of the file"
         context.quirk(holder, text)
 
 
-def _folded(element: Node) -> list[Node]:
+def _embedding_elements(element: Node) -> list[Node]:
     return [one for one in element.iter(f"{{{CALL}}}process") if one.get("process", "").strip().startswith("<")]
 
 
-def _embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Node]]:
-    """The process, and the diagrams that show it."""
+def _parse_embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Node]]:
+    """The process and its diagrams."""
     around = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
     text = text[text.index("?>") + 2 :] if text.startswith("<?") and "?>" in text else text
     source = f'<definitions xmlns="{BPMN}" {around}>{text}</definitions>'.encode()
     try:
         inner = parse_any(source, context.file)
     except Exception as error:
-        raise context.error(holder, f"the process embedded in it: {error}") from None
+        raise context.error(holder, f"its embedded process cannot be read: {error}") from None
     process = next(inner.iter(f"{{{BPMN}}}process"), None)
     if process is None:
-        raise context.error(holder, "the text embedded in it holds no BPMN process")
+        raise context.error(holder, "its embedded text has no BPMN process")
     return deepcopy(process), [deepcopy(one) for one in inner.iter(f"{{{BPMNDI}}}BPMNDiagram") if len(one)]
 
 
@@ -100,7 +100,7 @@ def _embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Nod
 
 
 def connect_message_flows(context: Context, root: Node) -> None:
-    """Let the ends of each message flow refer to the same message."""
+    """Make both ends of each message flow refer to the same message."""
     flows = [
         flow for collaboration in children(root, "collaboration") for flow in children(collaboration, "messageFlow")
     ]
@@ -114,31 +114,31 @@ def connect_message_flows(context: Context, root: Node) -> None:
         sender = _holder(resolve(elements, flow.get("sourceRef")), _SENDS)
         receiver = _holder(resolve(elements, flow.get("targetRef")), _RECEIVES)
         if sender is not None and receiver is not None:
-            _agree(context, root, flow, sender, receiver)
+            _use_one_message(context, root, flow, sender, receiver)
 
 
 def _holder(element: Node | None, tags: tuple[str, ...]) -> Node | None:
-    """What says which message an element sends or receives; None if it has to do with none."""
+    """The element that refers to the sent or received message: the task itself or the event definition, or None."""
     if element is None or local_name(element) not in tags:
         return None
     return element if local_name(element).endswith("Task") else child(element, "messageEventDefinition")
 
 
-def _agree(context: Context, root: Node, flow: Node, sender: Node, receiver: Node) -> None:
-    wanted = receiver.get("messageRef") or flow.get("messageRef") or sender.get("messageRef")
-    if not wanted:
-        wanted = f"{_element(receiver).get('id')}_message"
+def _use_one_message(context: Context, root: Node, flow: Node, sender: Node, receiver: Node) -> None:
+    message = receiver.get("messageRef") or flow.get("messageRef") or sender.get("messageRef")
+    if not message:
+        message = f"{_element(receiver).get('id')}_message"
         label = " ".join(_element(receiver).get("name", "").split()) or _element(receiver).get("id", "")
-        root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": wanted, "name": label}))
-    said = sender.get("messageRef")
-    if said and said != wanted:
-        text = f"sends {said} to {_element(receiver).get('id')}, which waits for {wanted}: that is the topic it goes to"
+        root.insert(0, etree.Element(f"{{{BPMN}}}message", {"id": message, "name": label}))
+    sent = sender.get("messageRef")
+    if sent and sent != message:
+        text = f"sends {sent} to {_element(receiver).get('id')}, which waits for {message}: it is sent as {message}"
         context.note(_element(sender), text, "warning")
-    sender.set("messageRef", wanted)
-    receiver.set("messageRef", wanted)
+    sender.set("messageRef", message)
+    receiver.set("messageRef", message)
 
 
 def _element(holder: Node) -> Node:
-    """The event or task that a holder is of."""
+    """The event or task of a holder."""
     around = holder.getparent()
     return holder if local_name(holder).endswith("Task") or around is None else around

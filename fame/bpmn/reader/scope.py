@@ -1,4 +1,4 @@
-"""The content of a scope: its flow nodes, flows and data, read and checked to hang together."""
+"""Reads the content of a scope: flow nodes, flows and data, with checks of their references."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ _OTHER = {
     "supports", "categoryValueRef", "multiInstanceLoopCharacteristics", "standardLoopCharacteristics",
     "completionCondition", "sequenceFlow", "dataObject", "dataObjectReference", "dataStoreReference",
 }  # fmt: skip
-"""What stands in a scope and is no flow node."""
+"""Elements of a scope that are not flow nodes."""
 _B = f"{{{BPMN}}}"
 
 
 def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
-    """The content of a process or sub-process.
+    """Read the content of a process or sub-process.
 
-    Faults are a flow node that BPMN 2.0 does not have, a sequence flow or boundary event that hangs in the air or
-    crosses the border of the scope, a default flow that does not leave its node.
+    Faults are elements that BPMN 2.0 does not define, sequence flows and boundary events whose ends are missing or in
+    another scope, and default flows that do not leave their node.
     """
     context = process.context
     wiring, flows = _wiring(context, element, parts)
@@ -58,7 +58,7 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
     for one in element:
         read = _READERS.get(one.tag)
         if read is None:
-            _pass_over(context, one)
+            _check_other(context, one)
         else:
             node = read(process, one, wiring)
             nodes[node.id] = node
@@ -71,20 +71,20 @@ def read_body(process: ProcessContext, element: Node, parts: Parts) -> Body:
 
 
 def _wiring(context: Context, element: Node, parts: Parts) -> tuple[Connections, list[Node]]:
-    """The sequence flows that lead from one node of the scope to another."""
+    """The sequence flows between nodes of the scope, and the nodes that they connect."""
     wiring: dict[str, tuple[list[str], list[str]]] = {}
     nodes = {one.get("id", "") for one in element if one.tag in _READERS} - {""}
     ids = {context.register(flow): flow for flow in parts.get("sequenceFlow", ())}
-    flows = {id: flow for id, flow in ids.items() if _leads(context, flow, nodes)}
+    flows = {id: flow for id, flow in ids.items() if _has_both_ends(context, flow, nodes)}
     for id, flow in flows.items():
         wiring.setdefault(flow.get("sourceRef", "").strip(), ([], []))[1].append(id)
         wiring.setdefault(flow.get("targetRef", "").strip(), ([], []))[0].append(id)
     return wiring, list(flows.values())
 
 
-def _pass_over(context: Context, element: Node) -> None:
+def _check_other(context: Context, element: Node) -> None:
     if not element.tag.startswith(_B):
-        context.note(element, f"<{element.tag}> is not of BPMN: it stays in the file and has no effect")
+        context.note(element, f"<{element.tag}> is not a BPMN element and has no effect")
     elif local_name(element) not in _OTHER:
         context.fault(element, f"<{local_name(element)}> is not a flow element that FAME knows")
 
@@ -92,8 +92,8 @@ def _pass_over(context: Context, element: Node) -> None:
 # ---- checks ----------------------------------------------------------------------------------------------------------
 
 
-def _leads(context: Context, flow: Node, nodes: set[str]) -> bool:
-    """Whether both ends of a sequence flow are nodes of its scope."""
+def _has_both_ends(context: Context, flow: Node, nodes: set[str]) -> bool:
+    """Whether both ends of a sequence flow are nodes of its scope. Otherwise it is a fault."""
     for end, preposition in (("sourceRef", "from"), ("targetRef", "to")):
         reference = flow.get(end, "").strip()
         if reference in nodes:
@@ -107,24 +107,24 @@ def _leads(context: Context, flow: Node, nodes: set[str]) -> bool:
 
 
 def _why_not(context: Context, flow: Node, reference: str) -> str:
-    """Why what is referred to is no flow node of the same scope."""
+    """Why a reference does not name a flow node of the same scope."""
     found = context.find_in_file(flow, reference)
     if found is None:
         return "there is no such flow node"
     if found.tag in _READERS:
-        return "it crosses the border of its scope"
+        return "it crosses the boundary of its scope"
     namespace, _, name = found.tag.rpartition("}")
     if f"{namespace}}}" == _B:
-        return f"that is a <{name}>, no flow node"
+        return f"that is a <{name}>, not a flow node"
     where = f"of namespace {namespace[1:]}" if namespace else "without a namespace"
-    return f"that is a <{name}> {where}, which is no flow node of BPMN 2.0"
+    return f"that is a <{name}> {where}, which is not a flow node of BPMN 2.0"
 
 
 def _checked(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) -> FlowNode:
-    """The node, without a default flow that it cannot have; a boundary event without a host is an intermediate one."""
+    """The node without an invalid default flow; a boundary event without an activity becomes an intermediate event."""
     fault = partial(context.fault, context.elements[node.id])
     if isinstance(node, Event) and node.place == "boundary":
-        why = _no_host(node.attached_to, nodes.get(node.attached_to))
+        why = _why_not_attached(node.attached_to, nodes.get(node.attached_to))
         if why:
             fault(f"the boundary event is attached to {why}")
             return replace(node, place="catch", attached_to="")
@@ -134,15 +134,19 @@ def _checked(context: Context, node: FlowNode, nodes: Mapping[str, FlowNode]) ->
     return node
 
 
-def _no_host(id: str, host: FlowNode | None) -> str:
-    """Why nothing can be attached to it; empty if something can."""
+def _why_not_attached(id: str, host: FlowNode | None) -> str:
+    """Why a boundary event cannot be attached to a node, or empty."""
     if not id:
         return "nothing"
     if host is None:
         return f"{id!r}: there is no such activity in its scope"
     if not isinstance(host, Activity):
         return f"{id!r}, which is not an activity"
-    return f"{id!r}, an event sub-process: it has none" if getattr(host, "triggered_by_event", False) else ""
+    return (
+        f"{id!r}, an event sub-process, which cannot have boundary events"
+        if getattr(host, "triggered_by_event", False)
+        else ""
+    )
 
 
 # ---- flows -----------------------------------------------------------------------------------------------------------
@@ -175,17 +179,17 @@ def _condition(context: Context, flow: Node) -> Expression | None:
 
 
 def _associations(context: Context, nodes: Mapping[str, FlowNode]) -> Iterator[tuple[str, str]]:
-    """Those between flow nodes of a scope, wherever they stand; from compensation event to handler, however drawn."""
+    """(source, target) of the associations between flow nodes of a scope, from compensation event to handler."""
     for one in dict.fromkeys(one for id in nodes for one in context.associations.get(id, ())):
         source, target = resolve(nodes, one.get("sourceRef")), resolve(nodes, one.get("targetRef"))
         if source is None or target is None:
             continue
-        if _compensates(target) and not _compensates(source):
+        if _is_compensation_event(target) and not _is_compensation_event(source):
             source, target = target, source
         yield source.id, target.id
 
 
-def _compensates(node: FlowNode) -> bool:
+def _is_compensation_event(node: FlowNode) -> bool:
     return (
         isinstance(node, Event)
         and node.place == "boundary"

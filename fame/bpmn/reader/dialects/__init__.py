@@ -39,7 +39,7 @@ _EXTENSION_ELEMENTS = f"{{{BPMN}}}extensionElements"
 
 
 def read_extensions(context: Context, element: Node) -> Extensions:
-    """All that the extension elements and attributes of a BPMN element say."""
+    """The extensions of a BPMN element: those of its attributes and extension elements."""
     found = Extensions()
     for key in attributes(element):
         if key[0] == "{":
@@ -56,7 +56,7 @@ def read_extensions(context: Context, element: Node) -> Extensions:
 
 
 def is_original_fame(root: Node) -> bool:
-    """Whether a file looks like one of the original FaMe's: by elements of its web modeler, lists, or JavaScript."""
+    """Whether a file is one of the original FaMe: it has elements of its web modeler, message lists, or JavaScript."""
     if next(root.iter(*(f"{{{namespace}}}*" for namespace in original_fame.NAMESPACES)), None) is not None:
         return True
     languages = {said.lower().strip(" ()") for said in cast("list[str]", _LANGUAGES(root))}
@@ -65,7 +65,7 @@ def is_original_fame(root: Node) -> bool:
     )
 
 
-_FORMS: Mapping[str, str] = {
+_DIALECT_NAMES: Mapping[str, str] = {
     original_fame.LIST: "lists of type and payload (FaMe G0)",
     CAMUNDA: "Camunda 7 (FaMe G1, FAME)",
     **dict.fromkeys(original_fame.NAMESPACES, "FaMe's web modeler (G2)"),
@@ -76,32 +76,32 @@ _FORMS: Mapping[str, str] = {
 
 
 def dialects_of(root: Node) -> tuple[str, ...]:
-    """Whose extension elements and attributes a file has, in words; in the order of generations."""
+    """The names of the dialects that a file uses, for messages."""
     seen = set[str]()
     for one in root.iter("*"):
         seen.add(one.tag[1:].partition("}")[0])
         seen.update(key[1:].partition("}")[0] for key in attributes(one) if key[0] == "{")
         if original_fame.is_message_list(one):
             seen.add(original_fame.LIST)
-    return tuple(dict.fromkeys(text for form, text in _FORMS.items() if form in seen))
+    return tuple(dict.fromkeys(text for form, text in _DIALECT_NAMES.items() if form in seen))
 
 
 _DECLARED = re.compile(rb"""xmlns(?::[\w.-]+)?\s*=\s*["']([^"']+)["']""")
-_OTHERS = {
+_SIMILAR = {
     BPMNDI, DC, DI, "http://camunda.org/schema/modeler/1.0", "http://camunda.org/schema/1.0/dmn",
     "http://www.w3.org/2001/XMLSchema", "http://www.w3.org/2001/XMLSchema-instance",
 }  # fmt: skip
-"""Alike, and meant."""
-_NEAR = 0.9
-"""Part of the letters that two names share; fewer are another name."""
+"""Namespaces similar to known ones, but correct."""
+_SIMILARITY = 0.9
+"""Minimal similarity of two namespaces (difflib ratio)."""
 
 
 def note_misspelt_namespaces(context: Context, root: Node, source: bytes) -> None:
-    """One warning for each namespace that something in the file is of, and that looks like one that is read."""
+    """Add a warning for each namespace that elements use and that resembles a known one."""
     names = {_bare(uri): uri for uri in (*ELEMENT_ADAPTERS, BPMN)}
     declared = {found.decode(errors="replace") for found in _DECLARED.findall(source.replace(b"\0", b""))}
-    for uri in sorted(declared - _OTHERS - set(names.values())):
-        near = get_close_matches(_bare(uri), names, n=1, cutoff=_NEAR)
+    for uri in sorted(declared - _SIMILAR - set(names.values())):
+        near = get_close_matches(_bare(uri), names, n=1, cutoff=_SIMILARITY)
         first = next((one for one in root.iter("*") if near and _is_of(one, uri)), None)
         if first is not None:
             text = f"elements of namespace {uri} are not read; did you mean {names[near[0]]}?"
@@ -109,7 +109,7 @@ def note_misspelt_namespaces(context: Context, root: Node, source: bytes) -> Non
 
 
 def _bare(uri: str) -> str:
-    """Without what is often written in another way."""
+    """A namespace without scheme, www and trailing separators."""
     return re.sub(r"^https?:/*(www\.)?|[/#\s]+$", "", uri.strip().lower())
 
 

@@ -1,6 +1,6 @@
-"""Camunda 7 (``http://camunda.org/schema/1.0/bpmn``): properties, mappings, services. The FAME paper's form too.
+"""Camunda 7 (``http://camunda.org/schema/1.0/bpmn``): properties, mappings, services. Also the form of the FAME paper.
 
-Activiti, from which it comes, and Flowable have the same words in namespaces of their own.
+Activiti, its predecessor, and Flowable use the same names in their own namespaces.
 """
 
 from __future__ import annotations
@@ -25,15 +25,13 @@ IGNORED = {
     "dueDate", "followUpDate", "priority", "asyncBefore", "asyncAfter", "async", "jobPriority",
     "taskPriority", "failedJobRetryTimeCycle", "initiator", "field", "variableEvents", "variableName",
 }  # fmt: skip
-"""Kept in the file, no effect here: the reader notes each. Nothing is said of `historyTimeToLive`: the modeler puts it
-there by itself.
-"""
-_NO_JAVA = "FAME has no Java: make it a script task, or name an operation that is registered"
-_OF_A_TOOL = "it is a task of type {} of its tool; make it a script task, or name an operation that is registered"
+"""Names without effect in FAME; each gets a note, except `historyTimeToLive`, which the modeler always writes."""
+_NO_JAVA = "FAME does not run Java: use a script task, or name a registered operation"
+_VENDOR_TASK = "it is a vendor-specific task of type {}; use a script task, or name a registered operation"
 REFUSED: Mapping[str, str] = {
     "class": f"it runs the Java class {{}}; {_NO_JAVA}",
     "delegateExpression": f"it runs the delegate expression {{}}; {_NO_JAVA}",
-    "connector": "it runs a connector; make it a script task, or name an operation that is registered",
+    "connector": "it runs a connector; use a script task, or name a registered operation",
     "decisionRef": "it asks the DMN decision {}; decide with a gateway or a script task",
     "caseRef": "it calls the CMMN case {}; call a process",
     **dict.fromkeys(
@@ -45,7 +43,7 @@ REFUSED: Mapping[str, str] = {
 
 
 def element(context: Context, node: Node, found: Extensions) -> None:
-    """One extension element."""
+    """Read an extension element."""
     name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
@@ -53,29 +51,29 @@ def element(context: Context, node: Node, found: Extensions) -> None:
     elif name in REFUSED:
         found.refused = REFUSED[name].format("")
     elif name in ("executionListener", "taskListener"):
-        context.note(node, f"{_called(node, name)} is not run: FAME has no listeners", "warning")
+        context.note(node, f"{_prefixed(node, name)} is not run: FAME has no listeners", "warning")
     elif name in IGNORED:
-        context.note(node, f"{_called(node, name)} has no effect")
+        context.note(node, f"{_prefixed(node, name)} has no effect")
 
 
-def _called(node: Node, name: str) -> str:
-    """An element or attribute as the file writes it."""
+def _prefixed(node: Node, name: str) -> str:
+    """The name of an element or attribute with the prefix of the file."""
     prefixes = {uri: prefix for prefix, uri in node.nsmap.items() if prefix}
     return f"{next((prefixes[uri] for uri in (CAMUNDA, FLOWABLE, ACTIVITI) if uri in prefixes), 'camunda')}:{name}"
 
 
 def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
-    """One attribute of a BPMN element."""
+    """Read an attribute of a BPMN element."""
     if name in REFUSED:
         found.refused = REFUSED[name].format(value)
     elif name == "type" and value.strip() not in ("", "external", "external-worker"):
-        found.refused = _OF_A_TOOL.format(value)
+        found.refused = _VENDOR_TASK.format(value)
     elif name in _ATTRIBUTES:
         setattr(found, _ATTRIBUTES[name], value.strip())
     elif name == "expression":
         found.script = code_expression(context, node, value.strip(), None, line_of(node))
     elif name in IGNORED:
-        context.note(node, f"{_called(node, name)} has no effect")
+        context.note(node, f"{_prefixed(node, name)} has no effect")
 
 
 _ATTRIBUTES = {
@@ -103,7 +101,7 @@ def _input_output(context: Context, node: Node, found: Extensions) -> None:
             continue
         name = one.get("name", "").strip()
         if not name:
-            context.fault(one, f"a {_called(one, local_name(one))} has no name: say which variable it sets")
+            context.fault(one, f"a {_prefixed(one, local_name(one))} has no name: say which variable it sets")
             continue
         source = _parameter(context, one)
         outwards = local_name(one) == "outputParameter"
@@ -114,7 +112,7 @@ def _input_output(context: Context, node: Node, found: Extensions) -> None:
 
 
 def _parameter(context: Context, node: Node) -> Expression | None:
-    """Text, script, list or map. The last two are flow-style YAML with ``${...}`` inside. Others are a fault."""
+    """A text, script, list or map; lists and maps become flow-style YAML with ``${...}``. Others are a fault."""
     if not len(node):
         return mapping_source(text_of(node), line_of(node))
     content = node[0]
@@ -151,7 +149,7 @@ def _out(context: Context, node: Node, found: Extensions) -> None:
 def _copy(context: Context, node: Node, into: list[Assignment]) -> None:
     source, expression, target = node.get("source"), node.get("sourceExpression"), node.get("target", "").strip()
     if not target or not (source or expression):
-        text = f"{_called(node, local_name(node))} needs target and source (or sourceExpression), or variables='all'"
+        text = f"{_prefixed(node, local_name(node))} needs target and source (or sourceExpression), or variables='all'"
         context.fault(node, text)
         return
     seen = (
@@ -168,6 +166,6 @@ _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
     "out": _out,
 }
 _INNER = {"property", "inputParameter", "outputParameter", "list", "value", "map", "entry", "script"}
-VENDORS_ELEMENTS = {*_ELEMENTS, *_INNER}
-VENDORS_ATTRIBUTES = {*_ATTRIBUTES, *REFUSED, "expression", "type"}
-"""What Flowable and Activiti say in the same words."""
+SHARED_ELEMENTS = {*_ELEMENTS, *_INNER}
+SHARED_ATTRIBUTES = {*_ATTRIBUTES, *REFUSED, "expression", "type"}
+"""The names that Flowable and Activiti share with Camunda 7."""

@@ -1,4 +1,4 @@
-"""Camunda 8 (``http://camunda.org/schema/zeebe/1.0``)."""
+"""Camunda 8 (``http://camunda.org/schema/zeebe/1.0``): properties, mappings, jobs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ IGNORED = {
     "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",
     "executionListeners", "taskListeners", "linkedResources",
 }  # fmt: skip
-"""Kept in the file, no effect here: the reader notes each."""
+"""Elements without effect in FAME; each gets a note."""
 
 
 def element(context: Context, node: Node, found: Extensions) -> None:
-    """One extension element."""
+    """Read an extension element."""
     name = local_name(node)
     read = _ELEMENTS.get(name)
     if read is not None:
@@ -29,7 +29,7 @@ def element(context: Context, node: Node, found: Extensions) -> None:
 
 
 def attribute(context: Context, node: Node, name: str, value: str, found: Extensions) -> None:
-    """Attributes (``modelerTemplate`` and its like) mean nothing to a run."""
+    """Ignore an attribute: those of Camunda 8 (``modelerTemplate`` ...) have no effect in FAME."""
 
 
 def _properties(context: Context, node: Node, found: Extensions) -> None:
@@ -55,7 +55,7 @@ def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
 
 
 def _assign(into: list[Assignment], target: str, source: Expression, inwards: bool) -> None:
-    """``order.id`` as a target is a field of a variable: of a new one (inwards), or of what it holds already."""
+    """Add an assignment. The target ``order.id`` is a field of a new variable (inwards), or of its current value."""
     name, *path = target.split(".")
     if not path:
         into.append(Assignment(target, source))
@@ -76,7 +76,7 @@ def _assign(into: list[Assignment], target: str, source: Expression, inwards: bo
 def _task(context: Context, node: Node, found: Extensions) -> None:
     found.operation = node.get("type", "").strip()
     if found.operation.startswith("io.camunda"):
-        found.refused = f"it runs the connector {found.operation}; name an operation that is registered"
+        found.refused = f"it runs the connector {found.operation}; name a registered operation"
 
 
 def _called(context: Context, node: Node, found: Extensions) -> None:

@@ -11,13 +11,13 @@ LIST, _VALUE = f"{{{CAMUNDA}}}list", f"{{{CAMUNDA}}}value"
 
 
 def is_message_list(node: Node) -> bool:
-    """Whether it is the list of such a parameter."""
+    """Whether an element is a list of message type and payload, the form of the oldest models."""
     first = node.find(_VALUE) if node.tag == LIST else None
     return first is not None and is_message_type(text_of(first))
 
 
 def apply_message_list(context: Context, node: Node, found: Extensions) -> None:
-    """Turns such a parameter, on a signal event, into topic, type and payload. Others stay what they are."""
+    """Read a parameter with such a list, named like the topic, as topic, type and payload of a signal event."""
     for name, items in found.lists.items():
         if items and len(items) <= 2 and is_message_type(items[0].value):
             found.topic, found.type = name, items[0].value
@@ -35,7 +35,7 @@ _POLICIES = {name.replace("_", "") for name in (*QOS_CHOICES, "depth", *QOS_DURA
 
 
 def element(context: Context, node: Node, found: Extensions) -> None:
-    """One extension element. Attributes that mean nothing (``selection``, ``is_output``) are passed over."""
+    """Read an extension element of the web modeler. Other attributes (``selection``, ``is_output``) are ignored."""
     name = local_name(node)
     if name == "message":
         found.type = node.get("type", "")
