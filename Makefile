@@ -31,7 +31,7 @@ test: $(VENV)/dev.installed
 	$(BIN)/python -m pytest
 
 attack: $(VENV)/dev.installed
-	$(BIN)/python benchmarks/attack.py
+	$(BIN)/python benchmarks/attack.py --again
 
 test-modeler: $(VENV)/dev.installed out/modeler/package
 	$(PIP) install playwright
