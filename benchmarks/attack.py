@@ -64,7 +64,8 @@ def main() -> int:
         return here(chosen[0], arguments.here)
     begun = time.monotonic()
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        fell = [attack for attack, had_effect in zip(chosen, pool.map(apart, chosen, range(len(chosen)))) if had_effect]
+        effects = pool.map(apart, chosen, range(len(chosen)))
+        fell = [attack for attack, effect in zip(chosen, effects, strict=True) if effect]
     if arguments.again:  # on a busy machine robots may need longer to meet than an attack waits
         fell = [attack for number, attack in enumerate(fell) if apart(attack, len(chosen) + number)]
     print(f"{len(chosen) - len(fell)} held, {len(fell)} fell, in {time.monotonic() - begun:.0f} s")
