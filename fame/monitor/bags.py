@@ -47,6 +47,9 @@ class BagWriter:
     Raises ConfigError if it exists already.
     """
 
+    path: Path
+    count: int
+
     def __init__(self, path: Path, ports: Sequence[Port], topics: Sequence[str]) -> None:
         """`topics` are the full names, one per port."""
         from rosbags.rosbag2 import StoragePlugin, Writer

@@ -117,6 +117,10 @@ Named: TypeAlias = tuple[str, Any]
 class AnomalyDetector:
     """The published role. Unsupervised classifiers learn from benign points, supervised ones from both kinds."""
 
+    unsupervised: list[Named]
+    supervised: list[Named]
+    process: DataProcess
+
     def __init__(self, unsupervised: Sequence[Named], supervised: Sequence[Named], process: DataProcess) -> None:
         self.unsupervised, self.supervised, self.process = list(unsupervised), list(supervised), process
 

@@ -17,8 +17,8 @@ from typing import Any, TextIO
 from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import AnomalyDetector, Named
 from fame.monitor.anomaly.evaluation import HEADS, ConfusionMatrix, by_point, render
-from fame.monitor.anomaly.learn import read_data
-from fame.monitor.anomaly.learning_file import load
+from fame.monitor.anomaly.learn import LearningData, read_data
+from fame.monitor.anomaly.learning_file import Learning, load
 from fame.monitor.anomaly.model import DataPersist, data_hash
 from fame.monitor.anomaly.preprocessing import DataProcess
 
@@ -29,6 +29,12 @@ class Interface:
     What the folder holds from earlier is taken if it was made from the same data, and made anew if not.
     Raises ConfigError.
     """
+
+    learning: Learning
+    data: LearningData
+    persist: DataPersist | None
+    process: DataProcess
+    detector: AnomalyDetector
 
     def __init__(self, file: str | Path, folder: str | Path | None = None, out: TextIO | None = None) -> None:
         self.learning = load(file)

@@ -62,6 +62,12 @@ class RunMonitor:
     if the arm was moving away from home meanwhile.
     """
 
+    model: Model
+    threshold: float
+    run: int
+    waiting: bool
+    late: bool
+
     def __init__(self, model: Model, threshold: float | None = None, rule: Rule = "home", cycle: int = 0) -> None:
         self.model = model
         self.threshold = model.threshold if threshold is None else threshold
@@ -148,6 +154,11 @@ class Collector:
     that were cut off, shorter than `WHOLE` of the usual, are left out of the recording; its notes say so.
     Raises ConfigError for the rule ``count`` without a `cycle`.
     """
+
+    label: int
+    limit: int
+    done: bool
+    complete: int
 
     def __init__(self, label: int, rule: Rule = "home", *, cycle: int = 0, limit: int = 0) -> None:
         if rule == "count" and cycle < 1:

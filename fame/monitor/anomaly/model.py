@@ -100,6 +100,8 @@ class Scorer(Protocol):
 class PointScorer:
     """For classifiers to which every point stands for itself."""
 
+    model: Model
+
     def __init__(self, model: Model) -> None:
         self.model = model
         self._benign = _decision(model)
@@ -117,6 +119,8 @@ class PointScorer:
 
 class PathScorer:
     """For the detector in task space."""
+
+    model: Model
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -232,6 +236,8 @@ def _model(content: dict[str, Any]) -> Model:
 
 class DataPersist:
     """The published role: keeps processed data and fitted processing in a folder, each under the hash of its origin."""
+
+    folder: Path
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)

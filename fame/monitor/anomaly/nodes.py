@@ -18,7 +18,7 @@ from typing import Any
 
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
-from fame.middleware.interface import SENSOR_DATA, Middleware
+from fame.middleware.interface import SENSOR_DATA, Middleware, Node
 from fame.monitor.anomaly.live import Collector, Point, RunMonitor, RunReport
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.segmentation import JUMP, Rule
@@ -68,6 +68,10 @@ def _are_default_names(joints: Sequence[str]) -> bool:
 class _JointStateNode:
     """A node that reads joint states, and reports what it cannot use and when they stop."""
 
+    scheduler: Scheduler
+    node: Node
+    topic: str
+
     def __init__(
         self,
         name: str,
@@ -84,7 +88,7 @@ class _JointStateNode:
         self._reported: set[str] = set()
         self._last: list[float] = []
         self.node = middleware.node(name, namespace)
-        self.topic: str = self.node.subscription(topic, TYPE, self._on_message, SENSOR_DATA).topic
+        self.topic = self.node.subscription(topic, TYPE, self._on_message, SENSOR_DATA).topic
         self._watch = SilenceWatch(
             scheduler, self.topic, silence, report, lambda received: f"; run {self.current_run()} waits for it"
         )
@@ -125,6 +129,8 @@ class OperateNode(_JointStateNode):
 
     It lives until `close`. `report` gets a line for every run that ended and everything unusual.
     """
+
+    monitor: RunMonitor
 
     def __init__(
         self,
@@ -207,6 +213,8 @@ class OperateNode(_JointStateNode):
 
 class CollectNode(_JointStateNode):
     """Records joint states. `progress` gets the number of complete runs, `done` is called after the last one wanted."""
+
+    collector: Collector
 
     def __init__(
         self,

@@ -91,6 +91,10 @@ class Paths:
 class PathDetector:
     """Learns from benign runs alone. `limits` is (bins, 3): of deviation, change of lateness, lateness."""
 
+    chain: Chain
+    margin: float
+    period: float
+
     def __init__(self, chain: Chain, margin: float = MARGIN) -> None:
         self.chain, self.margin = chain, margin
         self.period = 0.0

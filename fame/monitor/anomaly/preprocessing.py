@@ -21,6 +21,11 @@ class DataProcess:
     scaling    ``minmax`` (each column to 0 ... 1), ``standard`` (mean 0, deviation 1) or ``none``
     """
 
+    reduction: int
+    scaling: str
+    scaler: Any
+    pca: Any
+
     def __init__(self, reduction: int = 0, scaling: str = "minmax", scaler: Any = None, pca: Any = None) -> None:
         if scaling not in SCALINGS:
             raise ConfigError(f"expected a scaling of {', '.join(SCALINGS)}, got {scaling!r}")

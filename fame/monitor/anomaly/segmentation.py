@@ -111,6 +111,9 @@ WHOLE = 0.8
 class RunSegmenter:
     """Says with each point whether a run begins, and how many points ago it did."""
 
+    rule: Rule
+    cycle: int
+
     def __init__(self, rule: Rule, cycle: int = 0) -> None:
         self.rule, self.cycle = rule, cycle
         self._count = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,11 +23,13 @@ class Autoencoder(Processor):
     others are taken in order. `model` may be a TrainedModel that is at hand.
     """
 
-    parameters = (
+    trained: TrainedModel
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("model", "file", "", description="file of the trained model", fixed=True),
         Parameter("stride", "int", 5, (1, None), "samples", "from one window to the next"),
     )
-    outputs = ("loss",)
+    outputs: ClassVar[tuple[str, ...]] = ("loss",)
     model: str
     stride: int
 
@@ -75,13 +77,13 @@ class Estimator(Processor):
     The file is one that skops stored. With a window, its samples and channels are the features, sample by sample.
     """
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("model", "file", "", description="file of the estimator, stored by skops", fixed=True),
         Parameter("method", "str", "predict", _METHODS, description="what is asked"),
         Parameter("window", "int", 1, (1, None), "samples", "whose values are the features"),
         Parameter("stride", "int", 1, (1, None), "samples", "from one window to the next"),
     )
-    outputs = ("value",)
+    outputs: ClassVar[tuple[str, ...]] = ("value",)
     model: str
     window: int
     stride: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ class LowPass(Processor):
     With `rate` 0, fs is taken from the stamps, sample by sample, which is right at any rate and across gaps.
     """
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("cutoff", "float", 10.0, (1e-6, None), "Hz", "fc, where the amplitude is down by 3 dB"),
         Parameter("rate", "float", 0.0, (0, None), "Hz", "fs; 0: from the stamps"),
     )
@@ -60,7 +61,7 @@ def _one_pole(y: Floats, values: Floats, exponents: Floats) -> Floats:
 class Resample(Processor):
     """Samples at a fixed rate, on multiples of 1 / rate, by linear interpolation; nothing across a gap."""
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("rate", "float", 50.0, (1e-6, None), "Hz", "of what comes out"),
         Parameter("gap", "float", 0.1, (0, None), "s", "between two samples, above which nothing is interpolated"),
     )
@@ -114,7 +115,7 @@ class Resample(Processor):
 class Scale(Processor):
     """(x - offset) * factor, each one number for all channels or one per channel."""
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("offset", "floats", (0.0,), description="what is taken off"),
         Parameter("factor", "floats", (1.0,), description="what the rest is multiplied by"),
     )

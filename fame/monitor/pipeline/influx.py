@@ -30,6 +30,9 @@ _TIMEOUT = 5.0
 class Influx:
     """Where rows go: ``http://host:8086/database``. `spool` is the path without ending of its files."""
 
+    sent: int
+    rows: int
+
     def __init__(
         self, url: str, spool: Path, measurement: str, report: Callable[[str], object], pause: float = 1.0
     ) -> None:

@@ -46,6 +46,8 @@ class _Publication:
 class Publications:
     """The publishers. `publish` sends what was computed, a message per sample and topic."""
 
+    count: int
+
     def __init__(self, node: Node, ports: Sequence[Port], report: ThrottledReport) -> None:
         self._report, self.count = report, 0
         self._publications = []
@@ -111,6 +113,14 @@ class ProcessingNode:
     `processors` stand in for those of the configuration, if given. Raises ConfigError and MessageError before anything
     runs.
     """
+
+    configuration: Configuration
+    scheduler: Scheduler
+    processors: list[Any]
+    report: ThrottledReport
+    node: Node
+    calls: int
+    missed: int
 
     def __init__(
         self,

@@ -80,6 +80,8 @@ class OnnxEstimator:
     Raises ConfigError for a file that onnxruntime does not take, UnavailableError without it.
     """
 
+    n_features_in_: int
+
     def __init__(self, path: str | Path) -> None:
         runtime = _package("onnxruntime")
         options = runtime.SessionOptions()

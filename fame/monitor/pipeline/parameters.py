@@ -69,6 +69,8 @@ def owners(processors: Sequence[Any]) -> dict[str, tuple[Any, Parameter]]:
 class ParameterServer:
     """Offers the parameters of some processors on a node."""
 
+    owners: dict[str, tuple[Any, Parameter]]
+
     def __init__(self, node: Node, processors: Sequence[Any], report: ThrottledReport) -> None:
         self.owners, self._report = owners(processors), report
         if hasattr(node, "ros"):
@@ -187,6 +189,8 @@ class ParameterServer:
 
 class ParameterClient:
     """Asks a node for its parameters, and waits for the answers on the scheduler."""
+
+    other: str
 
     def __init__(self, node: Node, scheduler: Scheduler, other: str, timeout: float = 3.0) -> None:
         """`other` is the full name of the node: ``/low_pass``."""

@@ -16,7 +16,7 @@ import socket
 import stat
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from fame.errors import ConfigError
@@ -38,7 +38,7 @@ class Connection(Protocol):
 class Machine(Processor):
     """The values of `fields`, each an output of that name. Raises ConfigError for a source of another form."""
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("source", "str", "", description="module:function, tcp://host:port or serial:///dev/...", fixed=True),
         Parameter("fields", "strs", ("value",), description="names of the numbers on a line, in order", fixed=True),
     )

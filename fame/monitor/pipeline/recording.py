@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
-from fame.middleware.interface import Middleware, resolve
+from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.bags import BagWriter
 from fame.monitor.pipeline.configuration import Configuration, Port
@@ -41,6 +41,12 @@ class RecordingNode:
     append     go on with a CSV file that is there
     run_topic  a message on it (std_msgs/msg/Empty) begins the next run
     """
+
+    rows: int
+    run: int
+    report: ThrottledReport
+    node: Node
+    subscriptions: Subscriptions
 
     def __init__(
         self,

@@ -66,6 +66,10 @@ class CsvFile:
     """Where rows go. `append` goes on with a file that has the same columns; `now` tells the time (s), since the stamps
     of two topics may be of two clocks."""
 
+    path: Path
+    rows: int
+    first_run: int
+
     def __init__(
         self,
         path: Path,

@@ -39,6 +39,15 @@ _MIN_SAMPLES = 50  # samples that a rate is computed from
 class _Stream:
     """The inputs of one topic, and what has arrived of them."""
 
+    ports: list[Port]
+    stamped: bool
+    topic: str
+    last: float
+    begin: float
+    quickest: float
+    count: int
+    counted: int
+
     def __init__(self, ports: list[Port]) -> None:
         self.ports = ports
         self.reads: list[Read] = [reader(port.type, port.path) for port in ports]

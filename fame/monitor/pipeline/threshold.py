@@ -6,7 +6,7 @@ import ast
 import operator
 from collections.abc import Callable, Mapping
 from functools import reduce
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ class Threshold(Processor):
     whether the alarm stands.
     """
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("threshold", "floats", (), (1e-300, None), "", "above 0; one for all channels, or one per channel"),
         Parameter(
             "model", "file", "", description="trained model whose thresholds are used if none are given", fixed=True
@@ -30,7 +30,7 @@ class Threshold(Processor):
         Parameter("hysteresis", "float", 0.1, (0, 1), description="part below the threshold at which the alarm ends"),
         Parameter("names", "strs", (), description="of the channels, if the data do not tell"),
     )
-    outputs = ("alarm", "channel", "name", "loss", "excess", "active")
+    outputs: ClassVar[tuple[str, ...]] = ("alarm", "channel", "name", "loss", "excess", "active")
     model: str
     hysteresis: float
     names: tuple[str, ...]
@@ -109,8 +109,10 @@ class Expression(Processor):
     the same stamps.
     """
 
-    parameters = (Parameter("formula", "str", "", description="over the inputs, by name"),)
-    outputs = ("value",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("formula", "str", "", description="over the inputs, by name"),
+    )
+    outputs: ClassVar[tuple[str, ...]] = ("value",)
 
     @property
     def formula(self) -> str:

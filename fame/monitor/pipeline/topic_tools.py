@@ -49,6 +49,9 @@ class MessageTimes:
 class Series:
     """A number, or several, over time: what stands at a path of the messages of a topic."""
 
+    label: str
+    unusable: int
+
     def __init__(self, node: Node, scheduler: Scheduler, topic: str, type: str, path: Path) -> None:
         """Raises MessageError if the type has no such path."""
         self._scheduler, self._read, self._stamped = scheduler, reader(type, path), has_stamp(type)

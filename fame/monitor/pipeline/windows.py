@@ -114,7 +114,7 @@ class RMS(_Windowed):
 class MovingStatistics(_Windowed):
     """One statistic per channel: mean, deviation, minimum, maximum, median or range."""
 
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         *_Windowed.parameters,
         Parameter(
             "statistic", "str", "mean", ("mean", "deviation", "minimum", "maximum", "median", "range"),
