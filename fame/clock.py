@@ -1,16 +1,16 @@
-"""Time: one queue of things to do, ordered by (time, kind, sequence), and two ways to wait for the next.
+"""Time: one queue of actions, ordered by (time, kind, sequence), and two ways to wait for the next.
 
 Time is integer nanoseconds. `Scheduler` is simulated time: it jumps to the next due entry and never reads the wall
 clock. `WallScheduler` is the same queue waiting on the wall clock, and takes calls from other threads.
 
 Invariants. Every entry runs to completion before the next. At one instant messages come first, then resumptions of
-scripts, then timers, then the step of the world; among equals, whoever was entered first. The order is total, so a
-simulated run is repeatable. Nothing is ever entered in the past: what is late is due now, behind what was due before,
-so that no entry can starve another by entering itself again. Who works periodically counts from the time that was due
-(`entry.time`), not from `now`, and does not drift. Cancelled entries are swept out before they outnumber the others.
+scripts, then timers, then the step of the world; among equals, the one entered first. The order is total, so a
+simulated run is repeatable. Nothing is ever entered in the past: a late entry is due now, behind what was due before,
+so that no entry can starve another by entering itself again. Periodic actions count from the time that was due
+(`entry.time`), not from `now`, and do not drift. Cancelled entries are swept out before they outnumber the others.
 
-In simulated time messages for the present instant, most of all entries, wait in line and not in the heap: nothing can
-come before them but messages that were entered for this instant when it was still to come.
+In simulated time messages for the present instant, most of all entries, wait in a FIFO and not in the heap: nothing
+can come before them but messages that were entered for this instant when it was still in the future.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _SWEEP = 64
 """A queue with fewer cancelled entries than this is not worth sweeping."""
 
-_NAP = 3600.0
+_MAX_WAIT = 3600.0
 """Longest single wait (s). Below the limit of `threading`, which a timer for the year 9999 would exceed."""
 
 Action = Callable[[], object]
@@ -47,12 +47,12 @@ def date_at(epoch: datetime, time: int) -> datetime:
 
 
 def date_text(date: datetime) -> str:
-    """A date as people read it: ``2026-03-01T12:00:00Z``."""
+    """A date as text: ``2026-03-01T12:00:00Z``."""
     return date.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
 def parse_epoch(text: str) -> datetime:
-    """The date of time 0 that a text says: one of ISO 8601, or ``now``. Raises ValueError."""
+    """The date of time 0 in a text: ISO 8601, or ``now``. Raises ValueError."""
     if text.strip() == "now":
         return datetime.now(UTC).replace(microsecond=0)
     date = parse_datetime(text)
@@ -62,7 +62,7 @@ def parse_epoch(text: str) -> datetime:
 
 
 class Kind(IntEnum):
-    """What an entry is; the order at one instant (DESIGN section 7)."""
+    """The kinds of entries, in their order at one instant."""
 
     MESSAGE = 0
     RESUMPTION = 1
@@ -71,7 +71,7 @@ class Kind(IntEnum):
 
 
 class Entry:
-    """One thing to do, due at `time` (ns). `action` is None once it ran or was cancelled."""
+    """An action, due at `time` (ns). `action` is None once it ran or was cancelled."""
 
     __slots__ = ("_queue", "action", "time")
 
@@ -81,7 +81,7 @@ class Entry:
         self._queue = queue
 
     def cancel(self) -> None:
-        """Forget it: cheap and safe at any time, from any thread. Does nothing if it ran already."""
+        """Cancel the action: cheap and safe at any time, from any thread. Does nothing if it ran already."""
         if self.action is not None:
             self.action = None
             self._queue._cancelled += 1
@@ -93,15 +93,15 @@ class Scheduler:
     def __init__(self) -> None:
         self.now: int = 0
         self._heap: list[tuple[int, int, int, Entry]] = []
-        self._line: deque[Entry] = deque()  # messages for the present instant
+        self._fifo: deque[Entry] = deque()  # messages for the present instant
         self._sequence = count(1)
         self._cancelled = 0
         self._running = False
         self._stopping = False
 
     def __len__(self) -> int:
-        """How many entries wait, cancelled ones that were not swept yet among them."""
-        return len(self._heap) + len(self._line)
+        """How many entries wait, including cancelled ones that were not swept out yet."""
+        return len(self._heap) + len(self._fifo)
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
         """Do `action` at `time` (ns), or now if that is past. Returns the entry, for `cancel`."""
@@ -109,7 +109,7 @@ class Scheduler:
         if time > now or kind != Kind.MESSAGE:
             return self._enter(max(time, now), action, kind)
         entry = Entry(now, action, self)
-        self._line.append(entry)
+        self._fifo.append(entry)
         return entry
 
     def _enter(self, time: int, action: Action, kind: Kind) -> Entry:
@@ -129,22 +129,23 @@ class Scheduler:
         return self.at(self.now, action, kind)
 
     def next_time(self) -> int | None:
-        """When the next entry is due (ns), or None if there is nothing left to do."""
-        heap, line = self._heap, self._line
-        while line and line[0].action is None:
-            line.popleft()
+        """When the next entry is due (ns), or None if the queue is empty."""
+        heap, fifo = self._heap, self._fifo
+        while fifo and fifo[0].action is None:
+            fifo.popleft()
             self._cancelled -= 1
         while heap and heap[0][3].action is None:
             heappop(heap)
             self._cancelled -= 1
-        if line:
+        if fifo:
             return self.now
         return heap[0][0] if heap else None
 
     def run(self, until: int | None = None) -> None:
-        """Work until `until` (ns, inclusive; then `now` is `until`), until nothing is left, or until `stop`.
+        """Run actions until `until` (ns, inclusive; then `now` is `until`), until none is left, or until `stop`.
 
-        What an action raises ends the run and goes to the caller; the queue stays whole, and `run` may be called again.
+        An exception of an action ends the run and goes to the caller; the queue stays intact, and `run` may be called
+        again.
         """
         if self._running:
             raise RuntimeError("the scheduler runs already: an entry has to end before the next begins")
@@ -152,16 +153,16 @@ class Scheduler:
         try:
             self._work(until)
         finally:
-            # Cleared here and not at the beginning: a `stop` that another thread says just before `run` must count.
+            # Cleared here and not at the beginning: a `stop` by another thread just before `run` must count.
             self._running = self._stopping = False
 
     def _work(self, until: int | None) -> None:
-        heap, line = self._heap, self._line
+        heap, fifo = self._heap, self._fifo
         if until is not None and until < self.now:
             return
-        while (heap or line) and not self._stopping:
-            if line and not (heap and heap[0][0] == self.now and heap[0][1] == Kind.MESSAGE):
-                entry = line.popleft()
+        while (heap or fifo) and not self._stopping:
+            if fifo and not (heap and heap[0][0] == self.now and heap[0][1] == Kind.MESSAGE):
+                entry = fifo.popleft()
             else:
                 due, _, _, entry = heap[0]
                 if until is not None and due > until and entry.action is not None:
@@ -177,13 +178,13 @@ class Scheduler:
             self.now = until
 
     def stop(self) -> None:
-        """Make `run` return after the entry that is at work now. If none is running, the next `run` returns at once."""
+        """Make `run` return after the current action. If none is running, the next `run` returns at once."""
         self._stopping = True
 
     def _sweep(self) -> None:
         self._heap[:] = [item for item in self._heap if item[3].action is not None]  # in place: `run` holds this list
         heapify(self._heap)
-        self._cancelled = sum(entry.action is None for entry in self._line)
+        self._cancelled = sum(entry.action is None for entry in self._fifo)
 
 
 class WallScheduler(Scheduler):
@@ -233,7 +234,7 @@ class WallScheduler(Scheduler):
                 due, now = self.next_time(), self.now
                 end = min((moment for moment in (due, until) if moment is not None), default=None)
                 if end is None or end > now:
-                    self._changed.wait(_NAP if end is None else min((end - now) / SECOND, _NAP))
+                    self._changed.wait(_MAX_WAIT if end is None else min((end - now) / SECOND, _MAX_WAIT))
                 elif end != due:
                     return None
                 elif action := self._take():

@@ -1,22 +1,23 @@
-"""The end of steps by the clock: what `fame.scripting.budget` cannot count, a heartbeat of the process sees.
+"""Interrupts scripts by the clock, where `fame.scripting.budget` cannot count.
 
-A script's frame is known by the budget in its builtins. `heartbeat` interrupts the main thread now and then, and raises
-`BudgetExceeded` in a script that is still at work in the same step. Python hears of an interruption between two steps
-of its own and in those long calls that ask for it (powers of large integers, regular expressions, `time.sleep`). A call
-that never asks (``sum(itertools.count())``) ends with its process only, if there is a `last_resort`.
+A script's frame is recognised by the budget in its builtins. `heartbeat` interrupts the main thread periodically, and
+raises `BudgetExceeded` in a script that is still in the same step. Python handles signals between two bytecode
+instructions, and in long calls that check for them (powers of large integers, regular expressions, `time.sleep`). A
+call that never checks (``sum(itertools.count())``) ends with its process only, by the `last_resort`.
 """
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
-
-from fame.processor_time import processor_alarm
 
 BUDGET = "__budget__"
 """The name of the budget in a script's builtins."""
@@ -39,18 +40,18 @@ def script_frame(frame: FrameType | None, budget: object = None) -> FrameType | 
 
 @contextmanager
 def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[None]:
-    """End by the wall clock what the budget does not see: a step at work at three beats in a row, half of that apart.
+    """Interrupt a step of a script that is running at three beats in a row, which are `seconds` / 2 apart.
 
-    Acts in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
-    engine. With `last_resort` a process whose main thread hears no beat while it computes so long (s of its processor
-    time, so that one which was stopped lives on) is killed by SIGVTALRM; where it was stands on stderr.
+    Works in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
+    engine. With `last_resort` (s of processor time, so that a stopped process lives on) a process whose main thread
+    handles no beat while it computes that long is killed by SIGVTALRM, with a traceback on stderr.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     seen: tuple[FrameType, int] | None = None
     times = 0
-    arm = processor_alarm() if last_resort else lambda seconds: None
+    arm = _processor_alarm() if last_resort else lambda seconds: None
 
     def beat(_number: int, frame: FrameType | None) -> None:
         nonlocal seen, times
@@ -74,3 +75,40 @@ def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[Non
         arm(0)
         faulthandler.unregister(signal.SIGVTALRM)
         signal.signal(signal.SIGALRM, former)
+
+
+class _SignalEvent(ctypes.Structure):
+    """``struct sigevent``: send a signal, which is 0 in `notify`."""
+
+    _fields_ = [
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("_", ctypes.c_char * 48),
+    ]
+
+
+class _Times(ctypes.Structure):
+    """``struct itimerspec``."""
+
+    _fields_ = [(name, ctypes.c_long) for name in ("interval", "interval_ns", "seconds", "ns")]
+
+
+def _processor_alarm() -> Callable[[float], object]:
+    """A function that sets an alarm: SIGVTALRM comes after so many seconds of processor time of this thread; 0 cancels.
+
+    POSIX has it (``timer_create``) and Python does not. Where a thread has no clock the time of all threads counts.
+    """
+    try:
+        libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
+        event = _SignalEvent(signal=signal.SIGVTALRM)
+        if libc.timer_create(time.CLOCK_THREAD_CPUTIME_ID, ctypes.byref(event), ctypes.byref(timer)) == 0:
+            return partial(_set, libc, timer)
+    except (AttributeError, OSError, TypeError):
+        pass
+    return partial(signal.setitimer, signal.ITIMER_VIRTUAL)
+
+
+def _set(libc: ctypes.CDLL, timer: ctypes.c_void_p, seconds: float) -> None:
+    times = _Times(seconds=int(seconds), ns=int(seconds % 1 * 1e9))
+    libc.timer_settime(timer, 0, ctypes.byref(times), None)

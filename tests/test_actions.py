@@ -112,7 +112,7 @@ def test_a_goal_that_is_over_is_not_cancelled(here: World, place: Place) -> None
 
 
 def test_what_cannot_be_sent_is_refused(here: World, place: Place) -> None:
-    with pytest.raises(MessageError, match="distance: found 'far', expected a number"):
+    with pytest.raises(MessageError, match="distance: expected a number, got 'far'"):
         place.client.send({"distance": "far"}, print)
     nobody = ActionClient(here.node("other"), "/fly", DRIVE)
     assert not nobody.available

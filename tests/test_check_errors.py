@@ -79,7 +79,7 @@ ERRORS = {
     ),
     "a constant of another type": (
         row(throw("a", type=VECTOR, payload="{x: fast}")),
-        f"a: the payload does not fit: {VECTOR}: x: found 'fast', expected a number",
+        f"a: the payload does not fit: {VECTOR}: x: expected a number, got 'fast'",
     ),
     "a field that the type does not have": (
         row(throw("a", type=VECTOR, payload="{x: 1, w: 2}")),
@@ -87,8 +87,8 @@ ERRORS = {
     ),
     "a text where the fields of a message belong": (
         row(script("v = 1"), throw("a", type=VECTOR, payload="x: ${v}, y: ${v}")),
-        f"a: the payload does not fit: {VECTOR}: found 'x: ${{v}}, y: ${{v}}', "
-        f"expected {VECTOR} or a mapping with x, y, z",
+        f"a: the payload does not fit: {VECTOR}: "
+        f"expected {VECTOR} or a mapping with x, y, z, got 'x: ${{v}}, y: ${{v}}'",
     ),
     "a computed field that the type does not have": (
         row(script("v = 1"), throw("a", type="geometry_msgs/msg/Twist", payload="{linear: {w: ${v}}}")),
@@ -102,7 +102,7 @@ ERRORS = {
     ),
     "a script that publishes a constant of another type": (
         row(script('robot.publish("led", "std_msgs/msg/ColorRGBA", r="red")')),
-        "t: what is published does not fit: std_msgs/msg/ColorRGBA: r: found 'red', expected a number",
+        "t: what is published does not fit: std_msgs/msg/ColorRGBA: r: expected a number, got 'red'",
     ),
     "a payload that is no YAML": (
         row(throw("a", type=VECTOR, payload="{x: [1}")),

@@ -29,15 +29,15 @@ WARNINGS = {
     ),
     "a text in a field of numbers": (
         sending(script("v = 'fast'")),
-        f"a: the payload does not fit: {VECTOR}: x: found 'fast', expected a number",
+        f"a: the payload does not fit: {VECTOR}: x: expected a number, got 'fast'",
     ),
     "a list in a field of numbers": (
         sending(script("v = [1.0]")),
-        f"a: the payload does not fit: {VECTOR}: x: found a list, expected a number",
+        f"a: the payload does not fit: {VECTOR}: x: expected a number, got a list",
     ),
     "a message of another type": (
         sending(catch("b", "found", type=VECTOR), payload="${found}", type=BOOL),
-        f"a: the payload does not fit: {BOOL}: data: found a {VECTOR}, expected true or false",
+        f"a: the payload does not fit: {BOOL}: data: expected true or false, got a {VECTOR}",
     ),
 }
 
@@ -74,7 +74,7 @@ def test_it_is_not_blamed(content: str) -> None:
 
 
 def test_a_data_object_of_a_pool_says_what_it_sets() -> None:
-    expected = f"a: the payload does not fit: {VECTOR}: x: found 'fast', expected a number"
+    expected = f"a: the payload does not fit: {VECTOR}: x: expected a number, got 'fast'"
     assert expected in told(team(data("d", v="fast") + sending(reading("t", "d", "x = v"))))
     assert told(team(data("d", v="0.5") + sending(reading("t", "d", "x = v")))) == []
 

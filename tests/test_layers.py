@@ -24,7 +24,6 @@ FLOORS = (
         "fame.extras",
         "fame.text",
         "fame.heartbeat",
-        "fame.processor_time",
     ),
     ("fame.engine", "fame.middleware", "fame.scripting"),
     ("fame.robot",),

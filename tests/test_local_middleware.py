@@ -348,7 +348,7 @@ def test_calls_that_cannot_succeed_are_refused_at_once(middleware: Middleware) -
     with pytest.raises(MessageError, match="no node offers the service /grip"):
         client.call(None, print)
     service = node.service("/grip", "std_srvs/SetBool", lambda request: None)
-    with pytest.raises(MessageError, match="data: found 'open', expected true or false"):
+    with pytest.raises(MessageError, match="data: expected true or false, got 'open'"):
         client.call({"data": "open"}, print)
     with pytest.raises(MessageError, match="the service /grip is offered by /a already"):
         middleware.node("b").service("/grip", "std_srvs/SetBool", lambda request: None)

@@ -18,7 +18,7 @@ from fame.cli import main
 from fame.clock import SECOND, Scheduler
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
-from fame.middleware.simulated_time import DONE, DONE_TYPE, SharedTime, nanoseconds
+from fame.middleware.simulated_time import STEP_DONE, STEP_DONE_TYPE, ClockFollower, nanoseconds
 from fame.scenario.lockstep import Rounds
 from fame.scenario.world_process import WorldPart
 from sim2d.config import world_config
@@ -48,7 +48,7 @@ class Team:
         self.wall: Any = Scheduler()
         self.middleware = LocalMiddleware(self.wall)
         self.engines = {name: self.middleware.node("fame_time", name) for name in names}
-        self.done = {name: node.publisher(DONE, DONE_TYPE) for name, node in self.engines.items()}
+        self.done = {name: node.publisher(STEP_DONE, STEP_DONE_TYPE) for name, node in self.engines.items()}
         self.part = WorldPart(world_config(CAR), 0, self.wall, self.middleware, team=names, steps=AtOnce(), speed=None)
 
     @property
@@ -58,7 +58,7 @@ class Team:
     def say(self, name: str, wait: float = 0.01) -> None:
         time = self.part.time.now
         stamp = {"sec": time // SECOND, "nanosec": time % SECOND}
-        self.done[name].publish(create(DONE_TYPE, {"stamp": stamp, "frame_id": name}))
+        self.done[name].publish(create(STEP_DONE_TYPE, {"stamp": stamp, "frame_id": name}))
         self.wait(wait)
 
     def wait(self, seconds: float) -> None:
@@ -104,10 +104,10 @@ def test_a_team_of_nobody_is_done_at_once() -> None:
 def test_a_follower_says_that_it_is_done_when_all_that_was_due_is() -> None:
     wall, said = Scheduler(), list[tuple[str, int]]()
     middleware = LocalMiddleware(wall)
-    time, world = SharedTime(wall), middleware.node("world")
+    time, world = ClockFollower(wall), middleware.node("world")
     clock = world.publisher("/clock", "rosgraph_msgs/msg/Clock")
-    world.subscription(DONE, DONE_TYPE, lambda done: said.append((done.frame_id, nanoseconds(done.stamp))))
-    time.keep_step(middleware.node("fame_time", "REX"), AtOnce())
+    world.subscription(STEP_DONE, STEP_DONE_TYPE, lambda done: said.append((done.frame_id, nanoseconds(done.stamp))))
+    time.subscribe_in_lockstep(middleware.node("fame_time", "REX"), AtOnce())
     time.at(SECOND, lambda: said.append(("timer", time.now)))
     for second in (0, 0, 1):
         clock.publish(create("rosgraph_msgs/msg/Clock", {"clock": second}))

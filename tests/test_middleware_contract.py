@@ -398,7 +398,7 @@ def test_calls_that_cannot_succeed_are_refused_at_once(here: World) -> None:
         client.call(None, print)
     service = node.service("/grip", SET_BOOL, lambda request: None)
     here.until(lambda: client.available)
-    with pytest.raises(MessageError, match="data: found 'open', expected true or false"):
+    with pytest.raises(MessageError, match="data: expected true or false, got 'open'"):
         client.call({"data": "open"}, print)
     with pytest.raises(MessageError, match="the service /grip is offered by /a already"):
         node.service("/grip", SET_BOOL, lambda request: None)

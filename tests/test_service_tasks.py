@@ -112,7 +112,7 @@ def test_a_service_that_comes_late_is_waited_for(here: World, place: Place) -> N
 def test_a_request_that_does_not_fit_is_an_error_of_the_task(place: Place) -> None:
     instance = place.end(place.run(model(properties(service="blade", type=SET_BOOL, payload="{data: often}"))))
     assert (instance.status, instance.error.element, instance.error.code) == ("failed", "t", "service")
-    assert "data: found 'often', expected true or false" in str(instance.error)
+    assert "data: expected true or false, got 'often'" in str(instance.error)
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------

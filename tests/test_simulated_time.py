@@ -21,7 +21,7 @@ from fame.clock import SECOND, Kind, Scheduler
 from fame.middleware.interface import Node
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
-from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, SharedTime, clock_message, nanoseconds
+from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, clock_message, nanoseconds
 from fame.robot import RobotNode, make_mission
 from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldPart
 from sim2d.config import world_config
@@ -46,8 +46,8 @@ class Clock:
         middleware = LocalMiddleware(self.wall)
         self._says = middleware.node("world").publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
         self.jumps: list[str] = []
-        self.time = SharedTime(self.wall, self.jumps.append)
-        self.time.listen(middleware.node("robot"))
+        self.time = ClockFollower(self.wall, self.jumps.append)
+        self.time.subscribe(middleware.node("robot"))
 
     def say(self, seconds: float) -> None:
         self._says.publish(clock_message(round(seconds * SECOND)))
@@ -133,7 +133,7 @@ def test_two_clocks_do_not_drive_time_on_and_are_not_told_each_time(clock: Clock
     clock.say(100)
     for _ in range(50):
         for time in (0, 100):
-            clock.time.follow(time * SECOND)
+            clock.time.on_clock(time * SECOND)
     assert (clock.time.now, len(clock.jumps)) == (100 * SECOND, 1)
 
 
@@ -146,7 +146,7 @@ def test_others_get_their_turn_while_much_simulated_time_is_worked_through(clock
 
     clock.say(0)
     clock.time.after(SECOND // 5, loop)
-    clock.time.follow(10 * SECOND)
+    clock.time.on_clock(10 * SECOND)
     clock.wall.soon(lambda: order.append("Ctrl-C"))
     clock.wall.run(clock.wall.now)
     assert (order.index("Ctrl-C") < 20, order.count("timer"), clock.time.now) == (True, 50, 10 * SECOND)
@@ -231,8 +231,8 @@ def test_a_world_may_begin_paused(place: Callable[..., Place]) -> None:
 
 def test_an_engine_on_the_clock_of_a_fast_world_waits_in_its_time(place: Callable[..., Place]) -> None:
     here = place(speed=10.0)
-    time = SharedTime(here.wall)
-    time.listen(here.middleware.node("time", "REX"))
+    time = ClockFollower(here.wall)
+    time.subscribe(here.middleware.node("time", "REX"))
     text = process(
         '<startEvent id="s"/><scriptTask id="t"><script>await sleep(3)</script></scriptTask>'
         '<intermediateCatchEvent id="c"><timerEventDefinition><timeDuration>PT4S</timeDuration></timerEventDefinition>'

@@ -110,13 +110,13 @@ def _serve(arguments: Namespace) -> None:
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
         time = None
         if arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time:
-            from fame.middleware.simulated_time import SharedTime
+            from fame.middleware.simulated_time import ClockFollower
 
-            time, node = SharedTime(scheduler), middleware.node("fame_time", arguments.name)
+            time, node = ClockFollower(scheduler), middleware.node("fame_time", arguments.name)
             if arguments.lockstep:
-                time.keep_step(node, lockstep(middleware, lambda name: name == "fame_engine"))
+                time.subscribe_in_lockstep(node, lockstep(middleware, lambda name: name == "fame_engine"))
             else:
-                time.listen(node)
+                time.subscribe(node)
         gc.freeze()
         gc.enable()
         engine = EngineNode(

@@ -15,7 +15,7 @@ from fame.cli.output import note
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import Middleware
-    from fame.middleware.simulated_time import Steps
+    from fame.middleware.simulated_time import Lockstep
 
 OPEN = "other machines can reach this process, and a topic that carries code must not be open by accident"
 
@@ -89,7 +89,7 @@ def say_warning(text: str) -> None:
     note(f"fame: warning: {text}")
 
 
-def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Steps:
+def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Lockstep:
     """What keeps the messages of nodes of such names for their step. Raises ConfigError where there is none."""
     from fame.errors import ConfigError
     from fame.middleware.dds import DdsMiddleware, Lockstep

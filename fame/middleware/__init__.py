@@ -1,23 +1,26 @@
-"""Topics and services: what a middleware is asked for, the messages on it, and its backends.
+"""Topics and services: the interface of a middleware, the messages on it, and its backends.
 
 ::
 
-    interface         what every backend gives: nodes, publishers, subscriptions, services; QoS profiles
-    actions           goals that take their time, on services and topics
-    simulated_time    following the clock that a world says
+    interface         what every backend has: nodes, publishers, subscriptions, services, clients; quality of service
+    qos               policies as models write them; which endpoints match
+    errors            errors and warnings of all backends
+    actions           goals of actions, on services and topics
+    simulated_time    following the clock of a world
+
     local             the backend within one process: deterministic, on the engine's clock
-    local_services    its services
     dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2
     ros               the backend inside a ROS 2 system: rclpy
-    wired             what these two share: nodes that keep their ends, warnings, waiting for others
-    echoes            what comes back to the node that sent it, told from what others say
-    refusals          what every backend refuses, in the same words
-    messages          making messages from mappings and values, and plain data from messages
-    codec             messages on the wire of ROS 2, and type hashes
-    basics            the few types that are known without rosbags
-    qos               policies as models write them; which ends understand each other
+    wire_base         base classes of the backends between processes
+    self_echo_filter  drops the messages that come back to the node that sent them
+
+    messages          messages from mappings and values, and plain data from messages
+    codec             messages as CDR, and type hashes
     classes           the class of each message type
-    typesystem        which types there are
-    definitions       what a type is, and reading `.msg` and `.srv` texts
+    typesystem        the table of message types
+    definitions       the definition of a type, and reading `.msg`, `.srv` and `.action` texts
+    builtin_types     the few types that are known without rosbags
     primitives        the values of primitive fields
+
+To add a backend, derive a middleware, a node, a publisher, a subscription, a service and a client from `wire_base`.
 """

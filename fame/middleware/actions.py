@@ -1,8 +1,8 @@
-"""Actions of ROS 2, on any backend: a goal that takes its time, tells how far it is, and can be cancelled.
+"""Actions of ROS 2, on any backend: a goal runs for some time, gives feedback, and can be cancelled.
 
 An action is three services and a topic below its name, all hidden from ``ros2 topic list`` (ROS 2 design, article
 Actions): ``_action/send_goal``, ``_action/get_result``, ``_action/cancel_goal``, ``_action/feedback``. A fifth, the
-status of all goals, is for onlookers.
+status of all goals, is for observers.
 """
 
 from __future__ import annotations
@@ -15,86 +15,88 @@ from fame.middleware import messages
 from fame.middleware.interface import Message, Node, QoS, resolve
 
 Outcome = Literal["succeeded", "canceled", "aborted", "rejected"]
-Ended = Callable[[Outcome, Message], object]
+OnEnd = Callable[[Outcome, Message], object]
 
 CANCEL = "action_msgs/srv/CancelGoal"
 FEEDBACK = QoS(depth=10)
 OUTCOMES: dict[int, Outcome] = {4: "succeeded", 5: "canceled", 6: "aborted"}
-"""What the status of a goal says when it is over (action_msgs/msg/GoalStatus)."""
+"""The status of a goal that has ended (action_msgs/msg/GoalStatus)."""
 
 
 class ActionClient:
-    """Who sends goals to the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type."""
+    """A client of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type."""
 
     def __init__(self, node: Node, name: str, type: str) -> None:
         self.name, self.type = resolve(name, node.namespace), messages.action(type)
         below = f"{self.name}/_action"
-        self.sending = node.client(f"{below}/send_goal", f"{self.type}_SendGoal")
-        self.results = node.client(f"{below}/get_result", f"{self.type}_GetResult")
-        self.cancelling = node.client(f"{below}/cancel_goal", CANCEL)
-        self._feedback = node.subscription(f"{below}/feedback", f"{self.type}_FeedbackMessage", self._heard, FEEDBACK)
+        self._send_goal = node.client(f"{below}/send_goal", f"{self.type}_SendGoal")
+        self.get_result = node.client(f"{below}/get_result", f"{self.type}_GetResult")
+        self.cancel_goal = node.client(f"{below}/cancel_goal", CANCEL)
+        self._feedback = node.subscription(
+            f"{below}/feedback", f"{self.type}_FeedbackMessage", self._on_feedback, FEEDBACK
+        )
         self.goals: dict[bytes, Goal] = {}
 
     @property
     def available(self) -> bool:
-        """Whether somebody offers the action now."""
-        return self.sending.available and self.results.available and self.cancelling.available
+        """Whether a node offers the action now."""
+        return self._send_goal.available and self.get_result.available and self.cancel_goal.available
 
-    def send(self, goal: Any, ended: Ended, feedback: Callable[[Message], object] = lambda message: None) -> Goal:
+    def send(self, goal: Any, on_end: OnEnd, feedback: Callable[[Message], object] = lambda message: None) -> Goal:
         """Send a goal (a mapping, or a message of ``pkg/action/Name_Goal``).
 
-        `feedback` gets what is told meanwhile; `ended` is called once, with the result, which is None of a rejected
-        goal. Raises MessageError if the goal does not fit, or nobody offers the action.
+        `feedback` gets the feedback; `on_end` is called once, with the outcome and the result, which is None for a
+        rejected goal. Raises MessageError if the goal does not fit, or if no node offers the action.
         """
-        sent = Goal(self, ended, feedback)
-        self.sending.call({"goal_id": {"uuid": sent.id}, "goal": goal}, sent.answered)
+        sent = Goal(self, on_end, feedback)
+        self._send_goal.call({"goal_id": {"uuid": sent.id}, "goal": goal}, sent.on_accepted)
         self.goals[sent.id] = sent
         return sent
 
     def close(self) -> None:
-        """Leave. Goals go on unheard; who wants them to end cancels them first."""
+        """Close all endpoints. Goals go on: cancel them first to end them."""
         self.goals.clear()
-        for end in (self.sending, self.results, self.cancelling, self._feedback):
+        for end in (self._send_goal, self.get_result, self.cancel_goal, self._feedback):
             end.close()
 
-    def _heard(self, message: Message) -> None:
+    def _on_feedback(self, message: Message) -> None:
         goal = self.goals.get(bytes(message.goal_id.uuid))
         if goal is not None:
             goal.feedback(message.feedback)
 
 
 class Goal:
-    """A goal under way."""
+    """A goal that was sent."""
 
-    def __init__(self, client: ActionClient, ended: Ended, feedback: Callable[[Message], object]) -> None:
+    def __init__(self, client: ActionClient, on_end: OnEnd, feedback: Callable[[Message], object]) -> None:
         self.id, self.feedback = uuid4().bytes, feedback
-        self._client, self._ended = client, ended
-        self._accepted = self._unwanted = False
+        self._client, self._on_end = client, on_end
+        self._accepted = self._cancelled = False
 
     def cancel(self) -> None:
-        """Ask for its end; nothing more is heard of it. Does nothing if it is over."""
+        """Request cancelling; neither feedback nor outcome follow. Does nothing if the goal has ended."""
         if self._client.goals.pop(self.id, None) is not None:
-            self._unwanted = True
+            self._cancelled = True
             if self._accepted:
-                self._ask_to_end()
+                self._request_cancel()
 
-    def answered(self, response: Message) -> None:
-        """The server has taken it, or not."""
+    def on_accepted(self, response: Message) -> None:
+        """The server has accepted or rejected the goal."""
         if not response.accepted:
             self._end("rejected", None)
-        elif self._unwanted:
-            self._ask_to_end()
+        elif self._cancelled:
+            self._request_cancel()
         else:
             self._accepted = True
-            self._client.results.call({"goal_id": {"uuid": self.id}}, self._over)
+            self._client.get_result.call({"goal_id": {"uuid": self.id}}, self._on_result)
 
-    def _over(self, response: Message) -> None:
+    def _on_result(self, response: Message) -> None:
         self._end(OUTCOMES.get(response.status, "aborted"), response.result)
 
     def _end(self, outcome: Outcome, result: Message) -> None:
         if self._client.goals.pop(self.id, None) is not None:
-            self._ended(outcome, result)
+            self._on_end(outcome, result)
 
-    def _ask_to_end(self) -> None:
-        if self._client.cancelling.available:
-            self._client.cancelling.call({"goal_info": {"goal_id": {"uuid": self.id}}}, lambda response: None)
+    def _request_cancel(self) -> None:
+        if self._client.cancel_goal.available:
+            self._client.cancel_goal.call({"goal_info": {"goal_id": {"uuid": self.id}}}, lambda response: None)

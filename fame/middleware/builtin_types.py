@@ -1,8 +1,8 @@
-"""The types that every process on the wire speaks from its first moment, known without rosbags and numpy.
+"""The types that every process needs from its start, known without rosbags and numpy.
 
 To import those and to read the table of all types takes a third of the start of an engine, which needs them only for
-the first process that it gets. So texts, in which processes are sent and engines report, and what tells the domain of
-nodes (`fame.middleware.dds.information`) are written down here; `std_msgs/msg/String` is packed here, too.
+the first process that it gets. So the type of texts, in which processes and statuses are sent, and the type that
+announces nodes (`fame.middleware.dds.discovery`) are defined here; `std_msgs/msg/String` is packed here, too.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ HASHES = {
 LITTLE = b"\0\1\0\0"
 """The encapsulation header of little-endian CDR."""
 ORDERS = {b"\0\0": ">", b"\0\1": "<"}
-"""How it begins -> byte order, for `struct`."""
+"""First bytes of CDR -> byte order, for `struct`."""
 _LENGTH = struct.Struct("<I")
 
 
@@ -61,7 +61,7 @@ def pack_text(text: str) -> bytes:
 
 
 def unpack_text(data: bytes | memoryview) -> str:
-    """The text of a `std_msgs/msg/String`. Raises MessageError if the data hold none."""
+    """The text of a `std_msgs/msg/String`. Raises MessageError if the data do not hold one."""
     data = bytes(data)
     order = ORDERS.get(data[:2])
     if order is not None and len(data) >= 8:

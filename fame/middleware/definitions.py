@@ -1,7 +1,6 @@
-"""What a message type is, read from the type store of rosbags or from the text of a `.msg`, `.srv` or `.action`
-file.
+"""The definition of a message type, read from the type store of rosbags or from a `.msg`, `.srv` or `.action` text.
 
-Two things are mended on the way: `char` is `uint8` in ROS 2, and the defaults that a `.msg` file gives its fields,
+Two things are corrected on the way: `char` is `uint8` in ROS 2, and the defaults that a `.msg` file gives its fields,
 which rosbags drops, are kept.
 """
 
@@ -62,7 +61,7 @@ class Definition:
 
     @property
     def is_wrapper(self) -> bool:
-        """Whether its only field is `data`, as of ``std_msgs/msg/String``: such a message stands for a bare value."""
+        """Whether its only field is `data`, as of ``std_msgs/msg/String``: such a message wraps a single value."""
         return len(self.fields) == 1 and self.fields[0].name == "data"
 
 
@@ -77,9 +76,9 @@ def from_rosbags(name: str, constants: Any, fields: Any, defaults: Mapping[str, 
 
 
 def from_text(text: str, name: str) -> list[Definition]:
-    """What the text of a `.msg`, `.srv` or `.action` file describes.
+    """The types of the text of a `.msg`, `.srv` or `.action` file.
 
-    It is the message ``pkg/msg/Type``, the two of the service ``pkg/srv/Name``, or all that travels for the action
+    They are the message ``pkg/msg/Type``, the two of the service ``pkg/srv/Name``, or all that travels for the action
     ``pkg/action/Name``. Raises MessageError for a name of another form and for a text that cannot be read.
     """
     match = re.fullmatch(r"[a-z][a-z0-9_]*/(msg|srv|action)/[A-Z][A-Za-z0-9]*(?:_Request|_Response)?", name)

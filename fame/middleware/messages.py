@@ -2,7 +2,7 @@
 
 Types are named ``geometry_msgs/msg/Twist``, or ``geometry_msgs/Twist`` for short: those of ROS 2 Jazzy's common
 interfaces, and those that `register` and `register_files` add. A message is an object with one attribute per field; it
-must not be changed once it was published. What fills messages is made once per type and kept.
+must not be changed once it was published. The functions that fill messages are made once per type and kept.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def create(type: str, value: Any = None) -> Message:
 
     `value` is None for one of defaults, a mapping with some of the fields, or a message of that type, which is returned
     as it is. A type whose only field is ``data`` (``std_msgs/msg/String``) takes the value of that field, times and
-    durations take a number of seconds. What says the same in another form is converted: ``"true"``, ``"1.5"``, ``3.0``
-    for an integer. Raises MessageError with the path of the field for what does not fit or is not there.
+    durations take a number of seconds. Values in another form are converted: ``"true"``, ``"1.5"``, ``3.0`` for an
+    integer. Raises MessageError with the path of the field for a value that does not fit, and for an unknown field.
     """
     try:
         return _class(type)() if value is None else cast(Message, _filler(type)(value))
@@ -58,12 +58,12 @@ def create(type: str, value: Any = None) -> Message:
 
 
 def to_mapping(message: Message) -> dict[str, Any]:
-    """The message as plain data (dict, list, str, int, float, bool), as `create` takes it and JSON can say it."""
+    """The message as plain data (dict, list, str, int, float, bool), as `create` and JSON take it."""
     return {name: plain(getattr(message, attribute)) for name, attribute, plain in _reader(message.__msgtype__)}
 
 
 def bare(message: Message) -> Any:
-    """What a message stands for: the value of a wrapper such as ``std_msgs/msg/String``, else the message."""
+    """The value of a wrapper such as ``std_msgs/msg/String``; any other message as it is."""
     return message.data if is_wrapper(message.__msgtype__) else message
 
 
@@ -74,14 +74,14 @@ def default_payload(type: str) -> Any:
 
 
 def message_type(name: str) -> type[Message]:
-    """The class of a type. Raises MessageError for an unknown one, with the names that are most like it."""
+    """The class of a type. Raises MessageError for an unknown one, with similar names."""
     return _class(name)
 
 
 def type_name(message: Message) -> str:
-    """``pkg/msg/Type`` of a message. Raises MessageError for what is none."""
+    """``pkg/msg/Type`` of a message. Raises MessageError for an object that is not a message."""
     if not isinstance(message, Message):
-        raise MessageError(f"found {describe(message)}, expected a message")
+        raise MessageError(f"expected a message, got {describe(message)}")
     return message.__msgtype__
 
 
@@ -108,7 +108,7 @@ def fields(type: str) -> Mapping[str, str]:
 
 @cache
 def is_wrapper(type: str) -> bool:
-    """Whether a type has but one field, ``data``: its messages stand for a bare value."""
+    """Whether ``data`` is the only field of a type: its messages wrap a single value."""
     return typesystem.definition(type).is_wrapper
 
 
@@ -119,7 +119,7 @@ _class = cache(message_class)
 
 @cache
 def _filler(name: str) -> Converter:
-    """What makes a message of the type from any value. It raises Misfit."""
+    """The function that makes a message of the type from any value. It raises Misfit."""
     content = typesystem.definition(name)
     cls = _class(name)
     convert = {field.name: _converter(field) for field in content.fields}
@@ -150,7 +150,7 @@ def _filler(name: str) -> Converter:
 
 
 def _from_other(content: Definition, cls: type[Message], convert: Mapping[str, Converter]) -> Converter:
-    """What makes a message from a value that is not a mapping."""
+    """The function that makes a message from a value that is not a mapping."""
     if content.name in _TIMES:
         return lambda value: _time(cls, convert, value)
     if content.is_wrapper:
@@ -191,11 +191,11 @@ def _time(cls: type[Message], convert: Mapping[str, Converter], value: Any) -> M
 
 @cache
 def _reader(name: str) -> tuple[tuple[str, str, Callable[[Any], Any]], ...]:
-    """(name, attribute, what makes it plain) of each field."""
-    return tuple((field.name, field.attribute, _plainer(field)) for field in typesystem.definition(name).fields)
+    """(name, attribute, function that makes it plain) of each field."""
+    return tuple((field.name, field.attribute, _to_plain(field)) for field in typesystem.definition(name).fields)
 
 
-def _plainer(field: Field) -> Callable[[Any], Any]:
+def _to_plain(field: Field) -> Callable[[Any], Any]:
     if field.is_message:
         return to_mapping if field.shape == "single" else _plain_messages
     return _plain

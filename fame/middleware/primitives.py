@@ -1,8 +1,8 @@
-"""Values of primitive fields: numbers, texts and lists of them, taken from what models, scripts and JSON have to offer.
+"""Values of primitive fields: numbers, texts and lists of them, converted from values of models, scripts and JSON.
 
-A converter takes any value and returns that of the field, or raises `Misfit`. It takes what says the same in another
-form (``"true"`` for a bool, ``"1.5"`` and ``1`` for a float, ``3.0`` for an int, a number for a string), and nothing
-that would lose information. There is one converter per field, made once; the usual case passes it with one test.
+A converter takes any value and returns that of the field, or raises `Misfit`. It accepts other forms of the same value
+(``"true"`` for a bool, ``"1.5"`` and ``1`` for a float, ``3.0`` for an int, a number for a string), and nothing that
+would lose information. There is one converter per field, made once; the usual case passes it with one test.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LARGEST_FLOAT32 = (2 - 2**-23) * 2.0**127
 
 
 class Misfit(Exception):
-    """A value that does not fit. `path` leads to it, outermost step first; `text` says what was found and expected."""
+    """A value that does not fit. `path` leads to it, outermost step first; `text` says what was expected and given."""
 
     def __init__(self, text: str, path: str = "") -> None:
         super().__init__(text)
@@ -38,12 +38,12 @@ class Misfit(Exception):
 
 
 def expected(wanted: str, found: Any) -> Misfit:
-    """The usual one."""
-    return Misfit(f"found {describe(found)}, expected {wanted}")
+    """The Misfit that says what was wanted, and what was given."""
+    return Misfit(f"expected {wanted}, got {describe(found)}")
 
 
 def describe(value: Any) -> str:
-    """What a value is, in few words."""
+    """A value in a few words, for messages."""
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):
@@ -94,9 +94,9 @@ def listed(convert: Converter, field: Field) -> Callable[[Any], list[Any]]:
 def check_length(length: int, field: Field) -> None:
     """Raise Misfit if `length` is not that of an array, or over the bound of a sequence."""
     if field.shape == "array" and length != field.size:
-        raise Misfit(f"found {length} values, expected {field.size} ({field})")
+        raise Misfit(f"expected {field.size} values ({field}), got {length}")
     if field.size and length > field.size:
-        raise Misfit(f"found {length} values, expected at most {field.size} ({field})")
+        raise Misfit(f"expected at most {field.size} values ({field}), got {length}")
 
 
 def _single(field: Field) -> Converter:
@@ -153,7 +153,7 @@ def _integer(base: str) -> Converter:
 
 
 def _to_int(value: Any) -> int | None:
-    """The integer that a value is or says; None if it is none."""
+    """The integer that a value is or denotes; None if there is none."""
     if isinstance(value, bool):
         return None
     if isinstance(value, numbers.Integral):
@@ -205,7 +205,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _array(field: Field, single: Converter) -> Converter:
-    """A converter to one-dimensional numpy arrays. It copies, so that who filled a message may go on using the list."""
+    """A converter to one-dimensional numpy arrays. It copies, so that the list may be changed afterwards."""
     import numpy
 
     dtype = numpy.dtype(DTYPES.get(field.base, field.base))

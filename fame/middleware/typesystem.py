@@ -1,6 +1,6 @@
-"""Which message types there are: those of ROS 2 Jazzy's common interfaces, of a sourced ROS, and registered ones.
+"""The table of message types: ROS 2 Jazzy's common interfaces, the types of a sourced ROS, and registered ones.
 
-Types belong to the process, as they do in ROS: one table, which only grows; a type never changes once it is there. The
+Types belong to the process, as they do in ROS: one table, which only grows; a type in it never changes. The
 table is filled from the type store of rosbags, which is imported when the first type is asked for.
 """
 
@@ -18,7 +18,7 @@ from fame.middleware import builtin_types
 from fame.middleware.definitions import Definition, from_rosbags, from_text
 
 _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
-"""Type -> field -> default that is not zero: all there are in the common interfaces."""
+"""Type -> field -> default other than zero: all of those in the common interfaces."""
 
 _SERVICES = {
     "action_msgs/srv/CancelGoal": "GoalInfo goal_info\n---\nint8 return_code\nGoalInfo[] goals_canceling",
@@ -28,7 +28,7 @@ _SERVICES = {
     "tello_msgs/srv/TelloAction": "string cmd\n---\n"
     "uint8 OK=1\nuint8 ERROR_NOT_CONNECTED=2\nuint8 ERROR_BUSY=3\nuint8 rc",
 }
-"""The standard's, and that of the drone that the original FaMe flew."""
+"""Those of the standard, and that of the original FaMe's drone."""
 _SUFFIXES = (".msg", ".srv", ".action")
 _definitions: dict[str, Definition] = {}
 _lock = threading.RLock()
@@ -84,7 +84,7 @@ def action(name: str) -> str:
 
 
 def register(text: str, name: str) -> list[str]:
-    """Add what the text of a `.msg`, `.srv` or `.action` file describes (``pkg/msg/Type``, ``pkg/srv/Name`` ...).
+    """Add the types of the text of a `.msg`, `.srv` or `.action` file (``pkg/msg/Type``, ``pkg/srv/Name`` ...).
 
     Returns their full names. The same text again does nothing. Types that it refers to may follow later. Raises
     MessageError for a text that cannot be read, and for a type that is there already but different.
@@ -127,7 +127,7 @@ def register_files(path: str | Path, package: str = "") -> list[str]:
 
 
 def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
-    """Raise MessageError if a field is of a type that nobody registered, or if a type contains itself."""
+    """Raise MessageError if a field is of an unknown type, or if a type contains itself."""
     for entry in content.fields:
         if entry.is_message:
             if entry.base not in _table() and not _sourced(entry.base):

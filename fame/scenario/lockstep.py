@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from fame.clock import SECOND, Scheduler
 from fame.middleware.interface import Message, Middleware, Node
-from fame.middleware.simulated_time import DONE, DONE_TYPE, nanoseconds
+from fame.middleware.simulated_time import STEP_DONE, STEP_DONE_TYPE, nanoseconds
 
 _LOOK = SECOND
 """How often it is looked whether an engine that is waited for has left (ns)."""
@@ -23,7 +23,7 @@ class Rounds:
         self._seen: set[str] = set()
         self._waiting: set[str] = set()
         self._time = 0
-        node.subscription(DONE, DONE_TYPE, self._heard)
+        node.subscription(STEP_DONE, STEP_DONE_TYPE, self._heard)
         self._look = scheduler.after(_LOOK, self._drop_the_dead)
 
     @property
@@ -55,7 +55,7 @@ class Rounds:
 
     def _drop_the_dead(self) -> None:
         if self._waiting & self._seen:
-            ends = {name for info in self._middleware.graph() if info.name == DONE for name in info.publishers}
+            ends = {name for info in self._middleware.graph() if info.name == STEP_DONE for name in info.publishers}
             there = {name.split("/")[1] for name in ends}
             for robot in self._seen - there:
                 self.team.pop(robot, None)

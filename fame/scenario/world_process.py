@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware
-from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, Steps, clock_message
+from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, Lockstep, clock_message
 from fame.scenario.lockstep import Rounds
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class WorldPart:
         speed: float | None = 1.0,
         paused: bool = False,
         team: Sequence[str] = (),
-        steps: Steps | None = None,
+        steps: Lockstep | None = None,
     ) -> None:
         from sim2d.world import World
 
