@@ -117,10 +117,12 @@ def _correlate(root: Node, message: Node, found: Extensions) -> None:
     """Write the key of a message as a correlation property (BPMN 2.0, chapter 8.3.2)."""
     assert found.key is not None
     key = found.key.text.strip("${} ")
-    said = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
-    said.append(etree.Element(f"{_B}correlationPropertyRetrievalExpression", {"messageRef": message.get("id", "")}))
-    etree.SubElement(said[0], f"{_B}messagePath").text = f"${{msg.{key.rpartition('.')[2]}}}"
-    _add_to_root(root, said)
+    correlation = etree.Element(f"{_B}correlationProperty", {"id": f"{message.get('id')}_Key", "name": key})
+    correlation.append(
+        etree.Element(f"{_B}correlationPropertyRetrievalExpression", {"messageRef": message.get("id", "")})
+    )
+    etree.SubElement(correlation[0], f"{_B}messagePath").text = f"${{msg.{key.rpartition('.')[2]}}}"
+    _add_to_root(root, correlation)
 
 
 def _rename_vendors(root: Node) -> None:

@@ -85,9 +85,11 @@ def _mappings(element: Node, found: Extensions) -> None:
 
 
 def _copies(element: Node, kind: str, items: list[Assignment], everything: bool) -> None:
-    said = [{"variables": "all"}] if everything else []
-    said += [{"sourceExpression": text_of_expression(item.source) or "=null", "target": item.target} for item in items]
-    for one in said:
+    copies = [{"variables": "all"}] if everything else []
+    copies += [
+        {"sourceExpression": text_of_expression(item.source) or "=null", "target": item.target} for item in items
+    ]
+    for one in copies:
         etree.SubElement(_extensions(element), f"{_C}{kind}", one, nsmap={"camunda": CAMUNDA})
 
 

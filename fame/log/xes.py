@@ -135,24 +135,24 @@ class _Traces:
 
 
 def _trace(robot: str, instance: int, trace: _Trace, status: str) -> str:
-    said = {"concept:name": f"{robot}/{instance}", "process": trace.process, "robot": robot, "status": status}
-    attributes = "".join(_attribute(4, key, value) for key, value in said.items())
+    values = {"concept:name": f"{robot}/{instance}", "process": trace.process, "robot": robot, "status": status}
+    attributes = "".join(_attribute(4, key, value) for key, value in values.items())
     return f"  <trace>\n{attributes}{''.join(trace.events)}  </trace>\n"
 
 
 def _event(robot: str, mark: Mark, name: ElementInfo) -> tuple[str, str]:
     """The XML of an event before and after the number of its execution."""
     element, what, detail = mark
-    said = {
+    values = {
         "lifecycle:transition": _LIFECYCLE[what],
         "org:resource": robot,
         "element": element,
         "kind": name.tag,
     }
     if what == "fail":
-        said["error"] = str(detail)
+        values["error"] = str(detail)
     named = _attribute(6, "concept:name", name.name or element)
-    attributes = "".join(_attribute(6, key, value) for key, value in said.items())
+    attributes = "".join(_attribute(6, key, value) for key, value in values.items())
     return f'    <event>\n{named}      <string key="concept:instance" value="', f'"/>\n{attributes}'
 
 

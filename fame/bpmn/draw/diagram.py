@@ -31,27 +31,25 @@ from fame.errors import ModelError
 
 MARGIN = 12.0
 BADGE = 10.0
-"""How far badges reach beyond the corner of their shape."""
+"""How far badges extend beyond the corner of their shape (px)."""
 
 
-def draw(definitions: Definitions, is_visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
+def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
     """The diagrams of a file as one SVG document.
 
-    `is_visited` are ids of elements and flows, as often as they were completed; or how often each was; or, by id, how
-    often each outcome came about (`fame.log.outcomes`). Each outcome has its colour, its symbol, and its number.
-    Raises ModelError if the file has no diagram.
+    `visited` shows a run: ids of elements and flows, once for each completion; id -> number of completions; or id ->
+    number of executions with each outcome (`fame.log.outcomes`). Each outcome is shown by a colour, a symbol and a
+    number. Raises ModelError if the file has no diagram.
     """
     if not definitions.shapes:
-        raise ModelError(
-            "the file has no diagram (BPMNDI), so there is nothing to draw: draw it in a modeler", file=definitions.file
-        )
+        raise ModelError("the file has no diagram (BPMNDI): draw it in a modeler", file=definitions.file)
     elements = {shape.element: placeholder(shape) for shape in definitions.shapes}
     elements.update((one.id, one) for one in _elements(definitions))
-    picture = Picture(elements, _tallies(is_visited))
+    picture = Picture(elements, _tallies(visited))
     parts: list[str] = []
     width, top = 0.0, MARGIN
     for plane, shown in enumerate(definitions.planes):
-        shapes = _opened(picture, [shape for shape in definitions.shapes if shape.plane == plane])
+        shapes = _with_open_subprocesses(picture, [shape for shape in definitions.shapes if shape.plane == plane])
         edges = [edge for edge in definitions.edges if edge.plane == plane]
         if not shapes:
             continue
@@ -71,14 +69,14 @@ def draw(definitions: Definitions, is_visited: Iterable[str] | Mapping[str, int]
     return _document(width + 2 * MARGIN, top - MARGIN, parts)
 
 
-def _tallies(is_visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:
-    """Outcomes by id: what is only counted was completed."""
-    counts = is_visited if isinstance(is_visited, Mapping) else Counter(is_visited)
+def _tallies(visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:
+    """Outcomes by id. Plain counts are completions."""
+    counts = visited if isinstance(visited, Mapping) else Counter(visited)
     return {id: {"completed": count} if isinstance(count, int) else count for id, count in counts.items()}
 
 
 def _labels(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> dict[str, Label]:
-    """The names that stand beside shapes and flows."""
+    """The names beside shapes and flows."""
     known = picture.elements
     names = {shape.element: name_beside(shape, known[shape.element]) for shape in shapes}
     names |= {edge.element: known[edge.element].name for edge in edges if edge.element in known}
@@ -102,8 +100,8 @@ def _elements(definitions: Definitions) -> Iterable[Element]:
             bodies += [node.body for node in body.nodes if isinstance(node, SubProcess)]
 
 
-def _opened(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
-    """Sub-processes whose content is drawn on the same plane are open, whatever their shape says."""
+def _with_open_subprocesses(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
+    """The shapes, where sub-processes whose content is on the same plane are expanded."""
     here = {shape.element for shape in shapes}
     found = []
     for shape in shapes:
@@ -115,7 +113,7 @@ def _opened(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
 
 
 def _frame(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> Bounds:
-    """What everything fits in."""
+    """The box around everything."""
     boxes = [shape.bounds for shape in shapes] + [label.box for label in picture.labels.values()]
     points = [point for edge in edges for point in edge.waypoints]
     lefts, tops = [box.x for box in boxes] + [x for x, _ in points], [box.y for box in boxes] + [y for _, y in points]
@@ -138,14 +136,14 @@ def _plane(picture: Picture, shapes: Sequence[Shape], edges: Sequence[Edge]) -> 
 
 
 def _is_frame(shape: Shape) -> bool:
-    """Whether others stand on it."""
+    """Whether other shapes are drawn inside."""
     bodies = ("subProcess", "transaction", "adHocSubProcess", "subChoreography")
     holds = shape.kind in ("participant", "lane", "group") and not shape.band
     return holds or (shape.expanded and shape.kind in bodies)
 
 
 def _counts(picture: Picture, shape: Shape) -> str:
-    """How often it was visited with which outcome, at its upper right corner."""
+    """The number of executions with each outcome, at the upper right corner."""
     tally = picture.visits.get(shape.element, {})
     if shape.kind in ("participant", "lane"):
         return ""
@@ -153,7 +151,7 @@ def _counts(picture: Picture, shape: Shape) -> str:
 
 
 def draw_edge(picture: Picture, edge: Edge) -> str:
-    """A flow or association without its name, in a group that has the id of the element."""
+    """A flow or association without its name, in a group with the id of the element."""
     ink = picture.ink(edge)
     style = {"fill": "none", "stroke": ink[0], "stroke_linecap": "round", "stroke_linejoin": "round"}
     if edge.kind == "sequenceFlow":
@@ -201,6 +199,6 @@ def _message_flow(edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
 
 
 def draw_edge_label(picture: Picture, edge: Edge) -> str:
-    """Its name, and how often it was gone, if more than once."""
+    """The name of an edge, and how often it was taken, if more than once."""
     visits = picture.visits.get(edge.element, {}).get("completed", 0)
     return (badge(str(visits), *middle(edge.waypoints)) if visits > 1 else "") + picture.label(edge.element)

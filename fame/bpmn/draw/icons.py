@@ -1,4 +1,4 @@
-"""The pictograms of BPMN 2.0: what stands in events, gateways and tasks, and below them.
+"""The pictograms of BPMN 2.0: in events, gateways and tasks, and the markers of activities.
 
 Events are drawn in a box of 36 x 36, task types in one of 18 x 18, markers in one of 14 x 14.
 """
@@ -21,7 +21,7 @@ def _line(data: str, ink: Ink, width: float = 1.3, fill: str = "none") -> str:
 
 
 def _solid(data: str, ink: Ink, filled: bool) -> str:
-    """An outline where a trigger is caught, solid where it is thrown."""
+    """An outline for a caught trigger, filled for a thrown one."""
     return _line(data, ink, fill=ink[0] if filled else ink[1])
 
 
@@ -33,7 +33,7 @@ def _message(ink: Ink, filled: bool) -> str:
 
 
 def envelope(ink: Ink, filled: bool, x: float, y: float, width: float, height: float) -> str:
-    """Closed, its flap drawn in white if it is solid."""
+    """A closed envelope; the flap is white if it is filled."""
     box = tag("rect", x=x, y=y, width=width, height=height, fill=ink[0] if filled else ink[1], stroke=ink[0])
     half, fall = number(width / 2), height * 0.55
     flap = f"M{number(x)} {number(y)}l{half} {number(fall)}l{half} {number(-fall)}"
@@ -66,7 +66,7 @@ def _multiple(ink: Ink, filled: bool) -> str:
 
 
 def pentagon(ink: Ink, filled: bool, radius: float = 9.5) -> str:
-    """Around the middle of an event."""
+    """A pentagon around the middle of an event."""
     angles = [2 * math.pi * corner / 5 for corner in range(5)]
     points = [f"{number(18 + radius * math.sin(angle))} {number(18 - radius * math.cos(angle))}" for angle in angles]
     return _solid(f"M{'L'.join(points)}Z", ink, filled)
@@ -91,7 +91,7 @@ _DRAWN: Mapping[str, Callable[[Ink, bool], str]] = {
 
 
 def trigger(kind: str, ink: Ink, filled: bool) -> str:
-    """The pictogram of an event definition, empty for none."""
+    """The pictogram of an event definition, empty for a none event."""
     if kind in _OUTLINES:
         return _solid(_OUTLINES[kind], ink, filled)
     return _DRAWN[kind](ink, filled) if kind in _DRAWN else ""
@@ -101,7 +101,7 @@ def trigger(kind: str, ink: Ink, filled: bool) -> str:
 
 
 def gateway(kind: str, ink: Ink, marked: bool) -> str:
-    """What stands in the diamond. An exclusive gateway may go without."""
+    """The sign inside the diamond. An exclusive gateway has one only if `marked`."""
     thick = "M-9 0H9M0 -9V9"
     crossed = "M-6.5 -6.5L6.5 6.5M-6.5 6.5L6.5 -6.5"
     if kind == "parallel":
@@ -171,7 +171,7 @@ _TASKS: Mapping[str, Callable[[Ink], str]] = {
 
 
 def task(kind: str, ink: Ink) -> str:
-    """The pictogram of a task's type, empty for a plain one."""
+    """The pictogram of a task type, empty for a plain task."""
     return _TASKS[kind](ink) if kind in _TASKS else ""
 
 
@@ -188,6 +188,6 @@ _MARKERS: Mapping[str, tuple[str, float]] = {
 
 
 def marker(kind: str, ink: Ink) -> str:
-    """What stands at the bottom of an activity or pool."""
+    """A marker at the bottom of an activity or pool."""
     data, width = _MARKERS[kind]
     return _line(data, ink, width)

@@ -15,12 +15,12 @@ from fame.bpmn.draw.svg import LINE_HEIGHT, Point, fitted, middle, text_width, w
 from fame.bpmn.model import Bounds, Edge, Shape
 
 _ROOM = 12.0
-"""Pixels that a name keeps from the left and right edges, together."""
+"""Horizontal space around a name, left and right together (px)."""
 _SMALLEST = 9
 
 
 class FittedText(NamedTuple):
-    """Lines of a size, and where the first one begins."""
+    """Lines, their font size, and the top of the first one (px)."""
 
     lines: list[str]
     size: float
@@ -28,7 +28,7 @@ class FittedText(NamedTuple):
 
 
 def fit_in_box(name: str, box: Bounds, size: float, corner: float = 0) -> FittedText:
-    """A name in the middle of a box, of `size` or smaller; a square at the upper left `corner` stays free."""
+    """Fit a name into the middle of a box, in `size` or smaller, clear of a square at the upper left `corner`."""
     width = max(box.width - _ROOM, 10)
     for smaller in range(round(size), _SMALLEST - 1, -1):
         setting = _fit(wrap(name, width, smaller), smaller, box, corner)
@@ -39,7 +39,7 @@ def fit_in_box(name: str, box: Bounds, size: float, corner: float = 0) -> Fitted
 
 
 def _fit(lines: list[str], size: float, box: Bounds, corner: float) -> FittedText | None:
-    """In the middle, or lower to be clear of the corner; None if that is not possible."""
+    """Lines in the middle, or lower to avoid the corner; None if they do not fit."""
     height = len(lines) * size * LINE_HEIGHT
     top = box.y + (box.height - height) / 2
     if _in_corner(lines, size, top, box, corner):
@@ -48,15 +48,15 @@ def _fit(lines: list[str], size: float, box: Bounds, corner: float) -> FittedTex
 
 
 def _in_corner(lines: list[str], size: float, top: float, box: Bounds, corner: float) -> bool:
-    """Whether a line begins in the square at the corner."""
+    """Whether a line overlaps the square at the corner."""
     beside = [text_width(line, size) > box.width - 2 * corner for line in lines]
     return any(wide and top + place * size * LINE_HEIGHT < box.y + corner for place, wide in enumerate(beside))
 
 
 _GAP = 4.0
-"""Pixels between a name and what it belongs to."""
+"""Distance between a name and its shape or flow (px)."""
 _WIDTH = 90.0
-"""Pixels after which a name goes on in the next line."""
+"""Width of a name after which it is wrapped (px)."""
 
 
 class Label(NamedTuple):
@@ -68,13 +68,13 @@ class Label(NamedTuple):
 
 @dataclass(slots=True)
 class Obstacles:
-    """What names must not cover: boxes of shapes and of other names, and lines."""
+    """What names should not cover: boxes of shapes and of other names, and lines."""
 
     boxes: list[Bounds] = field(default_factory=list)
     lines: list[tuple[Point, Point]] = field(default_factory=list)
 
     def count(self, box: Bounds) -> int:
-        """How much a name in a box would cover."""
+        """The number of boxes and lines that a box would cover."""
         boxes = sum(overlap(box, other) for other in self.boxes)
         return boxes + sum(crosses(box, *line) for line in self.lines)
 
@@ -82,7 +82,7 @@ class Obstacles:
 def place_labels(
     shapes: Sequence[Shape], edges: Sequence[Edge], names: Mapping[str, str], frames: Iterable[str], size: float
 ) -> dict[str, Label]:
-    """The names of those shapes and edges that have `names`, by id; `frames` may be covered."""
+    """Place the `names` (by id) of shapes and edges. `frames` may be covered. Returns labels by id."""
     inside = set(frames)
     taken = Obstacles(
         [shape.bounds for shape in shapes if shape.element not in inside],
@@ -91,11 +91,11 @@ def place_labels(
     things: list[Shape | Edge] = [*shapes, *edges]
     named = [thing for thing in things if names.get(thing.element)]
     found: dict[str, Label] = {}
-    for thing in sorted(named, key=lambda thing: _own(thing) is None):  # what is fixed first
-        name, own = names[thing.element], _own(thing)
+    for thing in sorted(named, key=lambda thing: _given_place(thing) is None):  # fixed places first
+        name, own = names[thing.element], _given_place(thing)
         lines = fitted(name, own, size) if own is not None else wrap(name, _WIDTH, size)
         extent = max(text_width(line, size) for line in lines), len(lines) * size * LINE_HEIGHT
-        spots = [(own.x + (own.width - extent[0]) / 2, own.y)] if own is not None else _spots(thing, *extent)
+        spots = [(own.x + (own.width - extent[0]) / 2, own.y)] if own is not None else _places_around(thing, *extent)
         box = min((Bounds(*spot, *extent) for spot in spots), key=taken.count)
         taken.boxes.append(box)
         found[thing.element] = Label(tuple(lines), box)
@@ -103,7 +103,7 @@ def place_labels(
 
 
 def overlap(a: Bounds, b: Bounds) -> bool:
-    """Whether two boxes have area in common."""
+    """Whether two boxes overlap."""
     across = min(a.x + a.width, b.x + b.width) - max(a.x, b.x)
     return across > 0 and min(a.y + a.height, b.y + b.height) - max(a.y, b.y) > 0
 
@@ -122,13 +122,13 @@ def crosses(box: Bounds, start: Point, end: Point) -> bool:
     return first < last
 
 
-def _own(thing: Shape | Edge) -> Bounds | None:
-    """The place that the diagram says, if it says one."""
+def _given_place(thing: Shape | Edge) -> Bounds | None:
+    """The place given by the diagram, or None."""
     return thing.label if thing.label is not None and thing.label.width > 0 else None
 
 
-def _spots(thing: Shape | Edge, width: float, height: float) -> list[Point]:
-    """Around a shape, or around the middle of a line: below or above, to the right, to the left; the usual first."""
+def _places_around(thing: Shape | Edge, width: float, height: float) -> list[Point]:
+    """Places around a shape or the middle of a line, in order of preference."""
     if isinstance(thing, Shape):
         box = thing.bounds
     else:

@@ -1,4 +1,4 @@
-"""How each kind of shape is drawn: pools, activities, events, gateways, data, artifacts."""
+"""Draws shapes: pools, activities, events, gateways, data, artifacts."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from fame.bpmn.model import (
 
 
 def draw_shape(picture: Picture, shape: Shape) -> str:
-    """A shape with its name, in a group that has the id of the element."""
+    """A shape with its name, in a group with the id of the element."""
     draws = _SHAPES.get(shape.kind, _activity)
     return tag("g", draws(picture, shape, picture.elements[shape.element]), id=shape.element)
 
 
 def placeholder(shape: Shape) -> Element:
-    """What is drawn of an element that the model does not tell of: its kind and its name."""
+    """An element with kind and name of a shape, for elements that the model does not have."""
     if shape.kind in PLACES:
         return Event(id=shape.element, name=shape.name, place=PLACES[shape.kind])
     if shape.kind in GATEWAYS:
@@ -82,7 +82,7 @@ def _pool(picture: Picture, shape: Shape, element: Element) -> str:
 
 
 def _banner(name: str, shape: Shape, band: float, ink: Ink) -> str:
-    """The name of a pool or lane in its band: upright if the pool stands, read from below if it lies."""
+    """The name of a pool or lane in its band: horizontal for a vertical pool, rotated for a horizontal one."""
     bounds = shape.bounds
     if not shape.horizontal:
         return _centred(name, Bounds(bounds.x, bounds.y, bounds.width, band), ink)
@@ -92,7 +92,7 @@ def _banner(name: str, shape: Shape, band: float, ink: Ink) -> str:
 
 
 def _centred(name: str, bounds: Bounds, ink: Ink, corner: float = 0) -> str:
-    """A name in the middle of a box, clear of a pictogram in its upper left corner that is so large."""
+    """A name in the middle of a box, clear of a pictogram of size `corner` at the upper left."""
     setting = fit_in_box(name, bounds, SIZE, corner)
     return text_lines(setting.lines, bounds.x + bounds.width / 2, setting.top, size=setting.size, fill=text_colour(ink))
 
@@ -190,7 +190,7 @@ def _data(picture: Picture, shape: Shape, element: Element) -> str:
     return drawn + picture.label(shape.element, text_colour(ink))
 
 
-def _with_state(element: Element) -> str:
+def _name_with_state(element: Element) -> str:
     state = element.state if isinstance(element, DataObject) else ""
     return f"{element.name}\n[{state}]" if state else element.name
 
@@ -248,10 +248,10 @@ def _group(picture: Picture, shape: Shape, element: Element) -> str:
 
 
 def name_beside(shape: Shape, element: Element) -> str:
-    """The name of an element that does not stand in its shape, but beside it; else empty."""
+    """The name of an element that is drawn beside its shape; empty if it is drawn inside."""
     draws = _SHAPES.get(shape.kind, _activity)
     if draws is _data:
-        return _with_state(element)
+        return _name_with_state(element)
     beside = draws in (_event, _gateway, _conversation, _message) or (draws is _group and shape.label is not None)
     return element.name if beside else ""
 
@@ -274,4 +274,4 @@ _SHAPES: Mapping[str, Callable[[Picture, Shape, Element], str]] = {
     "textAnnotation": _annotation,
     "group": _group,
 }
-"""Tag -> how it is drawn; all others are activities."""
+"""Tag -> drawing function; the default is `_activity`."""

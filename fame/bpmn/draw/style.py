@@ -13,14 +13,14 @@ from fame.bpmn.model import Edge, Element, Shape
 
 Outcome = Literal["failed", "waiting", "completed", "cancelled"]
 Tally = Mapping[Outcome, int]
-"""How many executions had each outcome."""
+"""Number of executions with each outcome."""
 
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
-"""The first of them that an element has gives its colour."""
+"""An element has the colour of the first of them that occurred."""
 
 
 class Style(NamedTuple):
-    """The colours of an outcome, and the path of its symbol around (0, 0), 8 pixels across."""
+    """The colours of an outcome, and the path of its symbol (8 px wide, centred at (0, 0))."""
 
     stroke: str
     paper: str
@@ -38,12 +38,12 @@ _PILL, _SYMBOL = 16.0, 9.0
 
 
 def style_of(tally: Tally) -> Style | None:
-    """The style of an element that was visited, None of one that was not."""
+    """The style of a visited element, None for one that was not visited."""
     return next((STYLES[outcome] for outcome in OUTCOMES if tally.get(outcome)), None)
 
 
 def badge(content: str, x: float, y: float, outcome: Outcome = "completed", *, symbol: bool = False) -> str:
-    """A number on a pill around a point, after the symbol of its outcome if wanted."""
+    """A number on a pill around a point, after the symbol of its outcome if `symbol`."""
     left = _SYMBOL if symbol else 0.0
     width = _width(content, symbol=symbol)
     pill = tag(
@@ -54,7 +54,7 @@ def badge(content: str, x: float, y: float, outcome: Outcome = "completed", *, s
 
 
 def badges(tally: Tally, right: float, y: float) -> str:
-    """A badge for each outcome that there was, side by side up to `right`."""
+    """A badge for each outcome that occurred, side by side, ending at `right`."""
     drawn = ""
     for outcome in reversed(OUTCOMES):
         if count := tally.get(outcome, 0):
@@ -65,7 +65,7 @@ def badges(tally: Tally, right: float, y: float) -> str:
 
 
 def legend(present: Iterable[Outcome], x: float, y: float) -> str:
-    """The symbols that are on the drawing, each with the name of its outcome; (x, y) is the left end."""
+    """The symbols of the given outcomes with their names, starting at (x, y)."""
     drawn = ""
     for outcome in present:
         drawn += translated(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
@@ -84,29 +84,29 @@ def _sign(outcome: Outcome, ink: str) -> str:
 
 INK, BACKGROUND = "#22242a", "#ffffff"
 BAND_FILL = "#d9d9dd"
-"""Of the participant in a choreography task that did not begin it."""
+"""Fill of the participant in a choreography task that does not initiate it."""
 SIZE, SMALL = 12.0, 11.0
-"""Of lettering, in pixels: in boxes, beside things."""
+"""Font sizes inside boxes and beside shapes (px)."""
 _VISITED = frozenset(style.stroke for style in STYLES.values())
 
 
 @dataclass(slots=True)
 class Picture:
-    """What the drawing functions look things up in, by id: elements, what became of each, where its name stands."""
+    """The tables of a drawing, by id: elements, outcomes, labels."""
 
     elements: Mapping[str, Element] = field(default_factory=dict)
     visits: Mapping[str, Tally] = field(default_factory=dict)
     labels: Mapping[str, Label] = field(default_factory=dict)
 
     def ink(self, shape: Shape | Edge) -> Ink:
-        """The colours of a shape or edge: its own, but for one that was visited."""
+        """The colours of a shape or edge: those of its outcome if it was visited, else its own."""
         style = style_of(self.visits.get(shape.element, {}))
         if style is not None:
             return style.stroke, style.paper
         return shape.stroke or INK, (shape.fill if isinstance(shape, Shape) else "") or BACKGROUND
 
     def label(self, id: str, colour: str = INK) -> str:
-        """The name that stands beside a shape or flow, if there is one."""
+        """The name beside a shape or flow, or empty."""
         label = self.labels.get(id)
         if label is None:
             return ""
@@ -115,10 +115,10 @@ class Picture:
 
 
 def is_visited(ink: Ink) -> bool:
-    """Whether these are the colours of something that was visited."""
+    """Whether these are the colours of a visited element."""
     return ink[0] in _VISITED
 
 
 def text_colour(ink: Ink) -> str:
-    """The colour of lettering on these colours."""
+    """The colour of text on these colours."""
     return INK if is_visited(ink) else ink[0]

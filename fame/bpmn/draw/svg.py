@@ -1,4 +1,4 @@
-"""SVG as text: tags, lines with round corners, arrow heads, and lettering that fits its box."""
+"""SVG as text: tags, lines with round corners, arrow heads, and text that fits its box."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Point = tuple[float, float]
 
 FONT = "Arial, Helvetica, 'Liberation Sans', sans-serif"
 LINE_HEIGHT = 1.2
-"""Of the font size."""
+"""Relative to the font size."""
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SEAMS = re.compile(r"(?<=[_\-/.])(?=[^_\-/.])|(?<=[a-z])(?=[A-Z])")
@@ -22,7 +22,7 @@ _NARROW, _WIDE = frozenset("iIjl.,:;'|!()[]{}ftr /-\"`"), frozenset("mwMW@%")
 
 
 def tag(name: str, *content: str, **attributes: object) -> str:
-    """An element around some SVG. ``_`` in attributes is ``-`` in SVG; those that are None or empty are left out."""
+    """An SVG element with content. ``_`` in attribute names becomes ``-``; None and empty values are left out."""
     written = "".join(
         f" {key.rstrip('_').replace('_', '-')}={quoteattr(_text(value))}"
         for key, value in attributes.items()
@@ -36,17 +36,17 @@ def _text(value: object) -> str:
 
 
 def number(value: float) -> str:
-    """As short as it can be at a hundredth of a pixel."""
+    """A number, rounded to a hundredth, in its shortest form."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
 def text(content: str) -> str:
-    """Text as content."""
+    """Escaped text content."""
     return escape(_NOT_XML.sub("", content))
 
 
 def translated(x: float, y: float, *content: str, scale: float = 1.0) -> str:
-    """Some drawing, elsewhere and perhaps at another scale."""
+    """Content moved by (x, y), and scaled."""
     scaled = f" scale({number(scale)})" if scale != 1 else ""
     return tag("g", *content, transform=f"translate({number(x)} {number(y)}){scaled}")
 
@@ -67,13 +67,13 @@ def polyline(points: Sequence[Point], radius: float = 5) -> str:
 
 
 def point_towards(start: Point, end: Point, distance: float) -> Point:
-    """The point at some distance from `start` on the way to `end`."""
+    """The point at `distance` from `start` towards `end`."""
     length = math.dist(start, end) or 1
     return start[0] + (end[0] - start[0]) * distance / length, start[1] + (end[1] - start[1]) * distance / length
 
 
 def arrow(points: Sequence[Point], length: float = 10, width: float = 8) -> list[Point]:
-    """The corners of an arrow head at the end of a line: side, tip, side."""
+    """The corners of the arrow head at the end of a line: side, tip, side."""
     tip = points[-1]
     tail = next((point for point in reversed(points[:-1]) if math.dist(point, tip) > 0.1), points[0])
     base = point_towards(tip, tail, length)
@@ -82,7 +82,7 @@ def arrow(points: Sequence[Point], length: float = 10, width: float = 8) -> list
 
 
 def corners(points: Iterable[Point]) -> str:
-    """The `points` of a polygon."""
+    """The value of the attribute ``points`` of a polygon."""
     return " ".join(f"{number(x)},{number(y)}" for x, y in points)
 
 
@@ -101,7 +101,7 @@ def middle(points: Sequence[Point]) -> Point:
 
 
 def text_width(content: str, size: float) -> float:
-    """About how wide a text is set in Arial (pixels)."""
+    """The approximate width of a text in Arial (px)."""
     return size * sum(
         0.31 if letter in _NARROW else 0.85 if letter in _WIDE else 0.68 if letter.isupper() else 0.55
         for letter in content
@@ -109,7 +109,7 @@ def text_width(content: str, size: float) -> float:
 
 
 def wrap(content: str, width: float, size: float, *, anywhere: bool = False) -> list[str]:
-    """Its lines, none wider than `width` if that can be; words break after ``_-/.``, or `anywhere` if they must."""
+    """Break text into lines no wider than `width` if possible. Words break after ``_-/.``, or `anywhere`."""
     lines: list[str] = []
     for paragraph in content.splitlines():
         line = ""
@@ -139,7 +139,7 @@ def _broken(word: str, width: float, size: float, anywhere: bool) -> list[str]:
 
 
 def fitted(content: str, bounds: Bounds, size: float) -> list[str]:
-    """Lines for a label box that a modeler has made: as many as it has room for, even if they are wider."""
+    """Break text into the number of lines that fit the height of a label box, even if they are wider than it."""
     room = max(1, round(bounds.height / (size * LINE_HEIGHT)))
     lines = wrap(content, max(bounds.width, 20) * 1.05, size)
     for factor in (1.2, 1.4, 1.7):
@@ -152,7 +152,7 @@ def fitted(content: str, bounds: Bounds, size: float) -> list[str]:
 def text_lines(
     lines: Sequence[str], x: float, top: float, *, size: float, fill: str, anchor: str = "middle", halo: bool = False
 ) -> str:
-    """Lines of text; `x` is their middle (or start), `top` the top of the first. `halo`: white around the letters."""
+    """Lines of text. `x` is their middle (or start), `top` the top of the first. `halo`: white outline."""
     spans = [
         tag("tspan", text(line), x=x, y=top + size * (LINE_HEIGHT * number_of + 0.95))
         for number_of, line in enumerate(lines)

@@ -89,16 +89,16 @@ def _script(node: NodeReader) -> Expression | None:
 
 def _message(node: NodeReader, kind: Literal["send", "receive"]) -> Topic | None:
     """The topic of a send or receive task, None if it has neither a message nor topic properties."""
-    say = take_topic_properties(node.context, node.element, node.extensions)
-    if not node.get("messageRef") and not (say.type or say.payload):
+    topic_properties = take_topic_properties(node.context, node.element, node.extensions)
+    if not node.get("messageRef") and not (topic_properties.type or topic_properties.payload):
         return None
     if kind == "send":
-        return read_topic(TopicSource(node, "throw"), node.element, "message", say)
+        return read_topic(TopicSource(node, "throw"), node.element, "message", topic_properties)
     takes, node.extensions.outputs = tuple(node.extensions.outputs), []
     if node.extensions.inputs:  # it has its own scope: copy the received values out of it
         leaving = (Assignment(one.target, Expression(one.target, "python", one.source.line)) for one in takes)
         node.extensions.outputs = list(leaving)
-    return read_topic(TopicSource(node, "catch", takes), node.element, "message", say)
+    return read_topic(TopicSource(node, "catch", takes), node.element, "message", topic_properties)
 
 
 def _service(node: NodeReader) -> Topic | None:
@@ -106,12 +106,20 @@ def _service(node: NodeReader) -> Topic | None:
     service, action = node.extensions.take("service"), node.extensions.take("action")
     if service is not None and action is not None:
         node.fault("has both properties service and action: expected one of them")
-    named = service or action
-    if named is None and not node.extensions.service:
+    collection_property = service or action
+    if collection_property is None and not node.extensions.service:
         return None
-    say = take_topic_properties(node.context, node.element, node.extensions, "srv" if action is None else "action")
-    name = named.value.strip() if named is not None else node.extensions.operation
-    return Topic(name=name, type=say.type, payload=say.payload, private=say.private, qos=say.qos)
+    topic_properties = take_topic_properties(
+        node.context, node.element, node.extensions, "srv" if action is None else "action"
+    )
+    name = collection_property.value.strip() if collection_property is not None else node.extensions.operation
+    return Topic(
+        name=name,
+        type=topic_properties.type,
+        payload=topic_properties.payload,
+        private=topic_properties.private,
+        qos=topic_properties.qos,
+    )
 
 
 def _operation(node: NodeReader) -> str:
@@ -131,11 +139,11 @@ def read_call(node: NodeReader) -> CallActivity:
     root = node.context.root(called)
     if root is not None and local_name(root).startswith("global"):
         node.extensions.refused = f"it calls the <{local_name(root)}> {called}: make it a process with that task in it"
-    seen = mapping_source(called, line_of(node.element)) if called else None
-    computed = seen is not None and seen.language in ("juel", "feel", "template")
+    expression = mapping_source(called, line_of(node.element)) if called else None
+    computed = expression is not None and expression.language in ("juel", "feel", "template")
     return CallActivity(
         called="" if computed else called,
-        called_expression=seen if computed else None,
+        called_expression=expression if computed else None,
         **read_activity(node),
     )
 
@@ -160,20 +168,24 @@ def _loop(node: NodeReader) -> MultiInstance | StandardLoop | None:
 
 def _multi_instance(node: NodeReader, loop: Node) -> MultiInstance:
     """Read a multi-instance loop. The activity may have its output properties, as Camunda Modeler writes them."""
-    context, said = node.context, read_extensions(node.context, loop)
-    named, each = (said.take(name) or node.extensions.take(name) for name in ("outputCollection", "outputElement"))
-    collection = variable_or_expression(context, loop, said.collection) if said.collection.strip() else None
+    context, extensions = node.context, read_extensions(node.context, loop)
+    collection_property, element_property = (
+        extensions.take(name) or node.extensions.take(name) for name in ("outputCollection", "outputElement")
+    )
+    collection = variable_or_expression(context, loop, extensions.collection) if extensions.collection.strip() else None
     if collection is None:
         reference = child(loop, "loopDataInputRef")
         name = _referenced_variable(context, loop, text_of(reference)) if reference is not None else ""
         collection = variable_or_expression(context, loop, name) if name else None
     output = child(loop, "loopDataOutputRef")
-    output_collection = (named.value if named is not None else said.output_collection).strip()
+    output_collection = (
+        collection_property.value if collection_property is not None else extensions.output_collection
+    ).strip()
     if output is not None and not output_collection:
         output_collection = _referenced_variable(context, loop, text_of(output))
-    element = (each.value if each is not None else said.output_element).strip() or _item_variable(
-        loop, "outputDataItem"
-    )
+    element = (
+        element_property.value if element_property is not None else extensions.output_element
+    ).strip() or _item_variable(loop, "outputDataItem")
     if loop.get("behavior", "All") != "All":
         text = f"behavior={loop.get('behavior')!r} has no effect: no event is thrown per instance"
         context.note(loop, text, "warning")
@@ -181,7 +193,7 @@ def _multi_instance(node: NodeReader, loop: Node) -> MultiInstance:
         sequential=boolean_attribute(context, loop, "isSequential"),
         cardinality=_child_expression(context, loop, "loopCardinality"),
         collection=collection,
-        element_variable=said.element_variable.strip() or _item_variable(loop, "inputDataItem"),
+        element_variable=extensions.element_variable.strip() or _item_variable(loop, "inputDataItem"),
         completion=_child_expression(context, loop, "completionCondition"),
         output_collection=output_collection,
         output_element=variable_or_expression(context, loop, element) if element else None,

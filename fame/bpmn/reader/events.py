@@ -101,13 +101,15 @@ def _referred(context: Context, reference: Node) -> tuple[Node, str] | None:
     return element, local_name(element).removesuffix(_SUFFIX)
 
 
-def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "message"], say: TopicProperties) -> Topic:
+def read_topic(
+    source: TopicSource, element: Node, kind: Literal["signal", "message"], properties: TopicProperties
+) -> Topic:
     """The topic of a signal or message, named after the referenced element, else after the label."""
     node, reference = source.node, element.get(f"{kind}Ref")
     referred = node.context.root(reference)
     if referred is not None and local_name(referred) != kind:
         node.fault(f"{kind}Ref {reference!r} is a {local_name(referred)}: expected a {kind}")
-    name = _topic_name(node, referred, say)
+    name = _topic_name(node, referred, properties)
     if has_placeholders(name) or name.startswith("="):
         text = f"the name {name!r} is computed: give a fixed name, since topics are created before the process runs"
         node.fault(text)
@@ -115,23 +117,23 @@ def read_topic(source: TopicSource, element: Node, kind: Literal["signal", "mess
         name = _default_topic_name(node, kind, reference, referred)
     return Topic(
         name=name,
-        type=say.type or _item_type(node.context, referred),
-        payload=say.payload if source.place in THROWS else None,
-        to=_addressee(source, element, kind, say),
-        queue=say.queue,
-        private=say.private,
-        qos=say.qos,
+        type=properties.type or _item_type(node.context, referred),
+        payload=properties.payload if source.place in THROWS else None,
+        to=_addressee(source, element, kind, properties),
+        queue=properties.queue,
+        private=properties.private,
+        qos=properties.qos,
         takes=source.takes,
     )
 
 
-def _addressee(source: TopicSource, element: Node, kind: str, say: TopicProperties) -> Expression | None:
+def _addressee(source: TopicSource, element: Node, kind: str, properties: TopicProperties) -> Expression | None:
     """The expression for the robot that a message is sent to."""
-    if say.to is not None and (kind == "signal" or source.place not in THROWS):
+    if properties.to is not None and (kind == "signal" or source.place not in THROWS):
         text = "its property 'to' has no effect: only thrown messages can be sent to one robot"
         source.node.context.note(element, text, "warning")
         return None
-    return say.to
+    return properties.to
 
 
 def _default_topic_name(node: NodeReader, kind: str, reference: str | None, referred: Node | None) -> str:
@@ -153,7 +155,7 @@ def _name(element: Node) -> str:
     return element.get("name", "").strip()
 
 
-def _topic_name(node: NodeReader, referred: Node | None, say: TopicProperties) -> str:
+def _topic_name(node: NodeReader, referred: Node | None, properties: TopicProperties) -> str:
     name, label = _name(referred) if referred is not None else "", node.label
     if node.extensions.topic:
         return node.extensions.topic
@@ -162,7 +164,7 @@ def _topic_name(node: NodeReader, referred: Node | None, say: TopicProperties) -
             text = f"the topic is the label {label!r}, not the name of the signal {name!r} (topics=labels)"
             node.context.quirk(node.element, text)
         return label
-    if name and label and name != label and (say.type or say.payload or node.context.original):
+    if name and label and name != label and (properties.type or properties.payload or node.context.original):
         level: Literal["warning", "note"] = "warning" if node.context.original else "note"
         text = f"the topic is {name!r}, the name of the signal, not the label {label!r}"
         node.context.note(node.element, text, level, quirk=True)
@@ -264,8 +266,8 @@ def _timer(source: TopicSource, element: Node) -> TimerDefinition:
         "timeDate": "date",
         "timeCycle": "cycle",
     }
-    said = [holder for tag in kinds if (holder := child(element, tag)) is not None]
-    holder = next((one for one in said if text_of(one).strip()), next(iter(said), None))
+    holders = [holder for tag in kinds if (holder := child(element, tag)) is not None]
+    holder = next((one for one in holders if text_of(one).strip()), next(iter(holders), None))
     return TimerDefinition(
         kind=kinds[local_name(holder)] if holder is not None else "duration",
         expression=timer_text(source.node.context, holder) if holder is not None else None,
@@ -275,8 +277,8 @@ def _timer(source: TopicSource, element: Node) -> TimerDefinition:
 
 def _conditional(source: TopicSource, element: Node) -> ConditionalDefinition:
     holder = child(element, "condition")
-    said = condition_of(source.node.context, holder) if holder is not None else None
-    return ConditionalDefinition(condition=said, line=line_of(element))
+    condition = condition_of(source.node.context, holder) if holder is not None else None
+    return ConditionalDefinition(condition=condition, line=line_of(element))
 
 
 def _code(source: TopicSource, element: Node, kind: str) -> str | None:

@@ -59,7 +59,7 @@ def is_original_fame(root: Node) -> bool:
     """Whether a file is one of the original FaMe: it has elements of its web modeler, message lists, or JavaScript."""
     if next(root.iter(*(f"{{{namespace}}}*" for namespace in original_fame.NAMESPACES)), None) is not None:
         return True
-    languages = {said.lower().strip(" ()") for said in cast("list[str]", _LANGUAGES(root))}
+    languages = {language.lower().strip(" ()") for language in cast("list[str]", _LANGUAGES(root))}
     return not languages.isdisjoint(_JAVASCRIPT) or any(
         map(original_fame.is_message_list, root.iter(original_fame.LIST))
     )

@@ -101,7 +101,7 @@ def _input_output(context: Context, node: Node, found: Extensions) -> None:
             continue
         name = one.get("name", "").strip()
         if not name:
-            context.fault(one, f"a {_prefixed(one, local_name(one))} has no name: say which variable it sets")
+            context.fault(one, f"a {_prefixed(one, local_name(one))} has no name: give the variable that it sets")
             continue
         source = _parameter(context, one)
         outwards = local_name(one) == "outputParameter"

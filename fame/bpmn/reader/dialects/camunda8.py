@@ -48,7 +48,7 @@ def _io_mapping(context: Context, node: Node, found: Extensions) -> None:
     for one in node:
         source, target = one.get("source", ""), one.get("target", "").strip()
         if not target:
-            context.fault(one, f"a zeebe:{local_name(one)} has no target: say which variable it sets")
+            context.fault(one, f"a zeebe:{local_name(one)} has no target: give the variable that it sets")
             continue
         inwards, expression = local_name(one) == "input", mapping_source(source, line_of(one))
         _assign(found.inputs if inwards else found.outputs, target, expression, inwards)

@@ -1,4 +1,4 @@
-"""Pools are taken apart and bound to robots."""
+"""Collaborations are split into one file per pool, and robots are assigned to pools."""
 
 import pytest
 
