@@ -1,9 +1,9 @@
-"""A team whose robots are models in Gazebo: bridges, what Gazebo lacks, and the engines.
+"""Start a team of robots in Gazebo: the bridges, the nodes that Gazebo lacks, and the engines.
 
 ros2 launch fame gazebo.launch.py robots:="REX:car DINGO:car" options:=--insecure
 ros2 launch fame gazebo.launch.py robots:="Drone:drone Tractor_1:tractor Tractor_2:tractor" options:=--insecure
 
-Gazebo itself runs already, with a model of each robot's name: DiffDrive (or MulticopterVelocityControl),
+Start Gazebo first, with one model per robot that has the robot's name: DiffDrive (or MulticopterVelocityControl),
 OdometryPublisher, and a lidar on the topic /model/NAME/scan.
 """
 
@@ -20,20 +20,20 @@ from launch_ros.actions import Node
 from launch import LaunchContext, LaunchDescription
 
 _ARGUMENTS = {
-    "robots": (None, "names, each with its type: REX:car DINGO:car"),
-    "options": ("", "further options of every engine, such as --trust team.pub"),
-    "radius": ("0.2", "of a circle that a robot on the ground fits into (m)"),
+    "robots": (None, "robot names with their types: REX:car DINGO:car"),
+    "options": ("", "options for every engine, such as --trust team.pub"),
+    "radius": ("0.2", "radius of a circle around a ground robot (m)"),
 }
 _BRIDGED = {
     "cmd_vel": ("cmd_vel", "geometry_msgs/msg/Twist]gz.msgs.Twist"),
     "odometry": ("odom", "nav_msgs/msg/Odometry[gz.msgs.Odometry"),
     "scan": ("scan", "sensor_msgs/msg/LaserScan[gz.msgs.LaserScan"),
 }
-"""Topic of the model -> topic of the robot, types and direction."""
+"""Topic of the Gazebo model -> topic of the robot, types and direction."""
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What `ros2 launch` asks for."""
+    """Return the description for `ros2 launch`."""
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in _ARGUMENTS.items()
@@ -42,16 +42,20 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context: LaunchContext) -> list[Any]:
-    said = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
+    arguments = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
     clock = ["/clock@rosgraph_msgs/msg/Clock[gz.msgs.Clock"]
     team = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(Path(__file__).with_name("team.launch.py"))),
-        launch_arguments={"robots": said["robots"], "options": said["options"], "use_sim_time": "true"}.items(),
+        launch_arguments={
+            "robots": arguments["robots"],
+            "options": arguments["options"],
+            "use_sim_time": "true",
+        }.items(),
     )
     nodes: list[Any] = [Node(package="ros_gz_bridge", executable="parameter_bridge", name="clock", arguments=clock)]
-    for robot in said["robots"].split():
+    for robot in arguments["robots"].split():
         name, _, kind = robot.partition(":")
-        nodes += [_bridge(name), _supplement(name, "0" if kind == "drone" else said["radius"])]
+        nodes += [_bridge(name), _supplement(name, "0" if kind == "drone" else arguments["radius"])]
     return [*nodes, team]
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A process with what a robot in Gazebo lacks (see `robots.gazebo`): ``gazebo_robot.py REX --radius 0.2``."""
+"""Run the nodes that a robot in Gazebo lacks (see `robots.gazebo`): ``gazebo_robot.py REX --radius 0.2``."""
 
 import argparse
 import sys
@@ -11,14 +11,16 @@ from robots.gazebo import Supplement
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("robot", help="its name and namespace")
-    parser.add_argument("--radius", type=float, default=0.2, help="of a circle that it fits into (m); 0: it flies")
+    parser.add_argument("robot", help="name and namespace of the robot")
+    parser.add_argument(
+        "--radius", type=float, default=0.2, help="radius of a circle around the robot (m); 0 for a flying robot"
+    )
     add_network(parser)  # type: ignore[arg-type]
-    said = parser.parse_args(without_ros_arguments(sys.argv[1:]))
+    arguments = parser.parse_args(without_ros_arguments(sys.argv[1:]))
     serve(
-        said.middleware,
-        said.network,
-        lambda scheduler, middleware: Supplement(middleware.node("gazebo_robot", said.robot), said.radius),
+        arguments.middleware,
+        arguments.network,
+        lambda scheduler, middleware: Supplement(middleware.node("gazebo_robot", arguments.robot), arguments.radius),
     )
 
 

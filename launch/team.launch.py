@@ -1,4 +1,4 @@
-"""A team of engines, each in the namespace of its robot, and a simulated world if one is named.
+"""Start one engine per robot, each in the namespace of its robot, and optionally a simulated world.
 
 ros2 launch fame team.launch.py robots:="REX:car DINGO:car" world:=examples/ground_vehicles.yaml options:=--insecure
 """
@@ -14,15 +14,15 @@ from launch_ros.actions import Node
 from launch import LaunchContext, LaunchDescription
 
 _ARGUMENTS = {
-    "robots": (None, "names, each with its type if it has one: REX:car DINGO:car"),
-    "world": ("", "world file or scenario to simulate; the time of all is then that on /clock"),
-    "use_sim_time": ("", "whether that is so without a world here, as with Gazebo: true"),
-    "options": ("", "further options of every engine, such as --trust team.pub"),
+    "robots": (None, "robot names, optionally with types: REX:car DINGO:car"),
+    "world": ("", "world file or scenario to simulate; all engines then use the time from /clock"),
+    "use_sim_time": ("", "true: use the time from /clock without `world`, as with Gazebo"),
+    "options": ("", "options for every engine, such as --trust team.pub"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What `ros2 launch` asks for."""
+    """Return the description for `ros2 launch`."""
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in _ARGUMENTS.items()
@@ -31,12 +31,15 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context: LaunchContext) -> list[Any]:
-    said = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
-    simulated = bool(said["world"]) or said["use_sim_time"].lower() == "true"
-    world = Node(package="fame", executable="world", arguments=[said["world"]], output="screen")
+    arguments = {name: LaunchConfiguration(name).perform(context) for name in _ARGUMENTS}
+    simulated = bool(arguments["world"]) or arguments["use_sim_time"].lower() == "true"
+    world = Node(package="fame", executable="world", arguments=[arguments["world"]], output="screen")
     return [
-        *([world] if said["world"] else []),
-        *(_engine(*robot.partition(":")[::2], said["options"].split(), simulated) for robot in said["robots"].split()),
+        *([world] if arguments["world"] else []),
+        *(
+            _engine(*robot.partition(":")[::2], arguments["options"].split(), simulated)
+            for robot in arguments["robots"].split()
+        ),
     ]
 
 
