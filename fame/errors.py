@@ -58,9 +58,11 @@ class _Located(FameError):
     file: str
     line: int
     element: str
+    name: str
 
     def __init__(self, text: str, *, file: str = "", line: int = 0, element: str = "", name: str = "") -> None:
-        self.text, self.file, self.line, self.element = " ".join(text.split()), file, line, element
+        self.text, self.file, self.line = " ".join(text.split()), file, line
+        self.element, self.name = element, name
         place = file or ""
         if line:
             place += f":{line}" if place else f"line {line}"

@@ -58,7 +58,7 @@ def test_findings_come_in_the_order_of_the_file_and_once() -> None:
 def test_a_summary_counts_by_level() -> None:
     found = checked(alone(row(script("x = (1"), '<task id="a"/>', '<task id="b"/>')))
     assert summary(found) == "1 error, 2 notes"
-    assert summary([]) == "nothing found"
+    assert summary([]) == "No problems found."
 
 
 def test_a_finding_is_one_line() -> None:
@@ -99,15 +99,15 @@ TALK = (row(throw("a", type=BOOL)), row(catch("b", type=BOOL), mark="2"))
 
 def test_the_parts_of_a_mission_hear_each_other() -> None:
     rex, dingo = parts(*TALK)
-    assert any("throws /done, which nobody in REX.bpmn catches" in text for text in told_of([rex]))
+    assert any("throws /done, but nothing in REX.bpmn catches it" in text for text in told_of([rex]))
     assert told_of([rex, dingo]) == []
 
 
 def test_what_no_part_hears_is_a_note_since_others_may_not_have_been_given() -> None:
     found = told_of(parts(row(throw("a", type=BOOL)), row(catch("b", "found", type=BOOL), mark="2")))
     assert [text.partition(": ")[2] for text in found] == [
-        "note: a: throws /done, which nobody in the 2 files of the mission catches",
-        "note: b: waits for /found, which nobody in the 2 files of the mission throws",
+        'note: "done" (a): throws /done, but nothing in the 2 files of the mission catches it',
+        'note: "found" (b): waits for /found, but nothing in the 2 files of the mission throws it',
     ]
 
 
@@ -116,7 +116,8 @@ def test_two_types_of_one_topic_in_two_parts_are_an_error_of_the_second() -> Non
     edited = read_text(dingo.source.decode().replace(BOOL, VECTOR), file="DINGO.bpmn")
     (found,) = told_of([rex, edited])
     assert found.startswith("DINGO.bpmn:")
-    assert found.endswith(f"error: b: topic /done has type {VECTOR} here, but a says {BOOL}: a topic has one type")
+    text = f'topic /done has type {VECTOR} here, but "done" (a) says {BOOL}: a topic has one type'
+    assert found.endswith(f'error: "done" (b): {text}')
 
 
 def test_files_of_other_missions_and_other_splits_of_the_same_are_apart() -> None:

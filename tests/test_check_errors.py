@@ -30,6 +30,7 @@ from check_drawing import (
 )
 
 from fame.bpmn.library import Library
+from fame.bpmn.ros_names import NAMES
 from fame.check import check
 
 ERRORS = {
@@ -59,15 +60,15 @@ ERRORS = {
     ),
     "two types of one topic": (
         row(throw("a", type=BOOL), catch("b", type=VECTOR)),
-        f"b: topic /done has type {VECTOR} here, but a says {BOOL}: a topic has one type",
+        f'b: topic /done has type {VECTOR} here, but "done" (a) says {BOOL}: a topic has one type',
     ),
     "a script with another type of a topic": (
         row(catch("a", type=BOOL), script('robot.publish("/done", "std_msgs/msg/String", data="x")')),
-        f"t: topic /done has type std_msgs/msg/String here, but a says {BOOL}: a topic has one type",
+        f't: topic /done has type std_msgs/msg/String here, but "done" (a) says {BOOL}: a topic has one type',
     ),
     "a payload and no type": (
         row(throw("a", payload="true"), catch("b")),
-        "a: topic /done has a payload and no type: give one of its events property type",
+        "a: topic /done has a payload but no type: set property type on one of its events",
     ),
     "a type that nobody knows": (
         row(throw("a", type="geometry_msgs/msg/Vektor3")),
@@ -131,7 +132,7 @@ ERRORS = {
     ),
     "a process that calls itself without end": (
         row(script("x = 1"), call("again", "P")),
-        "again: P calls itself without end: every way through it meets such a call",
+        "again: P calls itself endlessly: every path through it leads to such a call",
     ),
 }  # fmt: skip
 
@@ -194,7 +195,7 @@ def test_errors_in_event_sub_processes_are_told_beside_others() -> None:
 def test_of_a_process_that_is_refused_all_over_it_is_said_that_not_all_is_told() -> None:
     found = checked(alone(row(*(f'<businessRuleTask id="t{n}"/>' for n in range(120)))))
     assert sum(one.level == "error" for one in found) == 100
-    assert "P: 100 of its elements are refused: no more are looked for" in [
+    assert "P: 100 of its elements are invalid: the check of this process stops here" in [
         f"{one.element}: {one.text}" for one in found
     ]
     some = checked(alone(row(*(f'<businessRuleTask id="t{n}"/>' for n in range(90)))))
@@ -237,9 +238,9 @@ def test_pools_that_no_robot_can_be_found_for_are_errors() -> None:
 
 
 def test_a_pool_that_no_ros_robot_can_be_named_like_is_a_warning() -> None:
-    right = "letters, digits and _ would be right, not beginning with a digit"
     others = '<participant id="X" name="My Robot" processRef="P1"/>'
-    assert f"X: ROS 2 refuses the namespace /My Robot: {right}" in told(team(row(), pools=others), "warning")
+    expected = f"X: /My Robot is not a valid ROS 2 namespace: expected {NAMES}"
+    assert expected in told(team(row(), pools=others), "warning")
 
 
 def test_a_file_of_black_boxes_has_nothing_to_run() -> None:
@@ -251,7 +252,8 @@ def test_a_file_of_black_boxes_has_nothing_to_run() -> None:
 def test_a_robots_own_topic_has_one_type_in_all_that_the_robot_does() -> None:
     callee = f'<process id="Q">{row(catch("b", "odom", type=BOOL, scope="robot"), mark="2")}</process>'
     text = process(row(catch("a", "odom", type=VECTOR, scope="robot"), call("c", "Q")), callee + SIGNALS)
-    assert told(text, "error") == [f"b: topic ~/odom has type {BOOL} here, but a says {VECTOR}: a topic has one type"]
+    expected = f'b: topic ~/odom has type {BOOL} here, but "odom" (a) says {VECTOR}: a topic has one type'
+    assert told(text, "error") == [expected]
 
 
 def test_robots_own_topics_of_two_robots_may_differ() -> None:

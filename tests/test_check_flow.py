@@ -37,36 +37,36 @@ WARNINGS = {
     ),
     "a flow into a start event": (
         row(script("x = 1")) + flows("t s"),
-        "t-s: leads into the start event s, but start events take no flows: lead it to what follows",
+        "t-s: leads into the start event s, but start events have no incoming flows",
     ),
     "an end event without a start event": (
         script("x = 1") + ends("e") + flows("t e"),
-        "t: begins without a start event, though there are end events: draw a start event that leads here",
+        "t: has no start event before it, although there are end events: add a start event",
     ),
     "the same in a sub-process": (
         row(f'<subProcess id="p">{script("x = 1")}{ends("pe")}{flows("t pe")}</subProcess>'),
-        "t: begins without a start event, though there are end events: draw a start event that leads here",
+        "t: has no start event before it, although there are end events: add a start event",
     ),
     "a loop without a way out": (
         PAIR + flows("s a b a"),
-        "a: is in a loop with b that no flow leaves and where nothing waits: it goes round for ever",
+        "a: is in a loop with b that no flow leaves and in which nothing waits: it runs forever",
     ),
     "a loop of one": (
         START + script("x = 1") + flows("s t t"),
-        "t: is in a loop that no flow leaves and where nothing waits: it goes round for ever",
+        "t: is in a loop that no flow leaves and in which nothing waits: it runs forever",
     ),
     "a loop through a link": (
         START + script("x = 1") + LINK.format("Throw", "l1", "Throw") + LINK.format("Catch", "l2", "Catch")
         + flows("s t l1", "l2 t"),
-        "t: is in a loop with l1, l2 that no flow leaves and where nothing waits: it goes round for ever",
+        "t: is in a loop with l1, l2 that no flow leaves and in which nothing waits: it runs forever",
     ),
     "a parallel join behind a branch that may leave": (
         FORK + LEAVING,
-        "j: waits for all flows from g, but a token may leave at c: then it waits for ever",
+        "j: waits for all flows from g, but a token may leave at c: then it waits forever",
     ),
     "the same by a boundary event": (
         FORK + flows("s g a j e", "g b j", "w f") + BOUNDARY.format(""),
-        "j: waits for all flows from g, but a token may leave at b: then it waits for ever",
+        "j: waits for all flows from g, but a token may leave at b: then it waits forever",
     ),
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ import pytest
 from check_drawing import BOOL, VECTOR, alone, call, catch, data, reading, row, script, team, throw, told
 
 PATH, NUMBER = "nav_msgs/msg/Path", "std_msgs/msg/Float64"
-OTHERWISE = "give the event a mapping, or the signal another name"
+OTHERWISE = "give the event a mapping or the signal another name"
 
 
 def sending(*before: str, payload: str = "{x: ${v}}", type: str = VECTOR) -> str:

@@ -32,7 +32,7 @@ def test_a_scenario_is_checked_with_its_model(tmp_path: Path, capsys: pytest.Cap
 
 def test_nothing_of_it_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     touches = f"open({str(tmp_path / 'ran')!r}, 'w')"
-    assert found(tmp_path, capsys, GOOD, row(script(touches))) == (0, ["nothing found"])
+    assert found(tmp_path, capsys, GOOD, row(script(touches))) == (0, ["No problems found."])
     assert not (tmp_path / "ran").exists()
 
 
@@ -66,7 +66,9 @@ def test_behaviours_are_looked_for_in_its_folders(tmp_path: Path, capsys: pytest
 def test_what_only_its_robots_refuse_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, lines = found(tmp_path, capsys, GOOD, row(catch("a", "odom", scope="robot", type=BOOL)))
     assert (code, len(lines)) == (1, 2)
-    assert lines[0].startswith(f"m.bpmn:5: error: a: {BOOL}: topic /REX/odom is in use with nav_msgs/msg/Odometry")
+    assert lines[0].startswith(
+        f'm.bpmn:5: error: "odom" (a): {BOOL}: topic /REX/odom is in use with nav_msgs/msg/Odometry'
+    )
 
 
 @pytest.mark.parametrize("scenario", ["delivery.yaml", "shuttle.yaml"])

@@ -11,19 +11,19 @@ TEXT = "std_msgs/msg/String"
 WARNINGS = {
     "a message that nobody awaits": (
         'm = receive("/found")\nlog(m.data)',
-        "t: receive(...) gives nothing unless it is awaited: m = await receive(...)",
+        "t: receive(...) has no result unless it is awaited: m = await receive(...)",
     ),
     "a message that nobody in the script looks at": (
         'm = receive("/found")',
-        "t: receive(...) gives nothing unless it is awaited: m = await receive(...)",
+        "t: receive(...) has no result unless it is awaited: m = await receive(...)",
     ),
     "a field of a response that nobody awaits": (
         'ok = robot.call("grip", "std_srvs/srv/Trigger").success',
-        "t: robot.call(...) gives nothing unless it is awaited: (await robot.call(...))",
+        "t: robot.call(...) has no result unless it is awaited: (await robot.call(...))",
     ),
     "a condition that nobody awaits": (
         "if until(lambda: True): pass",
-        "t: until(...) gives nothing unless it is awaited: (await until(...))",
+        "t: until(...) has no result unless it is awaited: (await until(...))",
     ),
     "a misspelt method of the robot": (
         f'robot.publsh("a", "{TEXT}")',
@@ -101,7 +101,7 @@ def test_javascript_without_its_language_is_told_as_that(text: str, found: str) 
 
 def test_javascript_that_python_would_take_is_told_by_its_names() -> None:
     assert told(alone(row(script("this.environment.variables.x = 1; next()", format="")))) == [
-        "t: reads `this`, which nothing sets; a script in JavaScript has format javascript"
+        "t: reads `this`, which nothing sets; for JavaScript, set the script format javascript"
     ]
 
 

@@ -14,45 +14,43 @@ def two(first: list[str], second: list[str]) -> tuple[str, str]:
     return row(*first), row(*second, mark="2")
 
 
-KEPT = "a signal is not kept, unless the catching event has a queue"
+LOST = "signals are not stored, so give the catching event a queue"
 WARNINGS = {
     "two robots that wait for each other": (
         two([catch("a"), throw("b", "found")], [catch("c", "found"), throw("d")]),
-        "a: waits for /done, but DINGO, which throws it, waits for /found before: they wait for each other",
+        "a: waits for /done, but DINGO, which throws it, waits for /found first: they wait for each other",
     ),
     "a robot that waits for itself": (
         two([catch("a"), throw("b")], [script("x = 1")]),
-        "a: waits for /done, which only REX itself throws, later: it waits for ever",
+        "a: waits for /done, which only REX itself throws, later: it waits forever",
     ),
     "a robot that begins with what it throws later": (
         (row(script("x = 1")), event("startEvent", "s2", "done") + throw("b") + ends("e2") + flows("s2 b e2")),
-        "s2: waits for /done, which only DINGO itself throws, later: it waits for ever",
+        "s2: waits for /done, which only DINGO itself throws, later: it waits forever",
     ),
     "a signal that comes before its catcher": (
         two([throw("a")], [PAUSE, catch("c")]),
-        f"a: throws /done as the mission begins, before done can wait for it: {KEPT}",
+        f'a: throws /done as the mission begins, before "done" (c) can wait for it: {LOST}',
     ),
     "the same by a script": (
         two([throw("a")], [script("await sleep(1)"), catch("c")]),
-        f"a: throws /done as the mission begins, before done can wait for it: {KEPT}",
+        f'a: throws /done as the mission begins, before "done" (c) can wait for it: {LOST}',
     ),
     "signals in the wrong order": (
         two([throw("a"), throw("b", "found")], [catch("c", "found"), catch("d")]),
-        f"a: throws /done as the mission begins, before done can wait for it: {KEPT}",
+        f'a: throws /done as the mission begins, before "done" (d) can wait for it: {LOST}',
     ),
     "a throw and then a catch of the same": (
         two([throw("a"), script("x = 1"), catch("b")], [catch("c")]),
-        f"b: waits for /done, which only done throws, just before: {KEPT}",
+        f'b: waits for /done, which only "done" (a) throws, immediately before: {LOST}',
     ),
     "a queue beyond the depth": (
         two([script("await sleep(1)"), throw("a")], [catch("c", queue="101")]),
-        "c: keeps up to 101 messages of /done, but its qos.depth is 100: more of them at once get lost; "
-        "qos.depth=101 keeps them",
+        "c: queues up to 101 messages of /done, but its qos.depth is 100: set qos.depth=101, or messages may be lost",
     ),
     "a queue beyond the depth that the throw has": (
         two([script("await sleep(1)"), throw("a", qos_depth="5")], [catch("c", queue="6", qos_depth="10")]),
-        "c: keeps up to 6 messages of /done, but its qos.depth is 5: more of them at once get lost; "
-        "qos.depth=6 keeps them",
+        "c: queues up to 6 messages of /done, but its qos.depth is 5: set qos.depth=6, or messages may be lost",
     ),
 }  # fmt: skip
 
@@ -109,10 +107,10 @@ def test_robots_of_one_pool_may_answer_each_other() -> None:
 def test_it_is_a_note_where_others_may_throw_it() -> None:
     text = alone(row(throw("a"), catch("b")))
     assert told(text) == []
-    assert f"b: waits for /done, which only done throws, just before: {KEPT}" in told(text, "note")
+    assert f'b: waits for /done, which only "done" (a) throws, immediately before: {LOST}' in told(text, "note")
     waiting = alone(row(catch("a"), throw("b")))
     assert told(waiting) == []
-    assert "a: waits for /done, which only P itself throws, later: it waits for ever" in told(waiting, "note")
+    assert "a: waits for /done, which only P itself throws, later: it waits forever" in told(waiting, "note")
 
 
 def test_a_script_that_computes_what_it_throws_may_throw_anything() -> None:

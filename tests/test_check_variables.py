@@ -41,13 +41,13 @@ def test_a_called_process_gets_the_variables_of_its_caller() -> None:
 def test_a_behaviour_called_by_a_process_that_declares_nothing_lacks_its_inputs() -> None:
     found = checked(process(row(call("c", "GoTo"))), library=Library([ROOT / "models" / "library"]))
     assert [str(one.text) for one in found] == [
-        f"GoTo reads `{name}`, which nothing sets" for name in ("x_goal", "y_goal")
+        f'"Go To" (GoTo) reads `{name}`, which nothing sets' for name in ("x_goal", "y_goal")
     ]
 
 
 MONITORED = {
-    "joint_monitor": ["joint_monitor reads `model`, which nothing sets"],
-    "adm_operate": ["adm_operate needs `model`, which nothing sets"],
+    "joint_monitor": ['"Joint Monitor" (joint_monitor) reads `model`, which nothing sets'],
+    "adm_operate": ['"Operate" (adm_operate) needs `model`, which nothing sets'],
     "Record": ["Record needs `configuration`, which nothing sets", "Record needs `output`, which nothing sets"],
 }
 
@@ -71,7 +71,7 @@ def test_a_called_process_with_a_mapping_gets_what_that_names() -> None:
     assert told(calling(given, "x = 1")) == []
     assert told(calling(given)) == ["c: reads `x`, which nothing sets"]
     assert told(calling(everything, "x_goal = 1")) == []
-    assert told(calling(everything)) == ["c: Q reads `x_goal`, which nothing sets: give it in the mapping"]
+    assert told(calling(everything)) == ["c: Q reads `x_goal`, which nothing sets: add it to the mapping"]
     assert told(calling(other, "x = x_goal = 1")) == [
         "c: Q reads `x_goal`, which nothing sets; did you mean `y_goal`?",
     ]

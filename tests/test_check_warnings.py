@@ -53,11 +53,11 @@ WARNINGS = {
     ),
     "an element that nothing follows": (
         START + parallel("g") + script("x = 1") + ends("e") + flows("s g t", "g e"),
-        "t: nothing follows it, though other flows lead to an end event",
+        "t: has no outgoing flow, although other paths lead to an end event",
     ),
     "a gateway that nothing follows": (
         START + choice("g") + flows("s g"),
-        "g: has no way out: the token ends here",
+        "g: has no outgoing flow: the token ends here",
     ),
     "a choice without a default": (
         row(script("x = 1")) + choice("g") + BRANCHES + flows("s g") + flow("g", "a", "x") + flow("g", "b", "x == 0.5"),
@@ -74,7 +74,7 @@ WARNINGS = {
     "a condition in quotes": (
         row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g", "g b")
         + flow("g", "a", "'x > 3'"),
-        "g-a: its condition is a text, always true: 'x > 3' without its quotes would be right",
+        "g-a: its condition is a text in quotes, always true: expected x > 3",
     ),
     "a property that is spelt with a capital": (
         row(throw("a", "done", Type=BOOL)),
@@ -83,49 +83,49 @@ WARNINGS = {
     "a default flow with a condition": (
         row(script("x = 1")) + choice("g", 'default="g-b"') + BRANCHES + flows("s g") + flow("g", "a", "x")
         + flow("g", "b", "x"),
-        "g-b: is the default flow: its condition is never asked",
+        "g-b: is the default flow: its condition is never evaluated",
     ),
     "a condition that leaves a parallel gateway": (
         row(script("x = 1")) + parallel("g") + BRANCHES + flows("s g", "g a") + flow("g", "b", "x"),
-        "g-b: its condition is never asked: g takes no conditions",
+        "g-b: its condition is never evaluated: g takes no conditions",
     ),
     "a parallel join of an exclusive choice": (
         START + script("x = 1", "a") + script("x = 2", "b") + choice("g", 'default="g-b"') + parallel("j") + ends("e")
         + flows("s g b j e", "a j") + flow("g", "a", "1 > 0"),
-        "j: waits for 2 flows from g, which takes only one: it may wait for ever",
+        "j: waits for 2 flows from g, which takes only one: it may wait forever",
     ),
     "an exclusive merge of parallel flows": (
         START + script("x = 1", "a") + script("x = 2", "b") + parallel("g") + choice("m") + ends("e")
         + flows("s g a m e", "g b m"),
-        "m: is reached 2 times from g, and what follows it as often: a parallel gateway would wait for all",
+        "m: is reached 2 times from g, so what follows it runs 2 times: use a parallel gateway to join the flows",
     ),
     "a cycle that fires once": (
         row(timer("intermediateCatchEvent", "timeCycle", "R/PT1S")),
-        "w: only the first time of its cycle counts, since it fires once: a duration says so",
+        "w: fires only once, so only the first time of its cycle counts: use a duration",
     ),
     "a cycle on an interrupting boundary event": (
         row(script("x = 1")) + timer("boundaryEvent", "timeCycle", "R/PT1S", 'attachedToRef="t"') + flows("w e"),
-        "w: only the first time of its cycle counts, since it fires once: a duration says so",
+        "w: fires only once, so only the first time of its cycle counts: use a duration",
     ),
     "a signal that ROS cannot name": (
         row('<intermediateCatchEvent id="a" name="weed found"><signalEventDefinition/></intermediateCatchEvent>'),
-        "a: ROS 2 refuses the topic /weed found: letters, digits and _ would be right, not beginning with a digit",
+        "a: /weed found is not a valid ROS 2 topic name: expected letters, digits and _, not starting with a digit",
     ),
     "a topic of the robot without a type": (
         row(catch("a", "odom", scope="robot")),
-        "a: no event says the type of the robot's topic ~/odom: it has to be known",
+        "a: no event declares the type of the robot's topic ~/odom: set property type",
     ),
     "a data object filled by a topic without a type": (
         data("d", x="${x}", y="${y}") + row(catch("a", into="d")),
-        "a: no event says the type of topic /done, so it carries std_msgs/msg/Empty, which has nothing for x, y",
+        "a: no event declares the type of topic /done, so it is std_msgs/msg/Empty, which has no field for x, y",
     ),
     "a data object with names that the message does not have": (
         data("d", width="${width}") + row(catch("a", into="d", type=VECTOR)),
-        f"a: {VECTOR} has no field for width: name them like its fields (x, y, z), or <field>_...",
+        f"a: {VECTOR} has no field for width: expected names like its fields (x, y, z) or <field>_...",
     ),
     "a data object that nothing is connected to": (
         data("d", speed="0.5") + row(script("x = 1")),
-        "d: no element is connected to it, so that nothing ever sets speed",
+        "d: is connected to no element, so nothing ever sets speed",
     ),
     "a variable that nothing sets": (
         row(script("target_x = 1"), script("y = target_z", "t2")),
@@ -142,7 +142,7 @@ WARNINGS = {
     "a constant of Python where it is written small": (
         START + script("x = 1") + choice("g", 'default="g-b"') + BRANCHES + flows("s t g b")
         + flow("g", "a", "${x == True}"),
-        "g-a: reads `True`, which nothing sets; here it is true",
+        "g-a: reads `True`, which nothing sets; in this language it is true",
     ),
     "a constant of other languages in Python": (
         row(script("x = true")),
@@ -150,23 +150,23 @@ WARNINGS = {
     ),
     "a name that only Python has": (
         row(throw("a", type="std_msgs/msg/Float64", payload="${math.pi}")),
-        "a: reads `math`, which nothing sets; math is of Python: plain Python, without ${ }, knows it",
+        "a: reads `math`, which nothing sets; math is a name of Python: write Python, without ${ }",
     ),
     "JavaScript in Python": (
         row(script("console.log(1)")),
-        "t: reads `console`, which nothing sets; a script in JavaScript has format javascript",
+        "t: reads `console`, which nothing sets; for JavaScript, set the script format javascript",
     ),
     "an arrow to a data object that should come from it": (
         data("d", x="4") + row(filling("t", "d", "y = x")),
-        "d: sets x when t has ended, which reads it: an arrow from it sets it before",
+        "d: sets x after t has ended, but t reads it: draw the arrow from the data object to t",
     ),
     "a decimal comma": (
         data("d", x="4,5") + row(reading("t", "d", "y = x")),
-        "d: x is the text '4,5': the number is 4.5",
+        "d: x: expected the number 4.5, got the text '4,5'",
     ),
     "a sleep that blocks": (
         row(script("import time\ntime.sleep(1)")),
-        "t: time.sleep holds up all that the robot does: await sleep(...)",
+        "t: time.sleep blocks the whole robot: use await sleep(...)",
     ),
     "an error that is misspelt where it is caught": (
         row(script("x_goal, y_goal = 1, 1"), call("GoTo", "GoTo")) + caught_at("GoTo", "unreachabel"),
@@ -182,24 +182,24 @@ WARNINGS = {
     ),
     "a variable that hides the interface of scripts": (
         row(script("robot = 3")),
-        "t: sets a variable `robot`, which hides robot of the script interface: name it otherwise",
+        "t: sets a variable `robot`, which hides robot of the script interface: rename the variable",
     ),
     "a topic whose variable hides the interface of scripts": (
         row(catch("a", "log")),
-        "a: sets a variable `log`, which hides log of the script interface: name it otherwise",
+        "a: sets a variable `log`, which hides log of the script interface: rename the variable",
     ),
     "a script in JavaScript that never says next": (
         row(script("this.environment.variables.x = 1;", format="javascript")),
-        "t: never calls next(), so it fails when it has run: next() completes a script",
+        "t: never calls next(), so it fails after it has run: next() completes a script",
     ),
     "a message that fills variables by their names": (
         row(script("next();", format="javascript"), catch("a", "found", type="geometry_msgs/msg/Vector3"))
         + data("goal", x_goal="${x_goal}"),
-        "a: fills `x_goal` with field x, by the name alone: connect the event with the data object",
+        "a: fills `x_goal` with field x because the names are alike: connect the event with the data object",
     ),
     "a process that calls itself without end, in time": (
         row(timer("intermediateCatchEvent", "timeDuration", "PT1S"), call("again", "P")),
-        "again: P calls itself without end: every way through it meets such a call",
+        "again: P calls itself endlessly: every path through it leads to such a call",
     ),
 }  # fmt: skip
 
@@ -212,8 +212,8 @@ def test_it_is_a_warning(content: str, expected: str) -> None:
 def test_a_signal_that_nobody_catches_is_a_warning_where_the_file_has_all_robots() -> None:
     one, other = row(throw("a")), row(catch("b", "found"), mark="2")
     assert told(team(one, other)) == [
-        "a: throws /done, which nobody in bad.bpmn catches",
-        "b: waits for /found, which nobody in bad.bpmn throws",
+        "a: throws /done, but nothing in bad.bpmn catches it",
+        "b: waits for /found, but nothing in bad.bpmn throws it",
     ]
     assert told(team(one, row(catch("b"), mark="2"))) == []
 
@@ -222,13 +222,13 @@ def test_a_signal_that_is_spelt_in_two_ways_is_told_with_the_other_spelling() ->
     spelt = '<signal id="S_Done" name="Done"/></definitions>'
     text = team(row(throw("a", "Done")), row(catch("b"), mark="2")).replace("</definitions>", spelt)
     assert told(text) == [
-        "a: throws /Done, which nobody in bad.bpmn catches; did you mean /done?",
-        "b: waits for /done, which nobody in bad.bpmn throws; did you mean /Done?",
+        "a: throws /Done, but nothing in bad.bpmn catches it; did you mean /done?",
+        "b: waits for /done, but nothing in bad.bpmn throws it; did you mean /Done?",
     ]
 
 
 def test_it_is_a_note_where_others_may_be_at_the_other_end() -> None:
-    expected = ["a: throws /done, which nobody in bad.bpmn catches"]
+    expected = ["a: throws /done, but nothing in bad.bpmn catches it"]
     for text in (alone(row(throw("a"))), team(row(throw("a")), pools='<participant id="X" name="crowd"/>')):
         assert told(text) == []
         assert [line for line in told(text, "note") if line.startswith("a")] == expected
@@ -263,8 +263,8 @@ def test_an_interrupting_handler_of_the_originals_models_is_a_warning() -> None:
     handler = f'<subProcess id="h" triggeredByEvent="true">{start}{ends("he")}{flows("hs he")}</subProcess>'
     text = alone(row(script("next()", format="javascript")) + handler)
     expected = (
-        "h: ends what its scope was doing; the original FaMe went on with it afterwards: "
-        "property semantics=original on the process does that"
+        "h: ends its scope; the original FaMe resumed the scope afterwards: "
+        "for that, set property semantics=original on the process"
     )
     assert expected in told(text)
     original = text.replace('isExecutable="true" >\n', f'isExecutable="true">\n{properties(semantics="original")}')
@@ -284,7 +284,7 @@ def test_a_language_that_is_not_installed_is_a_warning(monkeypatch: pytest.Monke
 
 HEAR = script("node.createSubscription('std_msgs/msg/Bool', 'go', () => {}); next()", format="javascript")
 ROUND = choice("g") + flow("g", "s1", "more") + flow("g", "e") + flows("s s1 t g")
-AGAIN = "t: subscribes anew each time round: end the subscription before with node.destroySubscription(...)"
+AGAIN = "t: creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
 
 NOTES = {
     "a subscription that is made in a loop": (
@@ -300,19 +300,19 @@ NOTES = {
     "a plain task": (row('<task id="t"/>'), "t: a plain task does nothing: it completes at once"),
     "a user task": (
         row('<userTask id="t"/>'),
-        "t: a user task is outside of the elements that the guidelines select (G2)",
+        "t: a user task is not among the elements that the guidelines recommend (G2)",
     ),
     "an embedded sub-process": (
         row(f'<subProcess id="t">{row(mark="2")}</subProcess>'),
-        "t: an embedded sub-process is outside of the elements that the guidelines select (G2)",
+        "t: an embedded sub-process is not among the elements that the guidelines recommend (G2)",
     ),
     "an inclusive gateway": (
         row('<inclusiveGateway id="t"/>'),
-        "t: an inclusive gateway is outside of the elements that the guidelines select (G2)",
+        "t: an inclusive gateway is not among the elements that the guidelines recommend (G2)",
     ),
     "a message event": (
         row('<intermediateThrowEvent id="t" name="m"><messageEventDefinition/></intermediateThrowEvent>'),
-        "t: a message event is outside of the elements that the guidelines select (G2)",
+        "t: a message event is not among the elements that the guidelines recommend (G2)",
     ),
     "a service task": (
         row('<serviceTask id="t" implementation="grip"/>'),
@@ -337,15 +337,15 @@ def test_it_is_a_note(content: str, expected: str) -> None:
 def test_message_flows_and_black_boxes_are_notes() -> None:
     pools = '<participant id="X" name="crowd"/><messageFlow id="M" sourceRef="Pool1" targetRef="X"/>'
     assert told(team(row(), pools=pools), "note") == [
-        "X: is a black box: no robot plays it, and its signals come from elsewhere",
-        "M: message flows have no effect: robots talk by signals, which are matched by name (G3)",
+        "X: is a black box: no robot plays it, and its signals come from outside",
+        "M: message flows have no effect: robots communicate by signals, which are matched by name (G3)",
     ]
 
 
 def test_two_pools_that_do_the_same_are_a_note() -> None:
     one = data("d", x="1") + row(reading("a", "d", "y = x"))
     other = one.replace('id="', 'id="o_').replace('Ref="', 'Ref="o_').replace("Ref>", "Ref>o_").replace("o_</", "</")
-    expected = "Pool2: does the same as pool REX: one multi-instance pool stands for all such robots (G1)"
+    expected = "Pool2: does the same as pool REX: use one multi-instance pool for such robots (G1)"
     assert expected in told(team(one, other), "note")
     assert expected not in told(team(one, other.replace("y = x", "y = -x")), "note")
 

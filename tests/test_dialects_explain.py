@@ -43,9 +43,9 @@ def script(text: str, tag: str = "scriptTask") -> str:
         (f'<endEvent id="e">{properties(type=VECTOR, payload="{x: 1}")}{SIGNAL}</endEvent>',
          f"throws /weed_found, {VECTOR}, payload {{x: 1}}"),
         (f'<endEvent id="e">{properties(type=VECTOR, payload="")}{SIGNAL}</endEvent>',
-         f"throws /weed_found, {VECTOR}, a message of defaults"),
+         f"throws /weed_found, {VECTOR}, a message of default values"),
         (f'<endEvent id="e">{SIGNAL}</endEvent>',
-         "throws /weed_found, std_msgs/msg/Empty (which nobody says), a message of defaults"),
+         "throws /weed_found, std_msgs/msg/Empty (not declared), a message of default values"),
         (f'<startEvent id="e">{properties(type=VECTOR)}{SIGNAL}</startEvent>',
          f"catches /weed_found, {VECTOR}, into weed_found"),
         (f'<startEvent id="e">{properties(type=VECTOR)}{OUTPUT}{SIGNAL}</startEvent>'
@@ -54,7 +54,7 @@ def script(text: str, tag: str = "scriptTask") -> str:
          + OBJECT.format(properties(width="")), f"catches /weed_found, {VECTOR}, nothing for width"),
         ('<serviceTask id="e">' + extensions('<ros:service name="tello" type="std_srvs/srv/SetBool"/>'
          '<ros:payload data="{data: true}"/>') + "</serviceTask>",
-         "asks the service tello, std_srvs/srv/SetBool, request {data: true}"),
+         "calls the service tello, std_srvs/srv/SetBool, request {data: true}"),
     ],
 )  # fmt: skip
 def test_it_says_what_is_sent_and_where_fields_go(content: str, text: str) -> None:
@@ -66,7 +66,9 @@ def test_a_type_that_another_event_says_is_told_with_that() -> None:
         f'<endEvent id="e">{properties(type=VECTOR)}{SIGNAL}</endEvent>',
         f'<startEvent id="s">{SIGNAL}</startEvent>',
     )
-    assert ("s", f"catches /weed_found, {VECTOR} (said elsewhere), into weed_found") in readings(said + silent, "topic")
+    assert ("s", f"catches /weed_found, {VECTOR} (declared elsewhere), into weed_found") in readings(
+        said + silent, "topic"
+    )
 
 
 def test_it_says_what_scripts_do_with_topics() -> None:
@@ -76,7 +78,7 @@ def test_it_says_what_scripts_do_with_topics() -> None:
 
 def test_it_says_which_services_scripts_ask() -> None:
     text = "this.environment.variables.ros_node.createClient('std_srvs/srv/SetBool', 'light'); next();"
-    assert readings(script(text), "topic") == [("t", "its script asks the service light, std_srvs/srv/SetBool")]
+    assert readings(script(text), "topic") == [("t", "its script calls the service light, std_srvs/srv/SetBool")]
 
 
 def test_it_says_which_variables_a_data_object_holds() -> None:
@@ -155,11 +157,11 @@ OLDEST = (
         (f'<endEvent id="e">{extensions("""<qos:policy reliability="0"/>""")}{SIGNAL}</endEvent>',
          ["quality of service reliability=0 is reliability best_effort"]),
         (script("this.environment.variables.x = 1;"), ["never calls next()"]),
-        (script("const n = this.environment.variables.node; next();"), ["says node for ros_node"]),
+        (script("const n = this.environment.variables.node; next();"), ["uses node for ros_node"]),
         (script("const { ros_node: n } = this.environment.variables; next();"), []),
         (f'<startEvent id="e">{properties(type=VECTOR)}{SIGNAL}</startEvent>' + script("next();")
          + OBJECT.format(properties(x_goal="${x_goal}")),
-         ["fills x_goal with field x, which it begins like: no data object is connected"]),
+         ["fills x_goal with field x because the names are alike: no data object is connected"]),
     ],
 )  # fmt: skip
 def test_it_names_the_habits_on_which_a_file_relies(content: str, quirks: list[str]) -> None:
@@ -177,10 +179,10 @@ HANDLER = '<subProcess id="h" triggeredByEvent="true"><startEvent id="i"{}>' + S
 
 def test_it_names_each_place_that_semantics_original_changes() -> None:
     gentle = HANDLER.replace('"h"', '"g"').replace('"i"', '"j"').format(' isInterrupting="false"')
-    text = "ends what its scope was doing; with semantics=original that is suspended and goes on afterwards"
+    text = "ends its scope; with semantics=original the scope is suspended and resumes afterwards"
     assert readings(HANDLER.format("") + gentle, "semantics") == [("h", text)]
     said = properties(semantics="original") + HANDLER.format("")
-    assert readings(said, "semantics") == [("h", "suspends its scope, which goes on afterwards (semantics=original)")]
+    assert readings(said, "semantics") == [("h", "suspends its scope, which resumes afterwards (semantics=original)")]
 
 
 # ---- the words of a script -------------------------------------------------------------------------------------------

@@ -147,7 +147,7 @@ def thrown(name: str, **types: str) -> dict[str, int]:
 def test_the_topic_is_the_name_of_the_signal_else_the_label() -> None:
     assert thrown("topics_by_signals", **dict.fromkeys(TOPICS, BOOL)) == dict.fromkeys(TOPICS, 1)
     found = [str(one) for one in check(fame.read(FORMATS / "topics_by_signals.bpmn")) if one.level == "warning"]
-    assert [text.partition("Differs: ")[2] for text in found] == [
+    assert [text.partition("): ")[2] for text in found] == [
         "the topic is 'one', the name of the signal, not the label 'one label'"
     ]
 
@@ -216,7 +216,7 @@ def test_fields_go_where_a_mapping_a_data_object_or_a_prefix_says() -> None:
     assert (variables["y"], variables["z_loose"], "x_min" in variables) == (9.0, 10.0, False)
     assert variables["prefix"].x == 8.0
     warned = [one.text for one in check(fame.read(FORMATS / "caught_fields.bpmn")) if one.element == "Prefix"]
-    assert "fills `z_loose` with field z, by the name alone: connect the event with the data object" in warned
+    assert "fills `z_loose` with field z because the names are alike: connect the event with the data object" in warned
 
 
 def test_a_called_process_is_embedded_or_of_the_file_or_of_the_library() -> None:

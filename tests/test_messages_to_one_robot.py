@@ -151,9 +151,9 @@ def test_what_is_sent_before_it_is_connected_waits_in_order() -> None:
 
 def test_check_warns_of_a_message_to_a_pool_of_many_without_it() -> None:
     def warnings(text: str) -> list[str]:
-        return [finding.text for finding in check(read_text(text)) if "reaches every robot" in finding.text]
+        return [finding.text for finding in check(read_text(text)) if "goes to every robot" in finding.text]
 
     assert warnings(team(throw("m") + chain("s", "m"))) == [
-        "its message /order reaches every robot of the pool Worker: property to says which one it is for"
+        "its message /order goes to every robot of the pool Worker: property to selects one"
     ]
     assert warnings(team(throw("m", "Worker_1") + chain("s", "m"))) == []

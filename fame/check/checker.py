@@ -75,7 +75,8 @@ def check(
     definitions = read(definitions)
     expect(library is None or isinstance(library, Library), "library", library, 'a Library("folder")')
     scope = find_scope(definitions, library or Library(), team=team, strict=strict)
-    return arranged(_relevant(scope, (finding for one in CHECKS for finding in one(scope))), scope.files)
+    found = (finding for one in CHECKS for finding in one(scope))
+    return arranged(map(scope.named, _relevant(scope, found)), scope.files)
 
 
 def _relevant(scope: CheckScope, findings: Iterable[Finding]) -> Iterator[Finding]:

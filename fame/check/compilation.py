@@ -65,7 +65,7 @@ def _compiled(process: CheckedProcess, as_callee: bool) -> Iterator[Finding]:
         compiled = replace(compiled, body=body)
     else:
         yield process.finding(
-            "note", f"{_MOST_ERRORS} of its elements are refused: no more are looked for", process.bpmn
+            "note", f"{_MOST_ERRORS} of its elements are invalid: the check of this process stops here", process.bpmn
         )
     yield from host.findings
 

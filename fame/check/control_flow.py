@@ -58,7 +58,7 @@ def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     for node in graph.body.nodes:
         last = not node.outgoing and node.id in reached and node.id not in compensation | left
         if last and not (is_event(node, "end") or link_of(node) or is_handler(node) or isinstance(node, Gateway)):
-            yield process.finding("warning", "nothing follows it, though other flows lead to an end event", node)
+            yield process.finding("warning", "has no outgoing flow, although other paths lead to an end event", node)
 
 
 # ---- gateways --------------------------------------------------------------------------------------------------------
@@ -70,12 +70,14 @@ def _conditions(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterat
     blind = isinstance(node, Gateway) and node.kind in ("parallel", "event")
     for flow in graph.leaving(node):
         if flow.condition is not None and flow.id == default:
-            yield process.finding("warning", "is the default flow: its condition is never asked", flow)
+            yield process.finding("warning", "is the default flow: its condition is never evaluated", flow)
         elif flow.condition is not None and _is_quoted(flow.condition):
-            text = f"its condition is a text, always true: {flow.condition.text} without its quotes would be right"
+            text = f"its condition is a text in quotes, always true: expected {flow.condition.text[1:-1]}"
             yield process.finding("warning", text, flow)
         elif flow.condition is not None and blind:
-            yield process.finding("warning", f"its condition is never asked: {node.label} takes no conditions", flow)
+            yield process.finding(
+                "warning", f"its condition is never evaluated: {node.display_name} takes no conditions", flow
+            )
 
 
 def _is_quoted(condition: Expression) -> bool:
@@ -88,7 +90,7 @@ def _is_quoted(condition: Expression) -> bool:
 def _ways_out(process: CheckedProcess, graph: Graph, gateway: Gateway) -> Iterator[Finding]:
     flows = graph.leaving(gateway)
     if not flows and gateway.kind != "event":  # which the compiler refuses
-        yield process.finding("warning", "has no way out: the token ends here", gateway)
+        yield process.finding("warning", "has no outgoing flow: the token ends here", gateway)
     elif flows and gateway.kind in ("exclusive", "inclusive"):
         conditions = [flow.condition for flow in flows if flow.condition is not None]
         if not gateway.default and len(conditions) == len(flows):
@@ -104,7 +106,9 @@ def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceF
     """Flows of a choice that have no condition, and are not the default."""
     for flow in flows:
         if flow.condition is None and flow.id != gateway.default:
-            text = f"has no condition, so {gateway.label} always takes it: give it one, or mark it as the default"
+            text = (
+                f"has no condition, so {gateway.display_name} always takes it: give it one, or mark it as the default"
+            )
             yield process.finding("warning", text, flow)
 
 
@@ -129,17 +133,17 @@ def _wrong_way(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     for flow in graph.body.flows:
         source, target = graph.nodes[flow.source], graph.nodes[flow.target]
         if is_event(source, "end"):
-            text = f"leaves the end event {source.label}, where every token ends: this flow is never taken"
+            text = f"leaves the end event {source.display_name}, where every token ends: this flow is never taken"
             yield process.finding("warning", text, flow)
         elif is_event(target, "start"):
-            text = f"leads into the start event {target.label}, but start events take no flows: lead it to what follows"
+            text = f"leads into the start event {target.display_name}, but start events have no incoming flows"
             yield process.finding("warning", text, flow)
 
 
 def _no_start(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
     beginnings = graph.beginnings()
     if any(is_event(node, "end") for node in graph.body.nodes) and beginnings and not graph.starts():
-        text = "begins without a start event, though there are end events: draw a start event that leads here"
+        text = "has no start event before it, although there are end events: add a start event"
         yield process.finding("warning", text, beginnings[0])
 
 
@@ -170,11 +174,11 @@ def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator
         if number < 2 or not isinstance(gateway, Gateway):
             continue
         if joins and gateway.kind in ("exclusive", "event"):
-            text = f"waits for {number} flows from {gateway.label}, which takes only one: it may wait for ever"
+            text = f"waits for {number} flows from {gateway.display_name}, which takes only one: it may wait forever"
             yield process.finding("warning", text, node)
         elif merges and gateway.kind == "parallel":
-            text = f"is reached {number} times from {gateway.label}, and what follows it as often"
-            yield process.finding("warning", f"{text}: a parallel gateway would wait for all", node)
+            text = f"is reached {number} times from {gateway.display_name}, so what follows it runs {number} times"
+            yield process.finding("warning", f"{text}: use a parallel gateway to join the flows", node)
 
 
 def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
@@ -196,8 +200,8 @@ def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> I
     for fork in islice((one for one in forks if len(one.outgoing) > 1), _NEAREST):
         branches = _branches(graph, fork, join)
         for node in _leaving(graph, join, branches):
-            text = f"waits for all flows from {fork.label}, but a token may leave at {node.label}"
-            yield process.finding("warning", f"{text}: then it waits for ever", join)
+            text = f"waits for all flows from {fork.display_name}, but a token may leave at {node.display_name}"
+            yield process.finding("warning", f"{text}: then it waits forever", join)
         if branches:
             return
 

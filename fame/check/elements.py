@@ -17,6 +17,7 @@ from fame.bpmn.model import (
     SubProcess,
 )
 from fame.bpmn.pools import pools_of
+from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.bpmn.topics import topics_of
 from fame.check.expressions import texts_of
 from fame.check.findings import Finding, of_error
@@ -59,7 +60,6 @@ def check_pools(scope: CheckScope) -> Iterator[Finding]:
 # ---- names of properties and pools -----------------------------------------------------------------------------------
 
 
-_ROS_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _OF_TOPICS = ("type", "payload", "queue", "scope")
 _OF_PROCESSES = ("instances", "optional", "semantics", "topics")
 
@@ -92,9 +92,8 @@ def _namespaces(definitions: Definitions) -> Iterator[Finding]:
     except ModelError:  # which is told as an error
         return
     for pool in pools:
-        if not _ROS_NAME.fullmatch(pool.name):
-            right = "letters, digits and _ would be right, not beginning with a digit"
-            text = f"ROS 2 refuses the namespace /{pool.name}: {right}"
+        if not is_ros_name(f"/{pool.name}"):
+            text = f"/{pool.name} is not a valid ROS 2 namespace: expected {NAMES}"
             element = next(one for one in definitions.participants if one.label == pool.name)
             yield Finding("warning", text, definitions.file, element.line, element.id)
 
@@ -127,7 +126,7 @@ def _commas(process: CheckedProcess, item: DataObject) -> Iterator[Finding]:
         text = expression.text.strip()
         if _COMMA.fullmatch(text):
             right = text.replace(",", ".")
-            yield process.finding("warning", f"{name} is the text {text!r}: the number is {right}", item)
+            yield process.finding("warning", f"{name}: expected the number {right}, got the text {text!r}", item)
 
 
 def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> Iterator[Finding]:
@@ -136,9 +135,9 @@ def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> 
     constants = {name for name, value in values if not _COMPUTED.search(value.text)}
     late = sorted(constants & _read(process, activity))
     if late:
-        text = (
-            f"sets {', '.join(late)} when {activity.label} has ended, which reads it: an arrow from it sets it before"
-        )
+        activity_name, names = activity.display_name, ", ".join(late)
+        text = f"sets {names} after {activity_name} has ended, but {activity_name} reads it"
+        text += f": draw the arrow from the data object to {activity_name}"
         yield process.finding("warning", text, item)
 
 
@@ -160,5 +159,5 @@ def _idle_data(process: CheckedProcess) -> Iterator[Finding]:
         for item in body.data_objects:
             values = [name for name, expression in item.values if sets_something(name, expression)]
             if values and item.id not in used:
-                text = f"no element is connected to it, so that nothing ever sets {', '.join(values)}"
+                text = f"is connected to no element, so nothing ever sets {', '.join(values)}"
                 yield process.finding("warning", text, item)

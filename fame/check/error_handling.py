@@ -37,8 +37,10 @@ def _caught(process: CheckedProcess, event: Event, activity: FlowNode) -> Iterat
     for code in codes:
         if code not in thrown and code not in _ANY:
             similar = difflib.get_close_matches(code, sorted(thrown), 1)
-            known = f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'none'}"
-            text = f"catches error {code!r}, which nothing in {activity.label} throws; {known}"
+            known = (
+                f"did you mean {similar[0]!r}?" if similar else f"it throws {', '.join(sorted(thrown)) or 'no errors'}"
+            )
+            text = f"catches error {code!r}, which nothing in {activity.display_name} throws; {known}"
             yield process.finding("warning", text, event)
 
 

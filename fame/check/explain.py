@@ -92,11 +92,11 @@ def _notes(home: Definitions) -> Iterator[Reading]:
 
 def _topic(end: TopicEndpoint, type: str) -> str:
     if end.topic is None:
-        return f"its script {'publishes' if end.throws else 'hears'} {end.name}, {type}"
-    says = "" if end.type else " (which nobody says)" if type == EMPTY_TYPE else " (said elsewhere)"
+        return f"its script {'publishes' if end.throws else 'subscribes to'} {end.name}, {type}"
+    says = "" if end.type else " (not declared)" if type == EMPTY_TYPE else " (declared elsewhere)"
     head = f"{'throws' if end.throws else 'catches'} {end.name}, {type}{says}"
     if end.throws:
-        sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of defaults"
+        sent = f"payload {_shown(end.payload)}" if end.payload is not None else "a message of default values"
         return f"{head}, {sent}"
     return f"{head}, {_where_to(end, type)}"
 
@@ -118,12 +118,12 @@ def _where_to(end: TopicEndpoint, type: str) -> str:
 def _services(process: CheckedProcess) -> Iterator[Reading]:
     for node in process.bpmn.body.walk():
         if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
-            sent = f"request {_shown(node.payload)}" if node.payload is not None else "a request of defaults"
+            sent = f"request {_shown(node.payload)}" if node.payload is not None else "a request of default values"
             kind = "action" if messages.is_action(node.topic.type or "") else "service"
-            text = f"asks the {kind} {node.topic.name}, {node.topic.type or 'of no type'}, {sent}"
+            text = f"calls the {kind} {node.topic.name}, {node.topic.type or 'no type'}, {sent}"
             yield _at(process, "topic", text, node)
         for asked in _asked(node):
-            text = f"its script asks the service {asked.name}, {asked.type or 'of no type'}"
+            text = f"its script calls the service {asked.name}, {asked.type or 'no type'}"
             yield _at(process, "topic", text, node, asked.line)
 
 
@@ -193,9 +193,9 @@ def _shown(payload: Expression | None) -> str:
 def _semantics(process: CheckedProcess) -> Iterator[Reading]:
     for node in suspending(process.bpmn):
         if process.bpmn.semantics == "original":
-            text = "suspends its scope, which goes on afterwards (semantics=original)"
+            text = "suspends its scope, which resumes afterwards (semantics=original)"
         else:
-            text = "ends what its scope was doing; with semantics=original that is suspended and goes on afterwards"
+            text = "ends its scope; with semantics=original the scope is suspended and resumes afterwards"
         yield _at(process, "semantics", text, node)
 
 
@@ -212,15 +212,19 @@ def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk
         for topic, throws in topics_of(node):
             taken = {} if throws else taken_by_prefix(process, node, topic, types.get(topic.qualified, ""))
             for name, field in taken.items():
-                yield f"fills {name} with field {field}, which it begins like: no data object is connected", node, 0
+                yield (
+                    f"fills {name} with field {field} because the names are alike: no data object is connected",
+                    node,
+                    0,
+                )
     for body in process.bodies():
-        for text in texts_of(body):
-            if text.expression.language != "javascript":
+        for used in texts_of(body):
+            if used.expression.language != "javascript":
                 continue
-            words, line = identifiers_of(text.expression.text), text.expression.line
-            if text.use == "script" and not words.next:
-                yield "never calls next()", text.element, line
-            if words.node:
-                yield "says node for ros_node", text.element, line
-            if text.use == "condition" and not words.next:
-                yield "answers by its value, without next()", text.element, line
+            names, line = identifiers_of(used.expression.text), used.expression.line
+            if used.use == "script" and not names.next:
+                yield "never calls next()", used.element, line
+            if names.node:
+                yield "uses node for ros_node", used.element, line
+            if used.use == "condition" and not names.next:
+                yield "returns its value, without next()", used.element, line

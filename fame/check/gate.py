@@ -78,4 +78,5 @@ def _literals(scope: CheckScope) -> Iterator[Finding]:
 def _refuse(scope: CheckScope, findings: Iterable[Finding]) -> None:
     """Raise the first error."""
     for one in arranged((one for one in findings if one.level == "error"), scope.files):
-        raise ModelError(one.text, file=one.file, line=one.line, element=one.element)
+        one = scope.named(one)
+        raise ModelError(one.text, file=one.file, line=one.line, element=one.element, name=one.name)

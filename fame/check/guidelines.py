@@ -57,17 +57,17 @@ def _pools(scope: CheckScope) -> Iterator[Finding]:
     for pool in definitions.participants:
         process = definitions.process(pool.process)
         if not pool.process:
-            text = "is a black box: no robot plays it, and its signals come from elsewhere"
+            text = "is a black box: no robot plays it, and its signals come from outside"
             yield Finding("note", text, definitions.file, pool.line, pool.id)
         elif process is not None and not pool.multi_instance:
             twin = shapes.setdefault(_shape(process, _ordinals(process)), pool.label)
             if twin != pool.label:
-                text = f"does the same as pool {twin}: one multi-instance pool stands for all such robots (G1)"
+                text = f"does the same as pool {twin}: use one multi-instance pool for such robots (G1)"
                 yield Finding("note", text, definitions.file, pool.line, pool.id)
     for flow in definitions.message_flows:
         ends = {node.id for process in definitions.processes for node in process.body.walk() if list(topics_of(node))}
-        what = "are outside of the guidelines" if {flow.source, flow.target} <= ends else "have no effect"
-        text = f"message flows {what}: robots talk by signals, which are matched by name (G3)"
+        what = "are outside the guidelines" if {flow.source, flow.target} <= ends else "have no effect"
+        text = f"message flows {what}: robots communicate by signals, which are matched by name (G3)"
         yield Finding("note", text, definitions.file, flow.line, flow.id)
 
 
@@ -109,7 +109,7 @@ def _selection(process: CheckedProcess, node: FlowNode) -> Iterator[Finding]:
         yield process.finding("note", "has no script: it completes at once", node)
     outside = _outside(node)
     if outside:
-        yield process.finding("note", f"{outside} is outside of the elements that the guidelines select (G2)", node)
+        yield process.finding("note", f"{outside} is not among the elements that the guidelines recommend (G2)", node)
     if (
         isinstance(node, Task)
         and node.kind == "service"
@@ -167,8 +167,8 @@ def _original(process: CheckedProcess) -> Iterator[Finding]:
     """Interrupting event sub-processes of a file that looks like one of the original's, which suspended."""
     if process.bpmn.semantics == "standard" and process.bpmn.by_prefix:
         for node in suspending(process.bpmn):
-            text = "ends what its scope was doing; the original FaMe went on with it afterwards"
-            yield process.finding("warning", f"{text}: property semantics=original on the process does that", node)
+            text = "ends its scope; the original FaMe resumed the scope afterwards"
+            yield process.finding("warning", f"{text}: for that, set property semantics=original on the process", node)
 
 
 def suspending(process: Process) -> Iterator[SubProcess]:

@@ -47,9 +47,9 @@ def _endless_loops(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
         inside = {node.id for node in circle}
         closed = all(inside.issuperset(graph.following[node.id]) and not may_stop(graph, node) for node in circle)
         if closed and all(_passes(node) for node in circle):
-            names = ", ".join(each.label for each in circle[1:])
-            text = f"is in a loop{f' with {names}' if names else ''} that no flow leaves and where nothing waits"
-            yield process.finding("warning", f"{text}: it goes round for ever", circle[0])
+            names = ", ".join(each.display_name for each in circle[1:])
+            text = f"is in a loop{f' with {names}' if names else ''} that no flow leaves and in which nothing waits"
+            yield process.finding("warning", f"{text}: it runs forever", circle[0])
 
 
 def _passes(node: FlowNode) -> bool:
@@ -81,8 +81,9 @@ def check_recursion(scope: CheckScope) -> Iterator[Finding]:
     for process in scope.processes:
         for call, callee in process.calls if process in in_time else ():
             if callee in in_time and callee is not None and process in callee.closure():
-                whom = "itself" if callee is process else f"{callee.bpmn.id}, which calls it again,"
-                text = f"{process.bpmn.id} calls {whom} without end: every way through it meets such a call"
+                callee_name = "itself" if callee is process else f"{callee.bpmn.display_name}, which calls it again,"
+                text = f"{process.bpmn.display_name} calls {callee_name} endlessly"
+                text += ": every path through it leads to such a call"
                 yield process.finding("error" if process in at_once else "warning", text, call)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from fame.bpmn.library import Library
@@ -82,6 +82,19 @@ class CheckScope:
     def called(self) -> set[CheckedProcess]:
         """The processes that another one calls."""
         return {callee for process in self.processes for _, callee in process.calls if callee is not None}
+
+    def named(self, finding: Finding) -> Finding:
+        """The finding with the name of its element."""
+        name = finding.name or self._names.get(finding.file, {}).get(finding.element, "")
+        return replace(finding, name=name)
+
+    @cached_property
+    def _names(self) -> dict[str, dict[str, str]]:
+        """The names of the elements of each file, by id."""
+        return {
+            file: {element.id: element.name for element in definitions.elements()}
+            for file, definitions in self.files.items()
+        }
 
     @cached_property
     def files(self) -> dict[str, Definitions]:

@@ -48,7 +48,7 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
             yield from _misused_interface(process, text)
         for text in scripts:
             if _BLOCKS.search(text.expression.text):
-                found = "time.sleep holds up all that the robot does: await sleep(...)"
+                found = "time.sleep blocks the whole robot: use await sleep(...)"
                 yield process.finding("warning", found, text.element, text.expression.line)
         in_javascript = [text for text in scripts if text.expression.language == "javascript"]
         yield from _without_next(process, in_javascript)
@@ -113,7 +113,7 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
         used = _is_used(parents, node) or (target and all(_is_used(parents, one) for one in _loads(tree, target)))
         if used:
             right = f"{target} = await {called}(...)" if target else f"(await {called}(...))"
-            text = f"{called}(...) gives nothing unless it is awaited: {right}"
+            text = f"{called}(...) has no result unless it is awaited: {right}"
             yield process.finding("warning", text, element, getattr(node, "lineno", 0))
 
 
@@ -142,7 +142,7 @@ def _without_next(process: CheckedProcess, scripts: list[Text]) -> Iterator[Find
     """Scripts that never call next(): they fail when they run."""
     for text in scripts:
         if not identifiers_of(text.expression.text).next:
-            found = "never calls next(), so it fails when it has run: next() completes a script"
+            found = "never calls next(), so it fails after it has run: next() completes a script"
             yield process.finding("warning", found, text.element, text.expression.line)
 
 
@@ -153,7 +153,7 @@ def _piling_up(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding
     repeated = set(_repeated(process.bpmn.body, around=False))
     for text in scripts:
         if text.element.id in repeated and identifiers_of(text.expression.text).subscribes:
-            found = "subscribes anew each time round: end the subscription before with node.destroySubscription(...)"
+            found = "creates a subscription in each iteration: end the previous one with node.destroySubscription(...)"
             yield process.finding("note", found, text.element, text.expression.line)
 
 

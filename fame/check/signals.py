@@ -69,13 +69,13 @@ def _before(end: TopicEndpoint, found: Progress) -> Iterator[Wait]:
 
 def _cause(wait: Wait, cause: Wait) -> str:
     if cause.root is wait.root:
-        return f"which only {label(wait.root)} itself throws, later: it waits for ever"
+        return f"which only {_label(wait.root)} itself throws, later: it waits forever"
     other = ", ".join(sorted(cause.topics))
-    return f"but {label(cause.root)}, which throws it, waits for {other} before: they wait for each other"
+    return f"but {_label(cause.root)}, which throws it, waits for {other} first: they wait for each other"
 
 
-def label(process: CheckedProcess) -> str:
-    """What people call a process: its pool's name, else its own."""
+def _label(process: CheckedProcess) -> str:
+    """The name of a process as people know it: that of its pool, else its own."""
     pool = next((pool for pool in process.definitions.participants if pool.process == process.bpmn.id), None)
     return (pool or process.bpmn).label
 
@@ -91,8 +91,8 @@ def _too_early(roots: Sequence[CheckedProcess], public: Topics, thrown: Topics, 
         if not kept and all(
             _only_as_it_begins(roots, end) and _is_early(roots, public, end, catches) for end in throws
         ):
-            text = f"throws {name} as the mission begins, before {catches[0].node.label} can wait for it"
-            yield throws[0].finding(level, f"{text}: a signal is not kept, unless the catching event has a queue")
+            text = f"throws {name} as the mission begins, before {catches[0].node.display_name} can wait for it"
+            yield throws[0].finding(level, f"{text}: signals are not stored, so give the catching event a queue")
 
 
 def _is_early(
@@ -163,8 +163,9 @@ def _throw_before_catch(scope: CheckScope, name: str, ends: Sequence[TopicEndpoi
         node = _next_wait(graph, throws[0].node) if throws[0].node.id in graph.nodes else None
         for end in ends:
             if end.node is node and end.process is throws[0].process and end.topic is not None and not end.topic.queue:
-                text = f"waits for {name}, which only {throws[0].node.label} throws, just before: a signal is not kept"
-                yield end.finding(level, f"{text}, unless the catching event has a queue")
+                only = throws[0].node.display_name
+                text = f"waits for {name}, which only {only} throws, immediately before: signals are not stored"
+                yield end.finding(level, f"{text}, so give the catching event a queue")
 
 
 def _has_twins(scope: CheckScope, process: CheckedProcess) -> bool:
@@ -198,5 +199,5 @@ def _queues(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
     for end in ends:
         kept = end.topic.queue if end.topic is not None and not end.throws else 0
         if kept > profile.depth and profile.history != "keep_all":
-            text = f"keeps up to {kept} messages of {name}, but its qos.depth is {profile.depth}"
-            yield end.finding("warning", f"{text}: more of them at once get lost; qos.depth={kept} keeps them")
+            text = f"queues up to {kept} messages of {name}, but its qos.depth is {profile.depth}"
+            yield end.finding("warning", f"{text}: set qos.depth={kept}, or messages may be lost")

@@ -45,5 +45,5 @@ def _timer(process: CheckedProcess, event: Event, timer: TimerDefinition, handle
             yield process.finding("error", f"timer {timer.kind}: {error}", event, expression.line)
     once = event.place == "catch" or (event.interrupting and (event.place == "boundary" or handler))
     if timer.kind == "cycle" and once:
-        text = "only the first time of its cycle counts, since it fires once: a duration says so"
+        text = "fires only once, so only the first time of its cycle counts: use a duration"
         yield process.finding("warning", text, event)

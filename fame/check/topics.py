@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Iterator, Sequence
 
 from fame.bpmn.model import Task, Topic
-from fame.bpmn.ros_names import is_ros_name
+from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
@@ -53,7 +53,7 @@ def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
         yield from () if remote else _unknown(ends)
         for end in ends:
             if end.payload is not None and type is None:
-                text = f"topic {name} has a payload and no type: give one of its events property type"
+                text = f"topic {name} has a payload but no type: set property type on one of its events"
                 yield end.finding("error", text)
             elif end.payload is not None and type is not None:
                 yield from payload_findings(end.process, end.node, end.payload, type)
@@ -61,13 +61,15 @@ def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
                 yield from _taking(end, end.topic, type)
         drawn = [end for end in ends if end.topic is not None]  # a script may do with what is there when it runs
         if type is None and name.startswith("~/") and drawn and not any(end.throws for end in ends):
-            yield drawn[0].finding("warning", f"no event says the type of the robot's topic {name}: it has to be known")
+            yield drawn[0].finding(
+                "warning", f"no event declares the type of the robot's topic {name}: set property type"
+            )
 
 
 def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
     """Whether ROS takes the name of a topic. In simulation any name will do."""
     if not is_ros_name(name.removeprefix("~")):
-        text = f"ROS 2 refuses the topic {name}: letters, digits and _ would be right, not beginning with a digit"
+        text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
         yield ends[0].finding("warning", text)
 
 
@@ -75,7 +77,7 @@ def _types(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
     said = [end for end in ends if end.type is not None]
     for end in said:
         if end.type != said[0].type:
-            there = f"{said[0].node.id} says {said[0].type}"
+            there = f"{said[0].node.display_name} says {said[0].type}"
             text = f"topic {name} has type {end.type} here, but {there}: a topic has one type"
             yield end.finding("warning" if end.tries else "error", text)
 
@@ -95,14 +97,14 @@ def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Find
     names = [name for item in objects for name in item.names]
     wanted = ", ".join([item.target for item in topic.takes] or names)
     if wanted and type is None:
-        text = f"no event says the type of topic {end.name}, so it carries {EMPTY_TYPE}, which has nothing for {wanted}"
+        text = f"no event declares the type of topic {end.name}, so it is {EMPTY_TYPE}, which has no field for {wanted}"
         yield end.finding("warning", text)
     elif type is not None and names and not topic.takes and not fields_taken(names, topic, type):
         fields = ", ".join(messages.fields(type)) or "none"
-        text = f"{type} has no field for {wanted}: name them like its fields ({fields}), or <field>_..."
+        text = f"{type} has no field for {wanted}: expected names like its fields ({fields}) or <field>_..."
         yield end.finding("warning", text)
     for name, field in taken_by_prefix(end.process, end.node, topic, type or "").items():
-        text = f"fills `{name}` with field {field}, by the name alone: connect the event with the data object"
+        text = f"fills `{name}` with field {field} because the names are alike: connect the event with the data object"
         yield end.finding("warning", text)
 
 
@@ -134,7 +136,7 @@ def check_topic_partners(scope: CheckScope) -> Iterator[Finding]:
         if drawn is None or (throws and catches):
             continue
         does, other = ("throws", "catches") if throws else ("waits for", "throws")
-        text = f"{does} {name}, which nobody in {where} {other}{_similar(name, ends, public)}"
+        text = f"{does} {name}, but nothing in {where} {other} it{_similar(name, ends, public)}"
         yield drawn.finding(level, text)
 
 
@@ -164,8 +166,8 @@ def check_addressing(scope: CheckScope) -> Iterator[Finding]:
         for topic, ends in _messages(process, throws=True).items():
             for end in ends if topic in many else ():
                 if end.topic.to is None:
-                    text = f"its message {topic} reaches every robot of the pool {many[topic]}"
-                    yield process.finding("warning", f"{text}: property to says which one it is for", end.node)
+                    text = f"its message {topic} goes to every robot of the pool {many[topic]}"
+                    yield process.finding("warning", f"{text}: property to selects one", end.node)
 
 
 def _messages(process: CheckedProcess, *, throws: bool) -> dict[str, list[TopicEnd]]:

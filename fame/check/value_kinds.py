@@ -230,17 +230,17 @@ def _overwritten(
     sample: Sample, name: str, others: Sequence[Sample], processes: Sequence[CheckedProcess]
 ) -> Iterator[Finding]:
     does = f"fills `{name}` with {sample.kind}, but "
-    right = "give the event a mapping, or the signal another name"
+    right = "give the event a mapping or the signal another name"
     for other in others:
         if not other.whole and other.kind and sample.kind and other.kind != sample.kind:
             yield sample.process.finding(
-                "warning", f"{does}{other.element.label} sets it to {other.kind}: {right}", sample.element
+                "warning", f"{does}{other.element.display_name} sets it to {other.kind}: {right}", sample.element
             )
             return
     for process in processes if is_message(sample.value) else ():
         for text in (text for body in process.bodies() for text in texts_of(body) if name in text.reads):
             if _computes(text, name):
-                found = f"{does}{text.element.label} computes with it as a number: {right}"
+                found = f"{does}{text.element.display_name} computes with it as a number: {right}"
                 yield sample.process.finding("warning", found, sample.element)
                 return
 

@@ -165,7 +165,7 @@ def sets_something(name: str, expression: Expression) -> bool:
 def _hidden(process: CheckedProcess, uses: Uses) -> Iterator[Finding]:
     for name in NAMES:
         if name in uses.sets:
-            text = f"sets a variable `{name}`, which hides {name} of the script interface: name it otherwise"
+            text = f"sets a variable `{name}`, which hides {name} of the script interface: rename the variable"
             yield process.finding("warning", text, uses.sets[name])
 
 
@@ -261,10 +261,10 @@ def _where_called(
     space: _Space, process: CheckedProcess, entered: CallActivity | None, here: Finding, found: str, similar: str
 ) -> Finding:
     """What is `here` in a process, told at the call that could have set it, if there is one."""
-    text = f"{process.bpmn.id} {found}{similar}"
+    text = f"{process.bpmn.display_name} {found}{similar}"
     if space.call is not None:
         caller, call = space.call
-        return caller.finding(here.level, text if similar else f"{text}: give it in the mapping", call)
+        return caller.finding(here.level, text if similar else f"{text}: add it to the mapping", call)
     if entered is not None:
         return next(iter(space.members)).finding(here.level, text, entered)
     return here
@@ -280,11 +280,11 @@ def _other_language(name: str, expression: Expression) -> str:
     if expression.language == "python":
         if name in _SMALL:
             return f"; in Python it is {_SMALL[name]}"
-        return "; a script in JavaScript has format javascript" if name in _OF_JAVASCRIPT else ""
+        return "; for JavaScript, set the script format javascript" if name in _OF_JAVASCRIPT else ""
     if expression.language == "javascript":
         return ""
     here = {large: small for small, large in _SMALL.items()}
     if name in here:
-        return f"; here it is {here[name]}"
+        return f"; in this language it is {here[name]}"
     known = name in NAMES or hasattr(builtins, name)
-    return f"; {name} is of Python: plain Python, without ${{ }}, knows it" if known else ""
+    return f"; {name} is a name of Python: write Python, without ${{ }}" if known else ""
