@@ -34,7 +34,7 @@ class Simulation:
     epoch        the date of simulated second 0, with a time zone
 
     Raises ModelError if the model cannot be executed, MessageError for topics and types that do not go together,
-    ConfigError for arguments that are none.
+    ConfigError for arguments of a wrong kind.
     """
 
     def __init__(
@@ -109,8 +109,8 @@ class Simulation:
         """A message on the topic `name` from outside (``~/odom`` or ``/robot/odom``: the robot's own), then run on.
 
         Running on goes as far as the last `run` did: to where nothing can move, or, if that had an `until`, no further
-        than the present instant. Raises MessageError if the payload does not fit the type of the topic,
-        and for a topic that no event or script of the model names; that nobody listens just now is no error.
+        than the present instant. Raises MessageError if the payload does not fit the type of the topic, and for a topic
+        that no event or script of the model names; a topic without a listener at the moment is not an error.
         """
         expect(isinstance(name, str), "name", name, "the name of a topic")
         self._begin()
@@ -174,7 +174,7 @@ def _declared(definitions: Definitions) -> dict[str, TopicUse]:
     """The topics whose type some process of the file says: it holds for the process that is run, too."""
     found: dict[str, TopicUse] = {}
     for process in definitions.processes:
-        with suppress(ModelError):  # told if it is the one that is run
+        with suppress(ModelError):  # reported if that one is run
             table = topic_table(definitions, [process.id])
             found.update((name, use) for name, use in table.items() if use.declared)
     return found

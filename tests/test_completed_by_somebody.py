@@ -81,7 +81,7 @@ def test_where_no_task_waits_the_answer_names_what_does():
     floor = Floor()
     (answer,) = floor.complete("lift")
     assert answer.answer == "refused"
-    assert "lift: waits for nobody; what waits: ask" in answer.reason
+    assert "lift: is not waiting; currently waiting: ask" in answer.reason
     assert floor.waiting == ["ask"]
 
 

@@ -281,9 +281,9 @@ REFUSED = {
     "has nothing to begin with: add a start event":
         START + f"<subProcess id='x'><task id='a'/><task id='b'/>{flow('a', 'b')}{flow('b', 'a')}</subProcess>"
         + flow("s", "x"),
-    "a cancel end event ends a transaction, and stands in none":
+    "a cancel end event is allowed in a transaction only":
         START + f"<endEvent id='x'>{DEFINITIONS['cancel']}</endEvent>" + flow("s", "x"),
-    "a cancel event guards a transaction, and t is none":
+    "expected a transaction for the cancel event, got t":
         START + TASK + f"<boundaryEvent id='x' attachedToRef='t'>{DEFINITIONS['cancel']}</boundaryEvent>"
         + flow("s", "t"),
 }  # fmt: skip

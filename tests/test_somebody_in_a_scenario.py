@@ -66,7 +66,7 @@ def test_where_nobody_is_waited_for_it_is_reported_and_nothing_happens(model: Pa
     result = Scenario.load(model, completions=[LOAD], duration=20).run()
     (said,) = result.reports
     assert (said.time / 1e9, said.element) == (7.0, "load")
-    assert said.detail == "somebody wanted to complete it: waits for nobody; what waits: sign"
+    assert said.detail == "somebody wanted to complete it: is not waiting; currently waiting: sign"
     assert result.status == "timeout"
 
 

@@ -5,7 +5,7 @@ is a `Host`: the engine calls it, and gets stimuli in return (`Engine.start`, `d
 `complete_task`). Each stimulus runs to completion: every token moves until it rests. Semantics are those of BPMN 2.0
 chapter 13, with what DESIGN section 3 adds.
 
-What an observer is told, as (instance, scope, element, what, detail):
+What an observer gets, as (instance, scope, element, what, detail):
 
 ======  ==========================================================================
 start   an instance of the process started

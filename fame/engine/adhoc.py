@@ -9,7 +9,7 @@ work, the token waits in ``todo``. `completed` is behind it and its interrupting
 condition is asked. When that is true, all that goes on is cancelled; or, where the rest may end, nothing new begins
 (``over``).
 
-`Scope.items` holds who is at work (``busy``), the keys of the nodes of tokens that wait (``todo``), and ``over``.
+`Scope.items` holds the activity at work (``busy``), the keys of the nodes of waiting tokens (``todo``), and ``over``.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ def activate(engine: EngineState, element: str) -> None:
             engine.ready.append((entries[element], scope))
             return
     can = ", ".join(offers(engine)) or "nothing"
-    text = f"stands in no ad-hoc sub-process that is open now, or does not begin there; what can: {can}"
+    text = f"cannot start now: it is in no open ad-hoc sub-process, or does not start there; can start: {can}"
     raise MissionError(text, element=element)
 
 

@@ -37,4 +37,4 @@ def _check_cancels(context: ScopeCompiler, event: model.Event, nodes: list[Node]
     host = context.model[event.attached_to]
     cancels = any(isinstance(node.spec, FaultCatch) and node.spec.kind == "cancel" for node in nodes)
     if cancels and getattr(host, "kind", "") != "transaction":
-        context.refuse(f"a cancel event guards a transaction, and {host.id} is none", event)
+        context.refuse(f"expected a transaction for the cancel event, got {host.id}", event)

@@ -188,7 +188,7 @@ def compensable(context: ScopeCompiler, event: model.Event) -> None:
 def _attach(context: ScopeCompiler, activity: str, node: Node, handler: str) -> None:
     """Let an activity be compensated, or each instance of one that repeats.
 
-    An activity without a scope of its own tells by a node behind it that it has completed.
+    Behind an activity without a scope of its own, a node records that it has completed.
     """
     main = context.main[activity]
     boundary_of(context.compensated.get(activity, main)).compensation = node

@@ -1,4 +1,4 @@
-"""Deliveries: whom a message on a topic reaches."""
+"""Deliveries: which catching events a message on a topic reaches."""
 
 from __future__ import annotations
 

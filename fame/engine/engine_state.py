@@ -25,12 +25,12 @@ from fame.engine.state import Continuation, Gathered, Instance, Listener, Scope,
 class EngineState:
     """The tables of one engine.
 
-    listeners       who waits for each topic, in the order of arming
+    listeners       what waits for each topic, in the order of arming
     conditions      armed conditional events, in the order of arming
     unsettled       whether a script's step has consequences: it has published, or a condition is armed
     waits           those that the host names by key: timers, scripts
     inclusive       scopes in which an inclusive join has an arrival
-    cancelling      what goes on when a cancelled script has ended, by its key
+    cancelling      what continues when a cancelled script has ended, by its key
     instances       those that run, by key
     waiting_starts  triggers that a full process keeps
     gathered        triggers of parallel multiple start events
@@ -79,7 +79,7 @@ class EngineState:
         self.gathered.clear()
 
     def notify(self, scope: Scope, mark: Mark) -> None:
-        """Note that something happened; observers are told when the stimulus has been worked off."""
+        """Note that something happened; observers get it at the end of the stimulus."""
         if self.place is not scope:
             self.set_place(scope)
         emit = self.emit

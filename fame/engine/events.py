@@ -77,7 +77,7 @@ def _code_of(spec: Raise, variables: dict[str, Any]) -> str | None:
         return spec.code
     code = spec.computed(variables)
     if code is None or code is UNDEFINED:
-        raise ValueError("the code is computed, and there is none: what it is computed of is not set")
+        raise ValueError("the computed code has no value: a variable in its expression is not set")
     return str(code)
 
 
@@ -190,7 +190,7 @@ def _thrown(
             return compensation.thrown(context, event, definition, ends, part)
         case model.CancelDefinition():
             if not context.transaction:
-                context.refuse("a cancel end event ends a transaction, and stands in none", event)
+                context.refuse("a cancel end event is allowed in a transaction only", event)
             return context.node(event, compensation.cancel, part)
         case model.LinkDefinition(name=name):
             return _link(context, event, name, part)

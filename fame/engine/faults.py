@@ -97,7 +97,7 @@ def fail_without_token(engine: EngineState, variables: dict[str, Any], element: 
 
 
 def _body_of(engine: EngineState, element: str) -> str:
-    """The id of the process or sub-process that an element stands in."""
+    """The id of the process or sub-process that contains an element."""
     for process in engine.program.sources:
         for owner in (process, *(node for node in process.body.walk() if isinstance(node, SubProcess))):
             if any(node.id == element for node in owner.body.nodes):

@@ -58,5 +58,5 @@ def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: 
 
 
 def _asks_for_phase(flow: model.SequenceFlow) -> bool:
-    """Whether the condition of a flow that leaves a complex gateway tells its activation from its reset."""
+    """Whether the condition of a flow that leaves a complex gateway distinguishes its activation from its reset."""
     return flow.condition is not None and "waitingForStart" in flow.condition.text

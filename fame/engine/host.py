@@ -23,7 +23,7 @@ class BpmnError(Exception):
     """A business error thrown by a script: ``raise BpmnError("unreachable")``. Caught by the events of that code.
 
     code     the error code
-    message  text for people; the code if there is none
+    message  text for people; by default the code
     """
 
     code: str
@@ -45,7 +45,7 @@ class Host(Protocol):
         """A callable of the variables for a text. Raises ModelError if the text is wrong."""
 
     def service(self, operation: str, *, element: str, file: str) -> Compiled:
-        """The callable that a service task names. Raises ModelError if there is none."""
+        """The callable that a service task names. Raises ModelError for an unknown one."""
 
     def publish(self, topic: str, value: Any) -> Any:
         """Send `value` (the payload, or None) on the qualified topic to other nodes.
@@ -78,7 +78,7 @@ class Host(Protocol):
         """
 
     def report(self, element: str, text: str) -> None:
-        """Something a person should know that stops nothing: a dropped trigger, an escalation nobody caught."""
+        """Something a person should know that stops nothing: a dropped trigger, an uncaught escalation."""
 
     def lacks(self, element: str, output: str) -> None:
         """An activity has ended, and nothing has set an output that it declares. Raises NameError to let it fail."""

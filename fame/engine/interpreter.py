@@ -1,7 +1,7 @@
 """The interpreter: stimuli, and the loop that moves tokens.
 
 A stimulus (`start`, `deliver`, `timer_fired` ...) changes the state and then runs the ready queue empty: `run` is the
-loop, all else hangs on the step functions of the nodes. The invariants between two stimuli are told in `engine_state`.
+loop, all else hangs on the step functions of the nodes. The invariants between two stimuli are in `engine_state`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOVES = 10_000_000
 """Moves of tokens within one stimulus, after which it is taken for a livelock."""
 
 PORTION = 300
-"""Moves after which observers are told what happened, if the stimulus lasts that long."""
+"""Moves after which observers get what happened, if the stimulus lasts that long."""
 
 TRACE = 100_000
 """Moves that are followed to find the elements of such a loop."""
@@ -131,7 +131,7 @@ class Engine(EngineState):
                     self.stepped()
                     return
         waits = sorted({wait.node.id for item in self.instances.values() for wait in item.waits()})
-        raise MissionError(f"waits for nobody; what waits: {', '.join(waits) or 'nothing'}", element=element)
+        raise MissionError(f"is not waiting; currently waiting: {', '.join(waits) or 'nothing'}", element=element)
 
     def activate(self, element: str) -> None:
         """Let an element of an ad-hoc sub-process that is open begin (once more). Raises MissionError."""

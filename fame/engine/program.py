@@ -33,8 +33,8 @@ class Node:
     id, line, file   the element
     key              names the node in snapshots
     step             what happens when a token comes
-    plain_step       in an observed program: the step without telling observers; None: nobody is told of this node
-    entered, left    what observers are told when a token comes, and when the element has completed
+    plain_step       in an observed program: the step without observation; None: this node is not observed
+    entered, left    what observers get when a token comes, and when the element has completed
     index, slot      the count that grows when a token comes; the count of completions of the element
     next             where the token goes
     part_of          the node whose boundary events catch an error here: itself, unless it is part of an element
@@ -42,7 +42,7 @@ class Node:
     catch            what is waited for here, if something is
     body, ended      what runs in the scope that it opens, and what follows when that has ended: a function of (engine,
                      scope around, scope that ended), which gives a scope that ends with it, or None
-    spec             what its family keeps: a dataclass that stands beside the family's steps
+    spec             what its family keeps: a dataclass beside the family's steps
     """
 
     __slots__ = (
@@ -166,7 +166,7 @@ class Boundary:
 
 @dataclass(frozen=True, slots=True)
 class Handler:
-    """Spec of an event sub-process: its scope stands for what it handles."""
+    """Spec of an event sub-process: its scope acts for the scope that it handles."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """From a process model to a program: every element a node or a few, linked directly.
 
-Each element has an *entry*, where tokens come in, and *exits*, whose `next` leads on. Around it stands what it needs: a
+Each element has an *entry*, where tokens come in, and *exits*, whose `next` leads on. Around it is what it needs: a
 node that assigns its data objects before it, and one after it; a port for each flow into a join; a fork where several
 flows leave. Sequence flows are nodes only in an observed program.
 
@@ -70,7 +70,7 @@ class ScopeCompiler:
     queued          catching events with a queue
     leads           how an element leads on, for those that do not simply follow their flows
     compensated     the node that a compensation event undoes, for those that are not the element itself
-    transaction     whether it stands in a transaction
+    transaction     whether it is inside a transaction
     """
 
     compiler: Compiler
@@ -113,7 +113,7 @@ class ScopeCompiler:
     # ---- nodes ---------------------------------------------------------------------------------------
 
     def node(self, element: model.Element, step: Step, part: str = "", spec: Any = None) -> Node:
-        """A node of an element; `part` tells it from the others of the element."""
+        """A node of an element; `part` distinguishes it from the element's other nodes."""
         node = Node(element.id, f"{element.id}{part}", step, line=element.line, file=self.file, spec=spec)
         self.compiler.program.nodes.append(node)
         if self.compiler.observed:
@@ -132,7 +132,7 @@ class ScopeCompiler:
         return len(elements) - 1
 
     def watch(self, node: Node, *, ends: bool = False) -> None:
-        """In an observed program, let observers be told when a token enters and leaves the element."""
+        """In an observed program, let observers get when a token enters and leaves the element."""
         if self.compiler.observed:
             node.plain_step, node.step = node.step, steps.observed_end if ends else steps.observed
 

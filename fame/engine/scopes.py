@@ -152,7 +152,7 @@ def replace(engine: EngineState, scope: Scope, handles: tuple[Node, ...]) -> tup
 
 
 def kill(engine: EngineState, scope: Scope, *, notified: bool = True) -> Cancelling:
-    """Mark a subtree dead at once; `notified`: observers are told that its own element was cancelled, too."""
+    """Mark a subtree dead at once; `notified`: observers get the cancellation of its own element, too."""
     if scope.parent is not None:
         scope.parent.children.pop(scope, None)
     if notified:
@@ -175,7 +175,7 @@ def kill(engine: EngineState, scope: Scope, *, notified: bool = True) -> Cancell
 
 
 def notify_cancelled(engine: EngineState, scope: Scope) -> None:
-    """Observers are told that the element of a scope was cancelled, and the event sub-processes that took its place."""
+    """Observers get the cancellation of a scope's element, and of the event sub-processes that took its place."""
     if scope.node is not None and scope.node.plain_step is not None and scope.parent is not None:
         engine.notify(scope.parent, (scope.node.id, "cancel", None))
     for handler in scope.handles:

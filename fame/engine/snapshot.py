@@ -45,7 +45,7 @@ def no_data(value: Any) -> Any:
 def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
     """The state of an engine between two stimuli, as JSON-able data.
 
-    `dump` makes plain data of values that are none (messages, arrays). Raises MissionError for values that it cannot.
+    `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot.
     """
     if engine.ready:
         raise RuntimeError("a snapshot is taken between two stimuli")

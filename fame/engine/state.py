@@ -137,7 +137,7 @@ class Wait:
 
     def __init__(self, key: int, node: Node, scope: Scope, token: bool, owner: Scope | Wait | None = None) -> None:
         self.key, self.node, self.scope, self.token, self.owner = key, node, scope, token, owner
-        self.catch: Catch = node.catch  # type: ignore[assignment]  # who waits here knows that there is one
+        self.catch: Catch = node.catch  # type: ignore[assignment]  # nodes where tokens wait have one
         self.alive, self.true, self.started = True, False, False
         self.paused = self.due = 0
         self.arms: tuple[Wait, ...] = ()

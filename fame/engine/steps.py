@@ -1,4 +1,4 @@
-"""Steps that all families share: passing on, assigning, ending, and how observers are told.
+"""Steps that all families share: passing on, assigning, ending, and observation.
 
 A *step* gets a token in motion and gives the node that it moves to at once, or None: it waits, is in the ready queue,
 or is gone.

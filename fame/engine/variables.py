@@ -15,7 +15,7 @@ LOAD_NAME in the body of a class      the underlying dict alone, before CPython 
                                       variables are out of sight there (not in its methods)
 ====================================  =================================================
 
-Invariant, whenever no script is at work in it: a name stands in the underlying dict if and only if it is the scope's
+Invariant, whenever no script is at work in it: a name is in the underlying dict if and only if it is the scope's
 own. Iteration, `len` and `dict.items` show the own names alone; `in`, `get` and `[]` see through. `plain` shows all.
 """
 

@@ -1,7 +1,7 @@
 """What waits: tokens, boundary events, starts of event sub-processes; and what wakes them.
 
 A wait is armed by its trigger: in the table of listeners (signal, message), at a timer of the host, in the list of
-conditions. What is disarmed is in none of them. How each trigger arms, disarms, is suspended and resumed stands in the
+conditions. What is disarmed is in none of them. How each trigger arms, disarms, is suspended and resumed is in the
 table at the end.
 """
 

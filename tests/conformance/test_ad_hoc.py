@@ -168,7 +168,7 @@ def test_in_its_turn_if_it_is_sequential(play: Play) -> None:
 def test_nobody_can_begin_what_stands_in_none_that_is_open(play: Play) -> None:
     run = play(ad_hoc(user("a"), user("k"), path("a k"))).run()
     for id in ("e", "k", "nothing"):
-        with pytest.raises(MissionError, match=f"{id}: stands in no ad-hoc sub-process that is open now"):
+        with pytest.raises(MissionError, match=f"{id}: cannot start now: it is in no open ad-hoc sub-process"):
             run.activate(id)
     run.complete("a").complete("k")
     with pytest.raises(MissionError):
