@@ -158,7 +158,7 @@ def test_what_cannot_be_activated_is_refused_with_what_could():
     floor = Floor(AD_HOC)
     (answer,) = floor.activate("chores")
     assert answer.answer == "refused"
-    assert answer.reason.endswith("what can: look, photo")
+    assert answer.reason.endswith("can start: look, photo")
     (answer,) = Floor(model="").activate("photo")
     assert (answer.answer, answer.reason) == ("refused", "photo: the robot has no process yet")
 

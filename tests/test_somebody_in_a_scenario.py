@@ -98,7 +98,7 @@ def test_what_cannot_be_is_refused_in_one_line_before_anything_moves(entry: str,
 def test_what_cannot_be_read_is_said(text: str, model: Path, capsys) -> None:
     assert main(["run", str(model), "--complete", text]) == 2
     err = capsys.readouterr().err
-    assert err.startswith("fame: error: argument --complete: found ")
+    assert err.startswith("fame: error: argument --complete: expected ")
     assert err.count("\n") == 1
 
 
@@ -108,5 +108,5 @@ def test_in_many_processes_it_is_fame_complete(model: Path, capsys) -> None:
 
 
 def test_an_argument_that_is_none_is_named(model: Path) -> None:
-    with pytest.raises(fame.ConfigError, match="completions: found 'PORTER@7:load'; a Completion"):
+    with pytest.raises(fame.ConfigError, match="completions: expected a Completion"):
         Scenario.load(model, completions=["PORTER@7:load"])  # type: ignore[list-item]
