@@ -31,7 +31,8 @@ class Candidate:
     def __init__(
         self, envelope: Envelope, process: RobotNode, *, node: Node, scheduler: Scheduler, middleware: Middleware
     ) -> None:
-        self.envelope, self.process = envelope, process
+        self.envelope: Envelope = envelope
+        self.process: RobotNode = process
         self._node, self._scheduler, self._middleware = node, scheduler, middleware
         self._next: Entry | None = None
         self._peers: Peers | None = None

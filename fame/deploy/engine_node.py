@@ -47,7 +47,7 @@ from fame.deploy.status import Absences, Status, progress, state_of
 from fame.deploy.termination import Silence
 from fame.deploy.warnings import RateLimiter, Warnings
 from fame.errors import DeploymentError, FameError
-from fame.middleware.interface import Middleware
+from fame.middleware.interface import Middleware, Node
 
 if TYPE_CHECKING:
     from fame.bpmn.library import Library
@@ -87,7 +87,9 @@ class EngineNode:
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self._task_signers = () if unsigned_tasks else trusted
-        self.robot, self.scheduler, self.middleware = robot, scheduler, middleware
+        self.robot: str = robot
+        self.scheduler: Scheduler = scheduler
+        self.middleware: Middleware = middleware
         self._time = scheduler if time is None else time  # a scheduler with nothing to do is false
         self._options: dict[str, Any] = {
             "library": library,
@@ -100,7 +102,7 @@ class EngineNode:
             "on_end": lambda instance: self.status.publish(),
         }
         self._on_report = on_report or (lambda event: None)
-        self.born = round(wall_time() * SECOND)
+        self.born: int = round(wall_time() * SECOND)
         self.running: RobotNode | None = None
         self.candidate: Candidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
@@ -110,10 +112,10 @@ class EngineNode:
             kind: RateLimiter(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._stopped = False
-        self.node = middleware.node("fame_deployment", robot)
+        self.node: Node = middleware.node("fame_deployment", robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
         self._process.max_size = SIZE
-        self.warn = Warnings(middleware, self._on_warning)
+        self.warn: Warnings = Warnings(middleware, self._on_warning)
         self.status: Status = Status(
             robot,
             self._process.topic,

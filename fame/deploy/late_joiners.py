@@ -22,7 +22,7 @@ from fame.deploy.machine import Machine
 from fame.deploy.report_reader import GONE, ReportReader
 from fame.deploy.sender import Deployment
 from fame.errors import FameError
-from fame.middleware.interface import Middleware, Subscription
+from fame.middleware.interface import Middleware, Node, Subscription
 
 POLL = 0.5
 """How often the graph is searched for engines (s)."""
@@ -155,12 +155,13 @@ class LateJoiners:
         supplied: Collection[str] = (),
         tell: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self.scheduler, self.middleware = scheduler, middleware
+        self.scheduler: Scheduler = scheduler
+        self.middleware: Middleware = middleware
         self._pools, self._send, self._key, self._tell = pools_of(definitions), send, key, tell
         state = JoinersState(supplied=frozenset(supplied))
         self._protocol: Machine[JoinersState, Event, Supply] = Machine(state, step, self._supply)
         self._current: Deployment | None = None
-        self.node = middleware.node("fame_keeper")
+        self.node: Node = middleware.node("fame_keeper")
         self._engines: dict[str, Subscription] = {}
         self._next: Entry = scheduler.soon(self._poll, Kind.TIMER)
 

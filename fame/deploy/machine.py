@@ -23,7 +23,7 @@ class Machine(Generic[State, Event, Action]):
         step: Callable[[State, Event], tuple[State, Sequence[Action]]],
         perform: Callable[[Action], object],
     ) -> None:
-        self.state = state
+        self.state: State = state
         self._step, self._perform = step, perform
         self._events: deque[Event] = deque()
 

@@ -40,8 +40,12 @@ class ReportReader:
         vouched: str = "",
         patience: float = math.inf,
     ) -> None:
-        self.robot, self.signed, self.trusted, self.vouched, self.patience = robot, signed, trusted, vouched, patience
-        self.rival = False
+        self.robot: str = robot
+        self.signed: bool = signed
+        self.trusted: Sequence[Any] = trusted
+        self.vouched: str = vouched
+        self.patience: float = patience
+        self.rival: bool = False
         self._key, self._proved = "", False
         self._last = (-1, -math.inf)  # `born` and `time` of the newest report: older ones may have been recorded
         self._received = 0.0

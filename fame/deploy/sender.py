@@ -51,7 +51,7 @@ from fame.deploy.sender_protocol import (
 )
 from fame.deploy.source_map import SourceMap
 from fame.middleware import messages
-from fame.middleware.interface import Middleware
+from fame.middleware.interface import Middleware, Node
 
 PATIENCE = 10.0
 """How long a deployment waits for a robot (s)."""
@@ -86,7 +86,9 @@ class Deployment:
         from fame.check.gate import refuse_errors
 
         library = library or Library()
-        self.id, self.scheduler, self.middleware = id, scheduler, middleware
+        self.id: str = id
+        self.scheduler: Scheduler = scheduler
+        self.middleware: Middleware = middleware
         self._ended, self._patience, self._key, self._wall_time = ended, patience, key, wall_time
         named = engines(middleware) if robots is None else robots
         pools = assign_robots(definitions, named, found=robots is None, only=only)
@@ -94,7 +96,7 @@ class Deployment:
         refuse_errors(definitions, [pool.process for pool in sent.values()], library, sent=True)
         state = SenderState(tuple(map(RobotProgress, sent)), sequence=sequence, signed=key is not None)
         self._protocol: Machine[SenderState, Event, Action] = Machine(state, step, self._perform)
-        self.envelopes = self._loads(definitions, pools, sent, again, library)
+        self.envelopes: dict[str, Envelope] = self._models(definitions, pools, sent, again, library)
         self._source_maps = {
             robot: SourceMap(robot, definitions, pool.process, library, self.envelopes[robot].model)
             for robot, pool in sent.items()
@@ -103,12 +105,12 @@ class Deployment:
         self._timer: Entry | None = None
         self._known: dict[str, Report] = {}  # the last report of each, whatever it is about
         self._readers = {robot: ReportReader.of_sender(robot, key) for robot in sent}
-        self.node = middleware.node("fame_deploy")
+        self.node: Node = middleware.node("fame_deploy")
         self._out = {robot: self.node.publisher(f"/{robot}/bpmn_process", STRING, PROCESS_QOS) for robot in sent}
         for robot in sent:
             self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._on_report, robot), STATUS_QOS)
 
-    def _loads(
+    def _models(
         self,
         definitions: Definitions,
         pools: Mapping[str, Pool],
@@ -116,7 +118,7 @@ class Deployment:
         again: Collection[str],
         library: Library,
     ) -> dict[str, Envelope]:
-        """The model of each robot, as it is sent."""
+        """The envelope with the model of each robot."""
         parts = {part.name: part.source.decode() for part in split(definitions, library)}
         promised = promises(definitions, pools, library)
         return {

@@ -44,7 +44,7 @@ from fame.deploy.sender_protocol import REFUSALS
 from fame.deploy.warnings import RateLimiter
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Middleware
+from fame.middleware.interface import LATCHED, Middleware, Node
 
 DIAGRAM, STATUS, DEPLOYED = "/collaboration_diagram", "/fame_splitter", "/fame_splitter/deployed"
 
@@ -67,14 +67,16 @@ class SplitterNode:
         say: Callable[[str], object] = lambda text: None,
         wall_time: Callable[[], float] = time.time,
     ) -> None:
-        self.scheduler, self.middleware, self._say, self._wall_time = scheduler, middleware, say, wall_time
+        self.scheduler: Scheduler = scheduler
+        self.middleware: Middleware = middleware
+        self._say, self._wall_time = say, wall_time
         self._options: dict[str, Any] = {
             "library": library or Library(),
             "patience": patience,
             "key": key,
             "wall_time": wall_time,
         }
-        self.born = round(wall_time() * SECOND)
+        self.born: int = round(wall_time() * SECOND)
         self._trusted, self._diagrams = trusted, DiagramReader(trusted)
         self._sequence = 0
         election = ElectionState(self.born, beaten=scheduler.now)
@@ -84,7 +86,7 @@ class SplitterNode:
         self._text = ""
         self._deployment: Deployment | None = None
         self._late_joiners: LateJoiners | None = None
-        self.node = middleware.node("fame_splitter")
+        self.node: Node = middleware.node("fame_splitter")
         self._status = self.node.publisher(STATUS, STRING, LATCHED)
         self.node.subscription(STATUS, STRING, self._on_status, STATUS_QOS)
         self._team = self.node.publisher(DEPLOYED, STRING, LATCHED)
