@@ -100,6 +100,7 @@ class MissionError(FameError):
     file: str
     line: int
     code: str
+    name: str
 
     exit_code = 1
 
@@ -115,7 +116,7 @@ class MissionError(FameError):
         name: str = "",
     ) -> None:
         self.text, self.robot, self.element = " ".join(text.split()), robot, element
-        self.file, self.line, self.code = file, line, code
+        self.file, self.line, self.code, self.name = file, line, code, name
         place = f"{file}:{line}" if file and line else f"line {line}" if line else file
         if element and place:
             where = display_name(f"{element}, {place}", name) if name else f"{element} ({place})"

@@ -138,6 +138,28 @@ def test_a_sender_tells_what_a_robot_says_with_the_places_of_its_own_files(work,
     assert sent.source_map("B").line("B.bpmn: late, DB.bpmn:8, B.bpmn:999") == "team.bpmn: late, DB.bpmn:8, B.bpmn:999"
 
 
+def test_a_report_is_mapped_to_the_files_of_its_sender_field_by_field(tmp_path):
+    (tmp_path / "Jump.bpmn").write_text(JUMP)
+    field = Field("A", "B")
+    sent = field.deploy(CLIMB.replace("WORK", "1 / 0"), library=Library(tmp_path))
+    report = [report for report in field.said if report.robot == "B" and report.error][-1]
+    assert report.errors[-1]["file"] == "B.bpmn"
+    mapped = sent.source_map("B").report(report)
+    (error,) = mapped.errors
+    assert (error["file"], error["line"], error["element"]) == ("team.bpmn", 10, "jump")
+    assert error["text"] == "ZeroDivisionError: division by zero"
+    assert mapped.error == report.error.replace(f"B.bpmn:{report.errors[-1]['line']}", "team.bpmn:10")
+
+
+def test_what_a_robot_refuses_has_its_place_as_fields():
+    field = Field("A")
+    field.send("A", patrol(2).replace("mark = 2", "mark = = 2"))
+    field.pass_time(0.1)
+    refusal = field.said[-1]
+    assert [refusal.problem[name] for name in ("file", "line", "element")] == ["A.bpmn", 1, "t"]
+    assert refusal.reason == f"A.bpmn:1: t: {refusal.problem['text']}"
+
+
 def test_a_topic_whose_other_end_does_not_come_is_named():
     field = Field("A")
     field.send("A", patrol(1))

@@ -1,4 +1,4 @@
-"""What goes between sender and robot: an `Envelope` there, a `Report` back, both as JSON in a std_msgs/msg/String."""
+"""The messages between sender and robot: `Envelope` and `Report`, both as JSON in a std_msgs/msg/String."""
 
 from __future__ import annotations
 
@@ -14,55 +14,58 @@ from fame.middleware.interface import Middleware, QoS
 
 STRING = "std_msgs/msg/String"
 PROCESS_QOS = QoS(depth=20)
-"""Of ``bpmn_process``: reliable and volatile, so that any publisher matches that is reliable."""
+"""Of ``bpmn_process``: reliable and volatile, so that every reliable publisher matches."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
-"""How a report is listened to: the last one of a robot that spoke before, and every one from then on."""
+"""Of subscriptions to ``bpmn_status``: the last report from before the match, and every one from then on."""
 SILENCE = 5.0
-"""After how long without a word from its sender a robot that is ready asks the others (s)."""
+"""After how long without an envelope of its sender a robot that is ready asks the others (s)."""
 PHASES = ("load", "hold", "start", "abort", "ask")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
 PLAIN = "plain-"
 """How the deployment of a bare model begins: nobody waits for an answer."""
 SIZE, _LONGEST = 20_000_000, 1_000_000
-"""The longest envelope or bare model that is taken, and the longest report (characters)."""
-_Said = TypeVar("_Said", "Envelope", "Report")
+"""The longest envelope or bare model, and the longest report, that is accepted (characters)."""
+_Message = TypeVar("_Message", "Envelope", "Report")
 AHEAD = 366 * 86_400.0
-"""How far a sequence may be ahead of the clock of the robot (s): a sender takes a number above all that were seen, so
-that one from far ahead must not take the numbers of all that follow. Clocks may be wrong, and this one runs on."""
+"""How far a sequence may be ahead of the robot's clock (s). A sender takes a number above all that its robots have
+seen: one from the far future would leave no numbers for later ones. The margin is for clocks that are wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Where an error is (``line`` from 1, 0 if unknown; ``element`` an id), and its ``text`` without that."""
+    """The place of an error (``line`` from 1, 0 if unknown; id and ``name`` of an element), and its bare ``text``."""
 
     file: str = ""
     line: int = 0
     element: str = ""
     text: str = ""
+    name: str = ""
 
     @classmethod
     def of(cls, error: FameError) -> Problem | None:
         """The place of an error of a model, None for any other one."""
-        return cls(error.file, error.line, error.element, error.text) if isinstance(error, ModelError) else None
+        if not isinstance(error, ModelError):
+            return None
+        return cls(error.file, error.line, error.element, error.text, error.name)
 
     def __str__(self) -> str:
-        return str(ModelError(self.text, file=self.file, line=self.line, element=self.element))
+        return str(ModelError(self.text, file=self.file, line=self.line, element=self.element, name=self.name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Envelope:
-    """What a robot is told.
+    """What a sender, or another robot, tells a robot.
 
     phase     ``load`` (with the model), ``hold`` (go on waiting), ``start``, ``abort``; ``run`` of a bare model;
               ``ask``: another robot wants to know what became of the deployment
     begun     with ``start``: one of the team has started
-    proof     with ``ask``, where keys are used: the signed envelope that the other robot got, without the model
+    proof     with ``ask``, where keys are used: the signed envelope that the asking robot received, without the model
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     team      the robots that start together with it
-    engines   of each of them that the sender has heard, the `Report.engine`: no other one speaks for it
+    engines   the `Report.engine` of each of them: reports of another engine are not believed
     again     whether the robot had this process before, and lost it
-    born      of the engine that it is for, as in its `Report`: what was recorded is no use once the engine began anew
-    issued    s since 1970; like `signature` it is there where keys are used (`fame.deploy.signing`)
+    born      as in the `Report` of the engine that it is for: a recorded envelope is useless for a later engine
+    issued    s since 1970; like `signature` only where keys are used (`fame.deploy.signing`)
     """
 
     deployment: str
@@ -93,29 +96,29 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """How a robot stands, and what it answers to which deployment.
+    """The status of a robot, perhaps with an answer to a deployment.
 
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
             silent), ``running``, ``idle`` (no instance), ``failed``
-    instances, started, completed, failed      how many run now, have started, completed and failed with this process
+    instances, started, completed, failed      of this process: how many run now, have started, completed, failed
     deployed   the deployment that its process came with, `hash` the model
-    candidate  the deployment that is to take its place, while it is loading, ready or holding
-    sequence   of the newest that it has looked at: older ones are ``stale``, so the next one has to be above
+    candidate  the deployment that is to replace it, while it is loading, ready or holding
+    sequence   of the newest that it has loaded: the next one has to be above it, older ones are ``stale``
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
-               ``asking`` (the others what became of it), to `deployment`; or empty.
+               ``asking`` (the other robots what became of it), to `deployment`; or empty.
                On ``bpmn_task`` (`fame.deploy.requests`): ``completed``, ``activated``, ``refused``, to that request
-    problem    of a model that was refused: `file`, `line`, `element`, `text`, which `reason` has in one sentence
+    problem    of a model that was refused: a `Problem`, which `reason` has in one sentence
     elements   how many elements have been completed
-    ahead      what of the timers of start events is still to come: nothing, ``endless`` (cycles without end), ``due``
-    waits      where tokens rest: `element`, `for` (in words), `since` (s), `topics` (with how many others publish)
-    offers     the elements of open ad-hoc sub-processes that could be activated
-    errors     of instances that have failed, the last ones: `code`, `element`, `file`, `line`, `text`
-    warnings   what its middleware warned of, losses of messages and jumps of the clock among it, the latest last
+    ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
+    waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of publishers)
+    offers     the elements of open ad-hoc sub-processes that can be activated
+    errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`
+    warnings   of the middleware, of lost messages and of clocks that jump, the latest last
     absent     robots of its team that have no engine any more, and for how long (s)
-    now        the time of the mission (s), which `since` is on
+    now        the time of the mission (s), as of `since`
     born       when the engine began (ns since 1970): of two with one name the older stays
-    time       how long it has been there (s)
-    key        the public key that it signs with, where keys are used; `voucher`: of a trusted key, for its name
+    time       for how long it has been running (s)
+    key        where keys are used, its public key; `voucher`: signature of a trusted key for its name
     """
 
     robot: str
@@ -149,7 +152,7 @@ class Report:
 
     @property
     def engine(self) -> str:
-        """What tells this run of this engine from all others."""
+        """Identifies this run of this engine."""
         return f"{self.born} {self.key}"
 
     def to_json(self) -> str:
@@ -158,11 +161,11 @@ class Report:
 
     @classmethod
     def from_json(cls, text: str) -> Report | None:
-        """A report, or None if the text is none."""
+        """The report in a text, or None if it has none."""
         if len(text) > _LONGEST:
             return None
         try:
-            return _made(cls, json.loads(text), _REPORT)
+            return _message(cls, json.loads(text), _REPORT)
         except (ValueError, TypeError, RecursionError):
             return None
 
@@ -192,7 +195,7 @@ _WAIT: dict[str, fields.Check] = {
     "topics": fields.mapping(_TEXT, fields.integer()),
 }
 _ERROR: dict[str, fields.Check] = {
-    **dict.fromkeys(("code", "element", "file", "text"), _TEXT),
+    **dict.fromkeys(("code", "element", "name", "file", "text"), _TEXT),
     "line": fields.integer(),
 }
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
@@ -229,22 +232,22 @@ _REPORT: dict[str, fields.Check] = {
 
 
 def model_hash(model: bytes) -> str:
-    """What names a model."""
+    """The hash that identifies a model (SHA-256, hexadecimal)."""
     return hashlib.sha256(model).hexdigest()
 
 
 def read_envelope(text: str, robot: str, now: float) -> Envelope:
-    """What came in `now` (s since 1970): a bare model becomes an envelope of its own. Raises DeploymentError."""
+    """The envelope that was received `now` (s since 1970); a bare model becomes one. Raises DeploymentError."""
     if len(text) > SIZE:
         raise DeploymentError(f"{len(text)} characters; at most {SIZE} are taken")
-    text = text.removeprefix("\ufeff")  # the mark that editors put before a file's text
+    text = text.removeprefix("\ufeff")  # byte order mark
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
         return Envelope(deployment=f"{PLAIN}{key[:12]}", sequence=-1, robot=robot, phase="run", hash=key, model=text)
     try:
-        said = json.loads(text)
-        said.pop("fame")
-        envelope = _made(Envelope, said, _ENVELOPE)
+        found = json.loads(text)
+        found.pop("fame")
+        envelope = _message(Envelope, found, _ENVELOPE)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         why = f" ({error})" if isinstance(error, TypeError) else ""
         raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}") from None
@@ -262,7 +265,7 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
 
 
 def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
-    """It as a key signs it `now` (s since 1970) for the engine that was `born` then; as it is without a key."""
+    """An envelope signed `now` (s since 1970) for the engine that was `born` then; unchanged without a key."""
     from fame.deploy.signing import sign
 
     if key is None:
@@ -280,17 +283,17 @@ def _text_hash(text: str) -> str:
     try:
         return model_hash(text.encode())
     except UnicodeEncodeError:
-        raise DeploymentError("the model has half a character (a lone surrogate)") from None
+        raise DeploymentError("the model has a lone surrogate: it is not valid Unicode") from None
 
 
-def _made(cls: type[_Said], said: Any, checks: Mapping[str, fields.Check]) -> _Said:
-    """An object of data that came from somewhere. Raises TypeError if a field is not what it has to be."""
-    if not isinstance(said, dict):
+def _message(cls: type[_Message], found: Any, checks: Mapping[str, fields.Check]) -> _Message:
+    """A message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
+    if not isinstance(found, dict):
         raise TypeError("not an object")
-    field = fields.wrong(said, checks)
+    field = fields.wrong(found, checks)
     if field is not None:
         raise TypeError(f"field {field[:40]!r}")
-    return cls(**said)
+    return cls(**found)
 
 
 def engines(middleware: Middleware) -> list[str]:

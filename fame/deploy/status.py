@@ -168,5 +168,9 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
         ],
         "offers": process.offers(),
         "error": str(last) if last is not None else "",
-        "errors": [instance.error.to_json() for instance in process.instances if instance.error is not None],
+        "errors": [
+            {**instance.error.to_json(), "name": instance.error.name}
+            for instance in process.instances
+            if instance.error is not None
+        ],
     }

@@ -49,6 +49,7 @@ def _error(robot: str, said: Mapping[str, Any]) -> MissionError:
         element=said.get("element", ""),
         file=said.get("file", ""),
         line=said.get("line", 0),
+        name=said.get("name", ""),
         code=said.get("code", ""),
     )
 
