@@ -32,6 +32,8 @@ class Library:
     Raises ConfigError for a folder that does not exist.
     """
 
+    folders: tuple[Path, ...]
+
     def __init__(self, folders: str | Path | Sequence[str | Path] = ()) -> None:
         self.folders = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
         for folder in self.folders:

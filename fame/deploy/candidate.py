@@ -28,6 +28,9 @@ _LEAVING = 2.5  # s that scripts may take to leave, should their own clock stand
 class Candidate:
     """A loaded `process` and the `envelope` it came with. `node` is what asks the other robots."""
 
+    envelope: Envelope
+    process: RobotNode
+
     def __init__(
         self, envelope: Envelope, process: RobotNode, *, node: Node, scheduler: Scheduler, middleware: Middleware
     ) -> None:

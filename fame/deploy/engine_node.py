@@ -66,6 +66,12 @@ class EngineNode:
     process.
     """
 
+    robot: str
+    scheduler: Scheduler
+    middleware: Middleware
+    born: int
+    node: Node
+
     def __init__(
         self,
         robot: str,

@@ -144,6 +144,10 @@ class LateJoiners:
     With the `key` of a sender only reports that engines signed count. `tell` gets lines for people.
     """
 
+    scheduler: Scheduler
+    middleware: Middleware
+    node: Node
+
     def __init__(
         self,
         definitions: Definitions,

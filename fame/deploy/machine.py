@@ -17,6 +17,8 @@ class Machine(Generic[State, Event, Action]):
     An event that arises while actions are carried out is handled after them: steps never nest.
     """
 
+    state: State
+
     def __init__(
         self,
         state: State,

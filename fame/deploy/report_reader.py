@@ -31,6 +31,13 @@ class ReportReader:
     rival     whether another engine, no better proved, claims to be this robot
     """
 
+    robot: str
+    signed: bool
+    trusted: Sequence[Any]
+    vouched: str
+    patience: float
+    rival: bool
+
     def __init__(
         self,
         robot: str,

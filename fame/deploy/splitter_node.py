@@ -55,6 +55,11 @@ class SplitterNode:
     `key` signs what is sent. With `trusted` public keys only diagrams that one of them signed are taken.
     """
 
+    scheduler: Scheduler
+    middleware: Middleware
+    born: int
+    node: Node
+
     def __init__(
         self,
         *,

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from uuid import uuid4
 
 from fame.middleware import messages
-from fame.middleware.interface import Message, Node, QoS, resolve
+from fame.middleware.interface import Client, Message, Node, QoS, resolve
 
 Outcome = Literal["succeeded", "canceled", "aborted", "rejected"]
 OnEnd = Callable[[Outcome, Message], object]
@@ -25,6 +25,11 @@ OUTCOMES: dict[int, Outcome] = {4: "succeeded", 5: "canceled", 6: "aborted"}
 
 class ActionClient:
     """A client of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type."""
+
+    name: str
+    type: str
+    get_result: Client
+    cancel_goal: Client
 
     def __init__(self, node: Node, name: str, type: str) -> None:
         self.name, self.type = resolve(name, node.namespace), messages.action(type)
@@ -67,6 +72,9 @@ class ActionClient:
 
 class Goal:
     """A goal that was sent."""
+
+    feedback: Callable[[Message], object]
+    id: bytes
 
     def __init__(self, client: ActionClient, on_end: OnEnd, feedback: Callable[[Message], object]) -> None:
         self.id, self.feedback = uuid4().bytes, feedback

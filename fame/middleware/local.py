@@ -38,6 +38,9 @@ from fame.middleware.qos import compatible, counts_losses
 class LocalMiddleware:
     """The nodes of one process. `warnings` has what a person should know; `on_warning` is called with each at once."""
 
+    confined: bool
+    use_sim_time: bool
+
     confined, use_sim_time = True, False
 
     def __init__(self, scheduler: Scheduler, on_warning: Callable[[str], object] | None = None) -> None:
@@ -110,6 +113,11 @@ class Topic:
 class LocalNode:
     """A node. See `fame.middleware.interface.Node`."""
 
+    middleware: LocalMiddleware
+    name: str
+    namespace: str
+    full_name: str
+
     def __init__(self, middleware: LocalMiddleware, name: str, namespace: str) -> None:
         self.middleware, self.name, self.namespace = middleware, name, namespace
         self.full_name = resolve(name, namespace)
@@ -175,6 +183,11 @@ class LocalNode:
 class LocalPublisher:
     """A publisher. `matched` are the subscriptions that it is connected to, in the order in which they were made."""
 
+    node: LocalNode
+    qos: QoS
+    topic: str
+    type: str
+
     def __init__(self, node: LocalNode, shared: Topic, qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self.matched: list[LocalSubscription] = []
@@ -210,6 +223,12 @@ class LocalPublisher:
 
 class LocalSubscription:
     """A subscription, and the queue of messages that wait for their entry of the scheduler."""
+
+    node: LocalNode
+    qos: QoS
+    topic: str
+    type: str
+    lost: int
 
     def __init__(self, node: LocalNode, shared: Topic, callback: Callable[[Message], object], qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
@@ -253,6 +272,12 @@ class LocalSubscription:
 class LocalService:
     """A service. `name` is the full name. There is one service of a name at a time."""
 
+    node: LocalNode
+    name: str
+    type: str
+    request_type: str
+    response_type: str
+
     def __init__(self, node: LocalNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
         self.node, self.name, self.type, self._handler = node, name, type, handler
         self.request_type, self.response_type = messages.service(type)
@@ -273,6 +298,11 @@ class LocalService:
 
 class LocalClient:
     """A client. See `fame.middleware.interface.Client`."""
+
+    node: LocalNode
+    name: str
+    type: str
+    request_type: str
 
     def __init__(self, node: LocalNode, name: str, type: str) -> None:
         self.node, self.name, self.type = node, name, type

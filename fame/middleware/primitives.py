@@ -27,6 +27,9 @@ _LARGEST_FLOAT32 = (2 - 2**-23) * 2.0**127
 class Misfit(Exception):
     """A value that does not fit. `path` leads to it, outermost step first; `text` says what was expected and given."""
 
+    text: str
+    path: str
+
     def __init__(self, text: str, path: str = "") -> None:
         super().__init__(text)
         self.text, self.path = text, path

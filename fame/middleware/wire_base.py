@@ -64,6 +64,9 @@ class Warnings:
 class WireMiddleware(ABC):
     """A backend between processes. See `fame.middleware.interface.Middleware`."""
 
+    scheduler: Scheduler
+    network: str | None
+
     def __init__(self, scheduler: Scheduler, network: str | None, on_warning: OnText | None) -> None:
         self.scheduler, self.network = scheduler, network
         self.closed: bool = False
@@ -138,6 +141,10 @@ class WireMiddleware(ABC):
 
 class WireNode(ABC):
     """A node and its endpoints. See `fame.middleware.interface.Node`."""
+
+    middleware: WireMiddleware
+    name: str
+    namespace: str
 
     def __init__(self, middleware: WireMiddleware, name: str, namespace: str) -> None:
         self.middleware, self.name, self.namespace = middleware, name, namespace
@@ -218,6 +225,10 @@ class Endpoint(ABC):
 
 class TopicEndpoint(Endpoint):
     """An endpoint of a topic. Raises MessageError if this process uses the topic with another type."""
+
+    topic: str
+    qos: QoS
+    message_class: type[Message]
 
     def __init__(self, node: WireNode, topic: str, type: str, qos: QoS) -> None:
         super().__init__(node)
@@ -327,6 +338,11 @@ class WireSubscription(TopicEndpoint):
 
 class ServiceEndpoint(Endpoint):
     """A service or a client. Raises MessageError for an unknown type."""
+
+    name: str
+    type: str
+    request_type: str
+    response_type: str
 
     def __init__(self, node: WireNode, name: str, type: str) -> None:
         super().__init__(node)

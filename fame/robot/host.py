@@ -28,7 +28,7 @@ from fame.robot.scripts import Scripts
 from fame.robot.service_tasks import call_service, ros_service_task
 from fame.robot.services import BuiltInService, ServiceContext, compile_service
 from fame.robot.timers import Timers
-from fame.scripting import compile_expression, compile_script, error_line
+from fame.scripting import Inbox, Runner, compile_expression, compile_script, error_line
 
 Fields = tuple[str, str, Mapping[str, Any]]
 """A message that brings the robot to its safe state: topic, type, fields."""
@@ -52,6 +52,9 @@ class HostOptions:
 
 class EngineHost:
     """The host of one engine. `engine` is to be set before the first stimulus."""
+
+    runner: Runner
+    inbox: Inbox
 
     def __init__(
         self,

@@ -56,6 +56,10 @@ class RobotNode:
     Raises ModelError for a process that cannot be compiled.
     """
 
+    mission: Mission
+    scheduler: Scheduler
+    middleware: Middleware
+
     def __init__(
         self,
         name: str,

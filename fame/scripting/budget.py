@@ -45,6 +45,9 @@ class Budget:
 
     __slots__ = ("_frame", "_names", "_part", "_spent", "limit", "steps")
 
+    limit: int
+    steps: int
+
     def __init__(self, names: dict[str, Any], limit: int = DEFAULT) -> None:
         self._names, self.limit, self.steps = names, limit, 0
         self._part = -(-limit // _PARTS)

@@ -45,6 +45,10 @@ class Parser:
     `after` is what becomes of the value, if it does not stay what it is.
     """
 
+    dialect: Dialect
+    names: dict[str, None]
+    counts: bool
+
     def __init__(self, text: str, dialect: Dialect) -> None:
         self.dialect, self.names, self.counts = dialect, dict[str, None](), False
         self._tokens, self._index, self._depth = tokenize(text), 0, 0

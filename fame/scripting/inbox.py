@@ -30,6 +30,9 @@ class TopicListener:
 
     __slots__ = ("_changed", "latest", "queues", "subscription", "topic", "type", "waiting")
 
+    topic: str
+    type: str
+
     def __init__(self, topic: str, type: str, changed: Callable[[], object]) -> None:
         self.topic, self.type, self._changed = topic, type, changed
         self.latest: Message = None

@@ -121,7 +121,7 @@ class MessageQueue:
     def __init__(self, topic: str, depth: int) -> None:
         if not isinstance(depth, int) or depth < 1:
             raise ValueError(f"subscribe: queue={depth!r}: expected a number of messages to keep, at least 1")
-        self.topic = topic
+        self.topic: str = topic
         self.messages: deque[Any] = deque(maxlen=depth)
         self.waiting: dict[Callable[[], object], None] = {}
 

@@ -85,7 +85,7 @@ class Runner:
     ) -> None:
         self._scheduler, self._ended, self._stepped, self._report = scheduler, ended, stepped, report
         self._grace = round(grace * SECOND)
-        self.inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
+        self.inbox: Inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
         self._tasks: dict[int, _Task] = {}
         self._untils: dict[int, _Task] = {}
 

@@ -36,6 +36,11 @@ class Substituted:
 
     __slots__ = ("evaluates", "marked", "names", "text")
 
+    text: str
+    evaluates: list[Evaluate]
+    names: dict[str, None]
+    marked: str
+
     def __init__(self, text: str) -> None:
         self.text, self.evaluates, self.names = text, list[Evaluate](), dict[str, None]()
         if _MARK.search(text):

@@ -42,6 +42,8 @@ class Participant:
     on_service_gone  called in the scheduler when a service has left the domain
     """
 
+    data: DataWaiter
+
     def __init__(
         self,
         scheduler: Scheduler,

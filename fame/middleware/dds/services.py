@@ -41,6 +41,13 @@ Numbers = tuple[int, int]
 class _Exchange:
     """The two DDS endpoints of a service or client. `on_message` gets each message, its numbers and its sender."""
 
+    participant: Participant
+    name: str
+    writer: Any
+    reader: Any
+    writer_gid: bytes
+    reader_gid: bytes
+
     def __init__(
         self,
         participant: Participant,
@@ -92,6 +99,8 @@ class _Exchange:
 class DdsService(WireService):
     """A service. See `fame.middleware.interface.Service`."""
 
+    exchange: _Exchange
+
     def __init__(
         self, node: WireNode, participant: Participant, name: str, type: str, handler: Callable[[Message], Any]
     ) -> None:
@@ -134,6 +143,8 @@ class DdsService(WireService):
 
 class DdsClient(WireClient):
     """A client. See `fame.middleware.interface.Client`."""
+
+    exchange: _Exchange
 
     def __init__(self, node: WireNode, participant: Participant, name: str, type: str) -> None:
         super().__init__(node, name, type)

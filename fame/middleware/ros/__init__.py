@@ -17,20 +17,20 @@ from importlib.util import find_spec
 from fame.errors import UnavailableError
 
 if find_spec("rosbags") is None:  # imported with the first message type, when an engine may have waited for hours
-    text = (
+    _TEXT = (
         "FAME needs rosbags to read message types. Debian's Python takes it in an environment that sees ROS: "
         "python3 -m venv --system-site-packages ~/fame-venv && . ~/fame-venv/bin/activate && pip install rosbags"
     )
-    raise UnavailableError(text)
+    raise UnavailableError(_TEXT)
 
 try:
     import rclpy  # noqa: F401
 except ImportError:
-    text = (
+    _TEXT = (
         "--middleware ros needs ROS 2's rclpy for this Python: source /opt/ros/jazzy/setup.bash, in an environment "
         "made with --system-site-packages (or speak to ROS without it: --middleware dds)"
     )
-    raise UnavailableError(text) from None
+    raise UnavailableError(_TEXT) from None
 
 from fame.middleware.ros.middleware import RosMiddleware
 

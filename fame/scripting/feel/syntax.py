@@ -179,6 +179,8 @@ class Lambda:
 
     __slots__ = ("_body", "_variables", "names")
 
+    names: tuple[str, ...]
+
     def __init__(self, names: tuple[str, ...], body: Evaluate, variables: Mapping[str, Any]) -> None:
         self.names, self._body, self._variables = names, body, variables
 

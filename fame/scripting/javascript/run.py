@@ -21,6 +21,10 @@ class Run:
 
     __slots__ = ("callbacks", "entrusted", "environment", "number", "rejection", "script", "suspended")
 
+    number: int
+    script: Script
+    environment: Environment
+
     def __init__(self, number: int, script: Script, environment: Environment) -> None:
         self.number, self.script, self.environment = number, script, environment
         self.callbacks: dict[int, None] = {}
