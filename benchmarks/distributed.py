@@ -42,7 +42,7 @@ from fame.clock import SECOND
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
 from fame.middleware.messages import create
-from fame.scenario.subprocesses import PARENT
+from fame.scenario.process import PARENT
 
 ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90

@@ -19,8 +19,7 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.simulated_time import STEP_DONE, STEP_DONE_TYPE, ClockFollower, nanoseconds
-from fame.scenario.lockstep import Rounds
-from fame.scenario.world_process import WorldPart
+from fame.scenario.world_process import LockstepRounds, WorldNode
 from sim2d.config import world_config
 
 ROOT = Path(__file__).parents[1]
@@ -49,7 +48,7 @@ class Team:
         self.middleware = LocalMiddleware(self.wall)
         self.engines = {name: self.middleware.node("fame_time", name) for name in names}
         self.done = {name: node.publisher(STEP_DONE, STEP_DONE_TYPE) for name, node in self.engines.items()}
-        self.part = WorldPart(world_config(CAR), 0, self.wall, self.middleware, team=names, steps=AtOnce(), speed=None)
+        self.part = WorldNode(world_config(CAR), 0, self.wall, self.middleware, team=names, steps=AtOnce(), speed=None)
 
     @property
     def steps(self) -> int:
@@ -94,7 +93,7 @@ def test_an_engine_that_died_is_waited_for_no_more() -> None:
 def test_a_team_of_nobody_is_done_at_once() -> None:
     scheduler, over = Scheduler(), list[int]()
     middleware = LocalMiddleware(scheduler)
-    rounds = Rounds([], scheduler, middleware, middleware.node("world"), lambda: over.append(1))
+    rounds = LockstepRounds([], scheduler, middleware, middleware.node("world"), lambda: over.append(1))
     rounds.begin(0)
     scheduler.run(0)
     assert over == [1]
@@ -128,7 +127,6 @@ def here() -> Iterator[WallWorld]:
 @pytest.mark.dds
 @needs("cyclonedds")
 def test_held_messages_come_when_they_are_released_by_topic_and_sender(here: WallWorld) -> None:
-    from fame.middleware.dds import Lockstep
 
     seen: list[tuple[str, int]] = []
     node = here.node("fame_engine", "REX")

@@ -25,7 +25,6 @@ WRONG = {
     "definitions: expected ..., got 'mission.bpmn'": lambda: fame.write("mission.bpmn"),
     "source: expected ..., got 7": lambda: check(7),
     "library: expected ..., got 'models'": lambda: check(MODEL, library="models"),
-    "Scenario: expected ..., got 'field.yaml'": lambda: fame.Scenario("field.yaml"),
     "source: expected ..., got None": lambda: fame.read(None),
     "source: expected ..., got 5": lambda: fame.read(5),
     "source: expected ..., got '<definition": lambda: fame.read("<definitions/>"),

@@ -23,7 +23,7 @@ from fame.middleware.local import LocalMiddleware
 from fame.middleware.messages import create
 from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, ClockFollower, clock_message, nanoseconds
 from fame.robot import RobotNode, make_mission
-from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldPart
+from fame.scenario.world_process import EMPTY, PAUSE, RESUME, WORLD_STATE, WorldNode
 from sim2d.config import world_config
 
 TEXT = "std_msgs/msg/String"
@@ -166,7 +166,7 @@ class Place:
         self.states: list[dict[str, Any]] = []
         self.node.subscription(CLOCK, CLOCK_TYPE, lambda said: self.clock.append(nanoseconds(said.clock)), CLOCK_QOS)
         self.node.subscription(WORLD_STATE, TEXT, lambda said: self.states.append(json.loads(said.data)))
-        self.part = WorldPart(world_config(CAR), 0, self.wall, self.middleware, **options)
+        self.part = WorldNode(world_config(CAR), 0, self.wall, self.middleware, **options)
 
     def wait(self, seconds: float) -> None:
         self.wall.run(self.wall.now + round(seconds * SECOND))

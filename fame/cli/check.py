@@ -54,7 +54,7 @@ def run(arguments: Namespace) -> int:
             team = teams[id(file.model)]
             file.found += check(file.model, library=file.library, strict=arguments.strict, team=team)
         if file.scenario is not None and not _failed(file.found):
-            from fame.scenario.checking import scenario_findings
+            from fame.scenario.scenario import scenario_findings
 
             file.found += scenario_findings(file.scenario, library=arguments.library, strict=arguments.strict)
     found = [finding for file in files for finding in file.found]

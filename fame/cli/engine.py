@@ -189,7 +189,7 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
 
 
 def _say(event: Event) -> None:
-    from fame.scenario.subprocesses import is_child
+    from fame.scenario.process import is_child
 
     if event.what == "answer" and is_child():  # whoever started us asked, and says it
         return

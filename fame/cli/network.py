@@ -78,7 +78,7 @@ def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]
 
 def say_ready(text: str) -> None:
     """Tell whoever started this command in a terminal of its own that it is there, and how it ends."""
-    from fame.scenario.subprocesses import is_child
+    from fame.scenario.process import is_child
 
     if not is_child():
         note(f"{text}; Ctrl-C ends it")

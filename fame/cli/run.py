@@ -20,7 +20,7 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.robot.events import Observer
-    from fame.scenario import Result, Scenario, Sight
+    from fame.scenario import Result, Scenario, TeamStatus
 
 _EXAMPLES = (
     "fame run examples/ground_vehicles.yaml",
@@ -197,7 +197,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     return _said(arguments, result, reports=False)
 
 
-def _seen(sight: Sight) -> str:
+def _seen(sight: TeamStatus) -> str:
     """The live table of a run in many processes."""
     from fame.cli.status import HEADS, rows
 

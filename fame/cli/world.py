@@ -36,7 +36,7 @@ def add(commands: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    from fame.scenario import WorldPart, read_scenario_world, serve
+    from fame.scenario import WorldNode, read_scenario_world, serve
 
     config, seed = read_scenario_world(arguments.world)
     if config is None:
@@ -44,11 +44,11 @@ def run(arguments: Namespace) -> int:
     chosen = seed if arguments.seed is None else arguments.seed
     speed = arguments.speed or (None if arguments.lockstep else 1.0)
 
-    def build(scheduler: WallScheduler, middleware: Middleware) -> WorldPart:
+    def build(scheduler: WallScheduler, middleware: Middleware) -> WorldNode:
         _expect_no_other(scheduler, middleware)
         steps = lockstep(middleware, lambda name: name != "world") if arguments.lockstep else None
         team = arguments.lockstep
-        world = WorldPart(
+        world = WorldNode(
             config, chosen, scheduler, middleware, speed=speed, paused=arguments.pause, team=team, steps=steps
         )
         robots = ", ".join(robot.name for robot in config.robots)

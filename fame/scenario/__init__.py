@@ -5,17 +5,18 @@ the mission is over or its duration has passed, and says how it went. A robot wh
 state; the others go on, and all are stopped safely at the end. In many processes, a `Team` does the same: the world and
 one engine per robot, started, deployed to, watched and ended.
 
-    file                what a scenario file says
-    scenario            the scenario: who plays which pool, in which world
-    run                 one run of it in one process
-    result              how it went
-    film_captions       what each robot's process is at, in words
-    process             what a process of a team does: scheduler, middleware, and a part built on both
-    distributed         a scenario in many processes
-    subprocesses        the processes of a team: started, heard and ended together
-    world_process       a simulated world in its own process, which makes the time of all
-    deployment          deploying to the robots that are there, and to those that join late
-    lockstep            the world waits for all engines after each step
+    file           what a scenario file says
+    plan           what is to be run: who plays which pool, in which world
+    scenario       a plan that is read from files and can be run
+    run            one run in one process
+    outcome        what a run comes to, in one process or in many
+    result         how it goes, and how it went
+    film_captions  what each robot's process is doing, in words
+    process        what every process of FAME does: scheduler, middleware, signals
+    distributed    a scenario in many processes
+    subprocesses   the processes of a team: started, listened to and ended together
+    world_process  a simulated world in its own process, which makes the time of all; lockstep
+    deployment     deploying to the robots that are there, and to those that join late
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from fame.lazy import attach
 if TYPE_CHECKING:
     from fame.scenario.deployment import Sending as Sending
     from fame.scenario.distributed import Team as Team
-    from fame.scenario.distributed_result import Sight as Sight
     from fame.scenario.file import DURATION as DURATION, read_scenario_world as read_scenario_world
+    from fame.scenario.plan import Completion as Completion, Fault as Fault, Plan as Plan
     from fame.scenario.process import (
         BACKENDS as BACKENDS,
         connect as connect,
@@ -36,26 +37,25 @@ if TYPE_CHECKING:
         serve as serve,
     )
     from fame.scenario.result import (
-        Completion as Completion,
-        Fault as Fault,
         Progress as Progress,
         Result as Result,
         RobotResult as RobotResult,
         Status as Status,
+        TeamStatus as TeamStatus,
     )
     from fame.scenario.scenario import Scenario as Scenario
-    from fame.scenario.world_process import WorldPart as WorldPart
+    from fame.scenario.world_process import WorldNode as WorldNode
 else:
     __getattr__, __dir__, __all__ = attach(
         __name__,
         {
             "deployment": ["Sending"],
             "distributed": ["Team"],
-            "distributed_result": ["Sight"],
             "file": ["DURATION", "read_scenario_world"],
             "process": ["BACKENDS", "connect", "scheduler_for", "serve"],
-            "result": ["Completion", "Fault", "Progress", "Result", "RobotResult", "Status"],
+            "plan": ["Completion", "Fault", "Plan"],
+            "result": ["Progress", "Result", "RobotResult", "Status", "TeamStatus"],
             "scenario": ["Scenario"],
-            "world_process": ["WorldPart"],
+            "world_process": ["WorldNode"],
         },
     )

@@ -20,16 +20,15 @@ from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.report_reader import ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
-from fame.scenario.distributed_result import Sight, event_of, robot_result
-from fame.scenario.ending import is_over, never_started, status_of
+from fame.scenario.outcome import event_of, is_over, never_started, reported_result, status_of
 from fame.scenario.process import connect, scheduler_for
-from fame.scenario.result import Result, RobotResult, Status
-from fame.scenario.subprocesses import Children, command_lines
+from fame.scenario.result import Result, RobotResult, Status, TeamStatus
+from fame.scenario.subprocesses import Subprocesses, command_lines
 from fame.scenario.world_process import EMPTY, RESUME, WORLD_STATE
 
 if TYPE_CHECKING:
     from fame.robot import Event
-    from fame.scenario import Scenario
+    from fame.scenario.plan import Plan
 
 _LOOK = SECOND // 5  # ns between two looks at the processes
 _APPEARING = 15.0  # s until all engines have to be there
@@ -47,10 +46,10 @@ class Team:
 
     def __init__(
         self,
-        scenario: Scenario,
+        scenario: Plan,
         backend: str,
         *,
-        watch: Callable[[Sight], object] = lambda sight: None,
+        watch: Callable[[TeamStatus], object] = lambda sight: None,
         hear: Callable[[str, str], object] = lambda name, line: None,
         speed: float | None = None,
         lockstep: bool = False,
@@ -64,7 +63,7 @@ class Team:
         self.middleware = connect(backend, self.scheduler)
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
-        self._children = Children(
+        self._children = Subprocesses(
             lambda name, line: self.scheduler.soon(lambda: self._said(name, self._with_own_files(name, line)))
         )
         self._hear = hear
@@ -123,7 +122,7 @@ class Team:
 
     def _robots(self) -> tuple[RobotResult, ...]:
         """How it goes for each robot, from what they said last."""
-        return tuple(robot_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
+        return tuple(reported_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
 
     def _said(self, name: str, line: str) -> None:
         """A process has said a line."""
@@ -156,7 +155,7 @@ class Team:
         if ended:
             self._fail(*ended)
             return
-        self._watch(Sight(self._time, self.reports, self._pids))
+        self._watch(TeamStatus(self._time, self.reports, self._pids))
         if self._time >= self._until and not self._over:
             self.scheduler.stop()
         else:

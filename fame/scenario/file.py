@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from fame.clock import EPOCH, parse_epoch
 from fame.engine.data import is_variable
 from fame.errors import ConfigError
-from fame.scenario.result import Completion
+from fame.scenario.plan import Completion
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from typing import Protocol
@@ -9,11 +10,23 @@ from typing import Protocol
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
-from fame.scenario.subprocesses import orphaned
 
 BACKENDS = ("dds", "ros")
 _ENDING = 3
 """How long a part may take to stop (s): more than the grace of scripts."""
+PARENT = "FAME_PARENT"
+"""In the environment of a process: the pid of the one that started it, shows how it goes, and without which it ends."""
+
+
+def is_child() -> bool:
+    """Whether another process of FAME started this one, and shows how it goes."""
+    return PARENT in os.environ
+
+
+def orphaned() -> bool:
+    """Whether the process that started this one as its child is no more."""
+    parent = os.environ.get(PARENT)
+    return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
 
 
 class Part(Protocol):

@@ -14,6 +14,7 @@ from fame.robot import Event, PendingStarts, WaitingToken
 from fame.robot.waiting_tokens import SOMEBODY
 
 if TYPE_CHECKING:
+    from fame.deploy import Report
     from sim2d.record import Record
 
 HEADS = ("robot", "instances", "elements", "status")
@@ -23,37 +24,21 @@ Status = Literal["completed", "failed", "timeout", "interrupted"]
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
-    """What breaks of a robot at simulated second `time`, for good.
-
-    `kind`: its ``engine``, which vanishes without a safe state, or what a robot of its type can break.
-    """
-
-    robot: str
-    time: float
-    kind: str
-
-
-@dataclass(frozen=True, slots=True)
-class Completion:
-    """What somebody does at simulated second `time`: completes a user, manual or receive task, with results.
-
-    `values` are the variables that are set. Where no token waits then, nothing happens, and that is reported.
-    """
-
-    robot: str
-    time: float
-    element: str
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
 class Progress:
     """How far a run is: simulated s, and what each robot is at."""
 
     simulated: float
     duration: float
     robots: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class TeamStatus:
+    """How things stand: s of the mission, what robots said last, and the number of each process."""
+
+    time: float
+    reports: Mapping[str, Report]
+    pids: Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)

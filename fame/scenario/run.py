@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 import time
@@ -16,21 +17,24 @@ from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
-from fame.robot import Event, RobotNode, WaitingToken, make_mission
+from fame.robot import Event, RobotNode, make_mission
 from fame.robot.events import Observer, combine_observers
-from fame.scenario.ending import at_rest, never_started, status_of
 from fame.scenario.film_captions import Captions
-from fame.scenario.gc_tuning import seldom_collected
-from fame.scenario.result import Completion, Fault, Progress, Result, RobotResult
-from fame.scenario.topic_typos import unheard
+from fame.scenario.outcome import at_rest, mistyped_topics, never_started, robot_result, status_of
+from fame.scenario.plan import Completion, Fault
+from fame.scenario.result import Progress, Result
 from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
-    from fame.scenario.scenario import Scenario
+    from fame.scenario.plan import Plan
     from sim2d.world import World
 
 _SLICE = 1.0  # simulated s between two looks at the wall clock
 _PROGRESS = 0.1  # wall s between two reports
+
+
+_THRESHOLDS = 100_000, 20, 100
+"""A young generation that is larger than all the messages under way at an instant."""
 
 
 class Run:
@@ -38,7 +42,7 @@ class Run:
 
     def __init__(
         self,
-        scenario: Scenario,
+        scenario: Plan,
         real_time: bool,
         observer: Observer | None,
         progress: Callable[[Progress], object] | None,
@@ -132,7 +136,7 @@ class Run:
             for node in self.nodes
             if node.name not in self.dead
         }
-        robots = tuple(_robot_result(node, waits.get(node.name, ())) for node in self.nodes)
+        robots = tuple(robot_result(node, waits.get(node.name, ())) for node in self.nodes)
         unstarted = never_started(self.scenario.cast, robots)
         status = "interrupted" if self.interrupted else status_of(robots, unstarted)
         ending = "" if at_rest(robots) else "nothing can move any more" if self._stuck else "not over"
@@ -140,7 +144,7 @@ class Run:
         if self.recorder is not None:
             self.recorder.finish(self.world)
         names = {node.node.full_name: node.name for node in self.nodes}
-        for end, text in unheard(self.middleware.graph()):
+        for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
                 self.reports.append(Event(self.scheduler.now, names[end], 0, 0, "", "log", text))
         self._stop()
@@ -271,15 +275,14 @@ class Run:
         self.close()
 
 
-def _robot_result(node: RobotNode, waits: tuple[WaitingToken, ...]) -> RobotResult:
-    instances = node.instances
-    return RobotResult(
-        name=node.name,
-        instances=len(instances),
-        completed=sum(instance.status == "completed" for instance in instances),
-        failed=sum(instance.status == "failed" for instance in instances),
-        elements=sum(instance.visits.total() for instance in instances),
-        errors=tuple(instance.error for instance in instances if instance.error is not None),
-        waits=waits,
-        ahead=node.pending_starts,
-    )
+@contextmanager
+def seldom_collected() -> Iterator[None]:
+    """What there is now is not looked at, what is made meanwhile seldom; afterwards all is as before."""
+    former = gc.get_threshold()
+    gc.freeze()
+    gc.set_threshold(*_THRESHOLDS)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*former)
+        gc.unfreeze()

@@ -1,9 +1,9 @@
-"""The scenario: who plays which pool, in which world, what will break, and what somebody will do."""
+"""The scenario: a plan that is read from files, checked, and can be run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from numbers import Integral, Real
 from os import PathLike
@@ -14,14 +14,17 @@ from typing import TYPE_CHECKING
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
 from fame.bpmn.pools import Pool, assign_pools, pools_of
-from fame.clock import EPOCH
-from fame.errors import ConfigError, expect
+from fame.check.findings import Finding, of_error
+from fame.errors import ConfigError, FameError, ModelError, UnavailableError, expect
 from fame.robot import Event
 from fame.scenario.file import Said, read_scenario
-from fame.scenario.result import Completion, Fault, Progress, Result
+from fame.scenario.plan import Completion, Fault, Plan
+from fame.scenario.result import Progress, Result
+from fame.scenario.run import Run
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
+
 
 _LATEST = 1e9
 """s, to which simulated time may go."""
@@ -29,28 +32,10 @@ _MOST = 100_000
 """Robots of a pool; a thousand are measured."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scenario:
-    """What is to be run. `cast` is who plays which pool, by robot; `faults` is what will break.
+class Scenario(Plan):
+    """A plan that is read from files and can be run."""
 
-    `completions` is what somebody will do; `epoch` is the date of simulated second 0.
-    """
-
-    file: str
-    definitions: Definitions
-    library: Library
-    cast: Mapping[str, Pool]
-    world: WorldConfig | None
-    seed: int
-    duration: float
-    faults: tuple[Fault, ...] = ()
-    completions: tuple[Completion, ...] = ()
-    epoch: datetime = EPOCH
-
-    def __new__(cls, *given: object, **parts: object) -> Scenario:
-        """Raises ConfigError for what a file is given to: that is `load`."""
-        expect(not given, "Scenario", given[0] if given else None, "Scenario.load(path)")
-        return object.__new__(cls)
+    __slots__ = ()
 
     @classmethod
     def load(
@@ -116,17 +101,6 @@ class Scenario:
             epoch=said.epoch if epoch is None else epoch,
         )
 
-    def processes(self) -> list[Process]:
-        """Those that the robots run, each once."""
-        return list({pool.process.id: pool.process for pool in self.cast.values()}.values())
-
-    def closures(self) -> list[Definitions]:
-        """The files of all that runs: that of the model first, then those of called processes."""
-        files = {self.definitions.file: self.definitions}
-        for pool in self.cast.values():
-            files.update((home.file, home) for home, _ in self.library.closure(self.definitions, pool.process))
-        return list(files.values())
-
     def run(
         self,
         *,
@@ -144,8 +118,6 @@ class Scenario:
         Raises ModelError, MessageError and ConfigError for what is wrong before anything moves; what goes wrong later
         is in the result.
         """
-        from fame.scenario.run import Run
-
         return Run(self, real_time, observer, progress, record, strict, on_interrupt).result()
 
 
@@ -161,7 +133,7 @@ def _expect_arguments(path: object, seed: object, duration: object, robots: obje
     expect(numbers, "robots", robots, "a mapping of pools to numbers from 0 on")
     for fault in faults:
         valid = isinstance(fault, Fault) and isinstance(fault.time, Real) and 0 <= float(fault.time) < _LATEST
-        expect(valid, "faults", fault, 'a Fault("REX", 40.0, "engine"), at a second from 0 on,')
+        expect(valid, "faults", fault, 'a Fault("REX", 40.0, "engine"), at a second from 0 on')
 
 
 def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict[str, int]:
@@ -256,3 +228,20 @@ def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
         raise ConfigError(f"semantics {semantics!r}: it is standard or original")
     processes = tuple(replace(process, semantics=semantics) for process in definitions.processes)  # type: ignore[arg-type]
     return replace(definitions, processes=processes)
+
+
+def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool = False) -> list[Finding]:
+    """The first error of a scenario file, its world and its robots, if there is one; `library` adds folders.
+
+    What `fame.check.check` finds in the model should have been mended before, since its errors are found here too.
+    A world that cannot be built for want of a package is a warning.
+    """
+    try:
+        Run(Scenario.load(path, library=library), False, None, None, strict=strict).close()
+    except (ConfigError, ModelError) as error:
+        return [of_error(error)]
+    except UnavailableError as error:
+        return [Finding("warning", f"cannot be checked: {error}", str(path))]
+    except FameError as error:
+        return [Finding("error", str(error), str(path))]
+    return []

@@ -18,17 +18,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.clock import date_text
+from fame.scenario.process import PARENT
 
 if TYPE_CHECKING:
-    from fame.scenario import Scenario
+    from fame.scenario.plan import Plan
 
 ENDING = 5.0
 """How long a process may take to end (s)."""
-PARENT = "FAME_PARENT"
-"""In the environment of a process: the pid of the one that started it, shows how it goes, and without which it ends."""
 
 
-class Children:
+class Subprocesses:
     """The processes by name. `hear` gets their lines on stderr, with the name, in threads of ours."""
 
     def __init__(self, hear: Callable[[str, str], object]) -> None:
@@ -92,13 +91,8 @@ class Children:
                 self._hear(name, line.rstrip())
 
 
-def is_child() -> bool:
-    """Whether another process of FAME started this one, and shows how it goes."""
-    return PARENT in os.environ
-
-
 def command_lines(
-    scenario: Scenario, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path], trust: Path
+    scenario: Plan, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path], trust: Path
 ) -> dict[str, list[str]]:
     """The processes of a scenario, and what each is started with after ``fame``: the world, and an engine per robot.
 
@@ -123,12 +117,6 @@ def command_lines(
         trusted = ["--trust", str(trust), "--unsigned-tasks"]
         lines[robot] = ["engine", robot, *trusted, *kind, *time, "--epoch", date_text(scenario.epoch), *places, *tail]
     return lines
-
-
-def orphaned() -> bool:
-    """Whether the process that started this one as its child is no more."""
-    parent = os.environ.get(PARENT)
-    return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
 
 
 def _cause(code: int) -> str:

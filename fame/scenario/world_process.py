@@ -11,17 +11,26 @@ was said during a step is heard in the next. Then a run is the same every time, 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Middleware
-from fame.middleware.simulated_time import CLOCK, CLOCK_QOS, CLOCK_TYPE, Lockstep, clock_message
-from fame.scenario.lockstep import Rounds
+from fame.middleware.interface import LATCHED, Message, Middleware, Node
+from fame.middleware.simulated_time import (
+    CLOCK,
+    CLOCK_QOS,
+    CLOCK_TYPE,
+    STEP_DONE,
+    STEP_DONE_TYPE,
+    Lockstep,
+    clock_message,
+    nanoseconds,
+)
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
+
 
 WORLD_STATE = "/world_state"
 """Topic of how things stand in a simulated world: std_msgs/msg/String, JSON as `sim2d.world.World.summary` gives."""
@@ -32,7 +41,7 @@ _TELL = SECOND // 4  # ns of the wall clock between two words about how things s
 _LATE = SECOND // 10  # ns that time may fall behind before it is let go
 
 
-class WorldPart:
+class WorldNode:
     """A world that runs `speed` times as fast as reality and says what time it is; `paused`: when it is let go.
 
     With `steps` it waits after each step for the engines of the `team`. `speed` None: as fast as it can.
@@ -64,7 +73,9 @@ class WorldPart:
         self._next: Entry | None = None
         self._due = 0
         self._keeper, self._opened = steps, steps is None
-        self._rounds = Rounds(team, scheduler, middleware, self._node, self._go_on) if steps is not None else None
+        self._rounds = (
+            LockstepRounds(team, scheduler, middleware, self._node, self._go_on) if steps is not None else None
+        )
         if not paused:
             self.resume()
         self._tell()
@@ -127,3 +138,59 @@ class WorldPart:
         said: dict[str, Any] = {**self._world.summary(), "paused": self.paused}
         self._state.publish(messages.create(_STRING, json.dumps(said)))
         self._telling = self._scheduler.after(_TELL, self._tell)
+
+
+_LOOK = SECOND
+"""How often it is looked whether an engine that is waited for has left (ns)."""
+
+
+class LockstepRounds:
+    """Who is waited for: the robots of the team, but those whose engine was there and left. `over` ends a round."""
+
+    def __init__(
+        self, team: Sequence[str], scheduler: Scheduler, middleware: Middleware, node: Node, over: Callable[[], object]
+    ) -> None:
+        self.team = dict.fromkeys(team)
+        self._scheduler, self._middleware, self._over = scheduler, middleware, over
+        self._seen: set[str] = set()
+        self._waiting: set[str] = set()
+        self._time = 0
+        node.subscription(STEP_DONE, STEP_DONE_TYPE, self._heard)
+        self._look = scheduler.after(_LOOK, self._drop_the_dead)
+
+    @property
+    def open(self) -> bool:
+        """Whether somebody is waited for."""
+        return bool(self._waiting)
+
+    def begin(self, time: int) -> None:
+        """Wait for everybody's word on `time` (ns)."""
+        self._time, self._waiting = time, set(self.team)
+        if not self._waiting:
+            self._scheduler.soon(self._over)
+
+    def close(self) -> None:
+        """Wait no more."""
+        self._look.cancel()
+        self._waiting.clear()
+
+    def _heard(self, message: Message) -> None:
+        self._seen.add(message.frame_id)
+        if nanoseconds(message.stamp) == self._time:
+            self._finish(message.frame_id)
+
+    def _finish(self, robot: str) -> None:
+        if robot in self._waiting:
+            self._waiting.remove(robot)
+            if not self._waiting:
+                self._over()
+
+    def _drop_the_dead(self) -> None:
+        if self._waiting & self._seen:
+            ends = {name for info in self._middleware.graph() if info.name == STEP_DONE for name in info.publishers}
+            there = {name.split("/")[1] for name in ends}
+            for robot in self._seen - there:
+                self.team.pop(robot, None)
+                self._seen.discard(robot)
+                self._finish(robot)
+        self._look = self._scheduler.after(_LOOK, self._drop_the_dead)
