@@ -86,8 +86,8 @@ def test_files_of_different_joints_are_not_merged(tmp_path: Path):
     ("text", "message"),
     [
         ("1,2,1\n1,nan,1\n", r"x\.csv:2: expected a finite number"),
-        ("1,2,1\n1,2\n", r"x\.csv:2: expected 3 numbers, got '2 columns'"),
-        ("s,l,label\n1,2,x\n", r"x\.csv:2: expected 3 numbers, got '1,2,x'"),
+        ("1,2,1\n1,2\n", r"x\.csv:2: expected 3 cells, got 2"),
+        ("s,l,label\n1,2,x\n", r"x\.csv:2: expected a number, got 'x'"),
         ("1,2,7\n", r"x\.csv:1: expected the label 1 \(benign\) or -1 \(anomalous\) in column 2, got 7"),
         ("", "has no rows"),
     ],
@@ -118,7 +118,7 @@ def test_a_byte_order_mark_makes_no_header_of_the_first_row(tmp_path: Path):
         ("stamp,run,s,label\nnan,0,1,1\n", ":2: expected a finite number"),
         ("stamp,run,s,label\n0,nan,1,1\n", ":2: expected a finite number"),
         ("s,s,label\n0,1,1\n", "several columns 's'"),
-        ("s,label\n" + "1" * 200_000 + ",1\n", ":2: is no row of a table"),
+        ("s,label\n" + "1" * 200_000 + ",1\n", ":2: expected a finite number"),
     ],
 )
 def test_what_would_be_guessed_from_a_table_is_refused_with_its_line(text: str, why: str, tmp_path: Path):

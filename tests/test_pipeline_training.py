@@ -297,7 +297,7 @@ def test_tables_of_other_programs_are_read_as_they_are_meant(
         ("stamp,a\n0,1#2\n", ":2: expected a number, got '1#2'"),
         ("stamp\n0\n", "no columns but stamp"),
         ("stamp,a\n\n\n", "no rows"),
-        ("stamp," + "a" * 200_000 + "\n0,1\n", ":1: has no header"),
+        ("stamp," + "a" * 200_000 + "\n0,1\n", ":1: is not a row of a table"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(text: str, why: str, tmp_path: Path) -> None:

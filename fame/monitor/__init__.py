@@ -1,1 +1,11 @@
-"""Data-driven monitoring: processing nodes, recorders, learned models, and the anomaly detection module."""
+"""Data-driven monitoring: pipelines of processors, recording, learned models, and anomaly detection for arms.
+
+pipeline    processors, the nodes that run them, recording, training
+anomaly     learn what a repetitive task of an arm looks like; raise an alarm when a run differs
+services    the services of both, for service tasks of a mission
+silence     silent topics, and reports that do not repeat themselves
+tables      CSV tables of numbers; `bags`: bags of ROS 1 and 2; `storage`: models on disk
+plots       plots of all of it
+kinematics  forward kinematics of serial arms
+arrays      types of arrays
+"""

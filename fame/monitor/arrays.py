@@ -1,4 +1,4 @@
-"""A recording: joint states over time, cut into runs of the task."""
+"""Types of arrays."""
 
 from __future__ import annotations
 
@@ -9,3 +9,4 @@ from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 Whole: TypeAlias = NDArray[np.int64]
+"""Whole numbers: labels, runs, indices."""

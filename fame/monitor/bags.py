@@ -1,6 +1,4 @@
-"""Messages from a bag: rosbag2 in either storage, a single MCAP file, or rosbag1.
-
-Whole messages into a bag: rosbag2 with MCAP inside, or a single MCAP file."""
+"""Bags: messages read from rosbag2 in either storage, a single MCAP file or rosbag1, and written as rosbag2 or MCAP."""
 
 from __future__ import annotations
 

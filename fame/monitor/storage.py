@@ -1,9 +1,7 @@
-"""DataPersist, and model files: stored with skops, which holds data and never code.
+"""Models on disk: stored with skops, which holds data and never code.
 
-A model file names its format and the packages that made it. What is refused, each with its reason: a file that is no
-model, one that holds anything beyond plain data, numpy and scikit-learn's own classes (it could be code), one of
-another format or of another scikit-learn, one whose parts do not fit. What was processed from data is stored under the
-hash of that data, and not taken again for any other.
+What is refused, each with its reason: a file that does not exist or is corrupt, one that would unpack to far more than
+its size, and one that holds anything beyond plain data, numpy and classes of scikit-learn (it could be code).
 """
 
 from __future__ import annotations

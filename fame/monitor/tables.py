@@ -1,8 +1,7 @@
-"""Recorded CSV files as runs: what `fame record` wrote, and any table of numbers with a header.
+"""CSV tables of numbers, and the runs that `fame record` wrote.
 
-A column ``stamp`` (s) is needed; a column ``run`` parts a file into runs, and every file begins a new one. A cell may
-be empty: another topic spoke in that row. Rows that lack any of the columns asked for are left out, and so is a last
-line without an end in a file of `fame record`: it was torn when its writer was killed.
+Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
+recorded table a cell may be empty: a row holds the message of one topic.
 """
 
 from __future__ import annotations
@@ -11,27 +10,37 @@ import csv
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.pipeline.processor import Floats, Samples
+from fame.monitor.arrays import Floats
+from fame.monitor.pipeline.processor import Samples
 
-STAMP, RUN = "stamp", "run"
-_OTHER = (STAMP, RUN, "label")
+STAMP, RUN, LABEL = "stamp", "run", "label"
+
+
+class Table(NamedTuple):
+    """A CSV file: `names` is empty without a header, `cells` (rows, columns), `first` is the line of the first row."""
+
+    names: tuple[str, ...]
+    cells: Floats
+    first: int
 
 
 def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[Samples]:
-    """Every run of these files: values (n, columns), stamps, and the names of the columns.
+    """Read every run of recorded files: values (n, columns), stamps (s), names of the columns.
 
-    `columns` by default are all but stamp, run and label, of the first file. Raises ConfigError.
+    `columns` are by default those of the first file but stamp, run and label. Rows that lack one are left out.
+    Raises ConfigError.
     """
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
     runs: list[Samples] = []
     for path in map(Path, paths):
-        names, cells = _read(path)
-        columns = tuple(columns) or tuple(name for name in names if name not in _OTHER)
+        names, cells, _ = read_table(path, recorded=True)
+        columns = tuple(columns) or tuple(name for name in names if name not in (STAMP, RUN, LABEL))
         if not columns:
             raise ConfigError(f"has no columns but {', '.join(names)}: nothing to learn from", file=str(path))
         for name in (STAMP, *columns):
@@ -51,7 +60,7 @@ def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[
 
 
 def hash_files(paths: Sequence[str | Path]) -> str:
-    """SHA-256 of their content, in order. Raises ConfigError."""
+    """Give the SHA-256 of the content of files, in order. Raises ConfigError."""
     digest = hashlib.sha256()
     for path in paths:
         try:
@@ -63,62 +72,75 @@ def hash_files(paths: Sequence[str | Path]) -> str:
 
 
 def rate_of(runs: Sequence[Samples]) -> float:
-    """The usual rate (Hz) of the samples. Raises ConfigError if they do not tell."""
+    """Give the usual rate (Hz) of the samples. Raises ConfigError if stamps do not grow."""
     steps = np.concatenate([np.diff(run.stamps) for run in runs]) if runs else np.zeros(0)
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not usual > 0:
-        raise ConfigError("the stamps do not grow: no rate can be told from them")
+        raise ConfigError("the stamps do not grow: expected samples at a rate")
     return 1 / usual
 
 
-def _read(path: Path) -> tuple[list[str], Floats]:
-    """Header and numbers; NaN where a cell is empty. Raises ConfigError."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
-    except UnicodeDecodeError:
-        raise ConfigError("is no UTF-8 text", file=str(path)) from None
+def read_table(path: Path, *, recorded: bool = False) -> Table:
+    """Read the numbers of a CSV file.
+
+    A `recorded` table is one of `fame record`: it has a header, empty cells are NaN, and a partial last line, which a
+    killed writer leaves, is dropped. Raises ConfigError with the line.
+    """
+    text = _text(path)
     lines = text.splitlines()
-    try:
-        names = [name.strip() for name in next(csv.reader(lines[:1]), [])]
-    except csv.Error as error:
-        raise ConfigError(f"has no header: {error}", file=str(path), line=1) from None
-    if not names or any(_is_number(name) for name in names):
+    head = _row(lines[0], path, 1) if lines else []
+    header = not all(map(_is_number, head))
+    names = tuple(name.strip() for name in head) if header else ()
+    if recorded and (not names or any(map(_is_number, names))):
         raise ConfigError("has no header; expected stamp,effort_0,...", file=str(path), line=1)
-    if names[:2] == [STAMP, RUN] and not text.endswith("\n"):
-        lines.pop()
-    while lines and not lines[-1].strip():
-        lines.pop()
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise ConfigError(f"has several columns {twice[0]!r}; expected unique names", file=str(path), line=1)
-    if len(lines) < 2:
-        raise ConfigError("has no rows", file=str(path))
+    if recorded and names[:2] == (STAMP, RUN) and not text.endswith("\n"):
+        lines.pop()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    first = 2 if header else 1
+    if len(lines) < first:
+        raise ConfigError("has no rows of numbers", file=str(path))
+    return Table(names, _numbers(lines[first - 1 :], first, len(head), path, recorded), first)
+
+
+def _text(path: Path) -> str:
     try:
-        cells = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
-        if cells.shape == (len(lines) - 1, len(names)):
-            return names, cells
-    except ValueError:  # empty cells, or something wrong
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+    except UnicodeDecodeError:
+        raise ConfigError("is not UTF-8 text", file=str(path)) from None
+
+
+def _numbers(lines: Sequence[str], first: int, width: int, path: Path, gaps: bool) -> Floats:
+    """Parse rows at once, or cell by cell where some are empty or wrong."""
+    try:
+        cells = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+        if cells.shape == (len(lines), width):
+            return np.asarray(cells)
+    except ValueError:
         pass
-    return names, _cell_by_cell(path, names, lines)
-
-
-def _cell_by_cell(path: Path, names: list[str], lines: list[str]) -> Floats:
     rows = []
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in enumerate(lines, start=first):
+        row = _row(line, path, number)
         try:
-            row = next(csv.reader([line]), [])
-            rows.append([float(cell) if cell.strip() else np.nan for cell in row])
-        except csv.Error as error:
-            raise ConfigError(f"is no row of numbers: {error}", file=str(path), line=number) from None
+            rows.append([np.nan if gaps and not cell.strip() else float(cell) for cell in row])
         except ValueError as error:
             text = f"expected a number, got {str(error).rpartition(':')[2].strip()}"
             raise ConfigError(text, file=str(path), line=number) from None
-        if len(row) != len(names):
-            text = f"expected {len(names)} cells, got {len(row)}"
-            raise ConfigError(text, file=str(path), line=number)
+        if len(row) != width:
+            raise ConfigError(f"expected {width} cells, got {len(row)}", file=str(path), line=number)
     return np.array(rows, dtype=np.float64)
+
+
+def _row(line: str, path: Path, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise ConfigError(f"is not a row of a table: {error}", file=str(path), line=number) from None
 
 
 def _is_number(text: str) -> bool:

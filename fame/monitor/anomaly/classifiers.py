@@ -1,6 +1,7 @@
-"""Classifiers by name: those of scikit-learn, and PathDetector; those that are tried if a learning file names none.
+"""Classifiers by name, those of scikit-learn and PathDetector: made from a learning file, fitted, asked for labels.
 
-AnomalyDetector: the classifiers, fitted each with its kind of data, and asked."""
+`AnomalyDetector` is the published role. Labels are +1 benign, -1 anomalous.
+"""
 
 from __future__ import annotations
 

@@ -1,16 +1,12 @@
-"""A trained model as it is stored and used: processing, classifier, threshold, and where it came from.
+"""A trained model: processing, classifier, threshold and origin; scored point by point, stored and loaded.
 
-Scoring one point at a time is what Operate does, so classifiers with an RBF kernel are evaluated here directly: scaling
-and components are one matrix, the kernel one product and one exponential over the support vectors. A library's
-`predict` takes several times as long for a single point. The verdicts are the same; a test says so.
+`OperateNode` scores one point at a time, so classifiers with an RBF kernel are evaluated here directly: scaling and
+components are one matrix, the kernel is one product and one exponential over the support vectors. A library's `predict`
+takes several times as long for a single point. The verdicts are equal.
 
-
-DataPersist, and model files: stored with skops, which holds data and never code.
-
-A model file names its format and the packages that made it. What is refused, each with its reason: a file that is no
-model, one that holds anything beyond plain data, numpy and scikit-learn's own classes (it could be code), one of
-another format or of another scikit-learn, one whose parts do not fit. What was processed from data is stored under the
-hash of that data, and not taken again for any other.
+`load_model` refuses a file that is not a model, of another format or of another scikit-learn, or whose parts do not
+fit (see `fame.monitor.storage` for what is refused of any file). `DataPersist` keeps what was processed under the hash
+of its data, and does not give it out for other data.
 """
 
 from __future__ import annotations

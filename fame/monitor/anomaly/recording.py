@@ -1,9 +1,7 @@
-"""A recording: joint states over time, cut into runs of the task.
+"""Recordings: joint states over time, cut into runs of the task, and their CSV files.
 
-Recordings as CSV files: with a header, as `collect` writes them, or headerless, as the published data is.
-
-With a header: ``stamp`` (s), ``run``, one column per joint, ``label``; stamp and run may be missing. Without: numbers
-only, the columns named by the learning file; runs are found by `fame.monitor.anomaly.segmentation`.
+A file has a header as `CollectNode` writes it: ``stamp`` (s), ``run``, one column per joint, ``label``; stamp and run
+may be missing. Published data have no header: the learning file names the columns, and `segmentation` finds the runs.
 """
 
 from __future__ import annotations
@@ -14,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +19,7 @@ from numpy.typing import NDArray
 from fame.errors import ConfigError
 from fame.monitor.anomaly.segmentation import number_runs, separators
 from fame.monitor.arrays import Floats, Whole
+from fame.monitor.tables import LABEL, RUN, STAMP, Table, read_table
 
 BENIGN, ANOMALOUS = 1, -1
 
@@ -108,16 +106,7 @@ def of_runs(runs: Sequence[Floats], label: int, joints: Sequence[str], source: s
     )
 
 
-STAMP, RUN, LABEL = "stamp", "run", "label"
 _FORMAT = "%.10g"
-
-
-class Table(NamedTuple):
-    """A CSV file as it is: `names` is empty without a header; `first` is the line of the first row."""
-
-    names: tuple[str, ...]
-    cells: Floats
-    first: int
 
 
 def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int | None = None) -> Recording:
@@ -131,7 +120,7 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     table = read_table(path)
     inputs, output = _columns(table, path, inputs, output)
     values, labels = table.cells[:, inputs], _labels(table, output, path)
-    _refuse_gaps(table, [*inputs, *(table.names.index(name) for name in (STAMP, RUN) if name in table.names)], path)
+    _reject_gaps(table, [*inputs, *(table.names.index(name) for name in (STAMP, RUN) if name in table.names)], path)
     stamps = table.cells[:, table.names.index(STAMP)] if STAMP in table.names else None
     if RUN in table.names:
         given = table.cells[:, table.names.index(RUN)]
@@ -142,42 +131,6 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     names = tuple(table.names[column] if table.names else f"joint_{column + 1}" for column in inputs)
     times = None if stamps is None else stamps[kept]
     return Recording(names, values[kept], labels[kept], runs, times, str(path), _notes(path, table, kept))
-
-
-def read_table(path: Path) -> Table:
-    """The numbers of a CSV file. Raises ConfigError."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is no UTF-8 text"
-        raise ConfigError(f"cannot be read: {reason}", file=str(path)) from None
-    while lines and not lines[-1].strip():
-        lines.pop()
-    head = _cells(lines[0], path, 1) if lines else []
-    names = () if _numbers(head) is not None else tuple(name.strip() for name in head)
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise ConfigError(f"has several columns {twice[0]!r}; expected unique names", file=str(path), line=1)
-    first = 2 if names else 1
-    width = len(head)
-    rows = []
-    for number, line in enumerate(lines[first - 1 :], start=first):
-        row = _cells(line, path, number)
-        cells = _numbers(row)
-        if cells is None or len(cells) != width:
-            found = f"{len(row)} columns" if cells is not None else ",".join(row)[:60]
-            raise ConfigError(f"expected {width} numbers, got {found!r}", file=str(path), line=number)
-        rows.append(cells)
-    if not rows or not width:
-        raise ConfigError("has no rows of numbers", file=str(path))
-    return Table(names, np.array(rows, dtype=np.float64), first)
-
-
-def _cells(line: str, path: Path, number: int) -> list[str]:
-    try:
-        return next(csv.reader([line]), [])
-    except csv.Error as error:
-        raise ConfigError(f"is no row of a table: {error}", file=str(path), line=number) from None
 
 
 def write_csv(path: str | Path, recording: Recording) -> None:
@@ -228,13 +181,6 @@ def _notes(path: Path, table: Table, kept: NDArray[np.bool_]) -> tuple[str, ...]
     return (f"{path}: left out {len(apart)} all-zero rows away from home (line {lines})",)
 
 
-def _numbers(row: Sequence[str]) -> list[float] | None:
-    try:
-        return [float(cell) for cell in row]
-    except ValueError:
-        return None
-
-
 def _columns(
     table: Table, path: Path, inputs: Sequence[int] | None, output: int | None
 ) -> tuple[list[int], int | None]:
@@ -268,7 +214,7 @@ def _labels(table: Table, output: int | None, path: Path) -> Whole:
     return column.astype(np.int64)
 
 
-def _refuse_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
+def _reject_gaps(table: Table, inputs: Sequence[int], path: Path) -> None:
     bad = np.flatnonzero(~np.isfinite(table.cells[:, inputs]).all(axis=1))
     if len(bad):
         more = f" ({len(bad)} such rows)" if len(bad) > 1 else ""

@@ -1,11 +1,9 @@
-"""What leaves: publishers made from a configuration, and messages put together from what was computed.
+"""The processing node: subscriptions and publications of a configuration, processors called at a fixed frequency.
 
-The processing node: subscriptions and publishers from a configuration, processors called at a fixed frequency.
-
-A call that has nothing new to work on is left out, unless the node has no inputs. A processor that raises loses what it
-was given and is called again; what it raised is reported. Calls are due on multiples of the period from the start. Who
-takes longer than the period misses calls, which are counted and reported with their share, and gets at the next one all
-that has arrived.
+A call without new samples is left out, unless the node has no inputs. A processor that raises loses its samples and is
+called again at the next period; what it raised is reported. Calls are due on multiples of the period from the start. A
+processor that takes longer than the period misses calls, which are counted and reported with their share; the next call
+gets all that has arrived.
 """
 
 from __future__ import annotations

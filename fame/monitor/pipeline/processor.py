@@ -13,11 +13,7 @@ Three attributes are optional. `parameters`: what can be set, also while it runs
 `outputs`: the names that it computes; if empty, it gives one output per input, under the input's name; without the
 attribute, what it computes is seen when it is called.
 `report`: set by whoever runs the processor, to be called with a line of text about data that cannot be used.
-
-
-Several inputs as one, for processors that look at all channels together.
-
-Low-pass, resample, scale: from samples to samples, all channels at once."""
+"""
 
 from __future__ import annotations
 

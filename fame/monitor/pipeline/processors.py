@@ -1,6 +1,4 @@
-"""The processors that come with FAME, by the name that a configuration gives as `Class`.
-
-Processors made from a configuration: classes by name, parameters checked, outputs given to who computes them."""
+"""Built-in processors by name (`Class` of a configuration), and the processors of a configuration made."""
 
 from __future__ import annotations
 
