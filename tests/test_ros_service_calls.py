@@ -1,4 +1,4 @@
-"""Services of ROS, asked by service tasks, by scripts in Python and in JavaScript: the drone's, and a node's."""
+"""ROS services called by service tasks, and by scripts in Python and JavaScript: of the drone, and of a node."""
 
 from __future__ import annotations
 

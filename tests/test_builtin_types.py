@@ -1,4 +1,4 @@
-"""The types that are known before rosbags is there: they are what rosbags says, to the byte."""
+"""The types that are known without rosbags: they equal those of rosbags, to the byte."""
 
 from __future__ import annotations
 
