@@ -1,4 +1,4 @@
-"""Everything that can go wrong, drawn once.
+"""The exceptions of FAME.
 
 ::
 
@@ -43,7 +43,7 @@ class NamedElement(Protocol):
 
 
 class FameError(Exception):
-    """What all errors of FAME have in common: a text for people and the exit code of the command that met it."""
+    """Base class: a one-line message, and the exit code of a command that fails with it."""
 
     exit_code: int = 2
 
@@ -155,6 +155,6 @@ class UnavailableError(FameError):
 
 
 def expect(holds: bool, name: str, found: object, right: str) -> None:
-    """Raise ConfigError of the argument `name` of a Python call, unless it is what it has to be."""
+    """Raise ConfigError for the argument `name` of a Python call unless the condition holds."""
     if not holds:
         raise ConfigError(f"expected {right}, got {reprlib.repr(found)}", element=name)

@@ -22,7 +22,7 @@ def _models() -> Path:
     return next(path for path in (package / "models", package.parent / "models") if path.is_dir())
 
 
-BUILT_IN = (_models() / "library", _models() / "monitoring")
+BUILT_IN: tuple[Path, ...] = (_models() / "library", _models() / "monitoring")
 """The folders of behaviours and monitoring units that come with FAME."""
 
 
@@ -35,7 +35,7 @@ class Library:
     folders: tuple[Path, ...]
 
     def __init__(self, folders: str | Path | Sequence[str | Path] = ()) -> None:
-        self.folders = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
+        self.folders: tuple[Path, ...] = tuple(map(Path, [folders] if isinstance(folders, str | Path) else folders))
         for folder in self.folders:
             if not folder.is_dir():
                 raise ConfigError("is not a folder; the library path has folders of .bpmn files", file=str(folder))

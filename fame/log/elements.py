@@ -16,7 +16,7 @@ class ElementInfo(NamedTuple):
     activity: bool
 
 
-UNKNOWN = ElementInfo("", "", False)
+UNKNOWN: ElementInfo = ElementInfo("", "", False)
 
 
 def element_info(files: Iterable[Definitions]) -> dict[str, ElementInfo]:

@@ -15,7 +15,7 @@ from fame.engine.state import Trail
 from fame.log.elements import UNKNOWN, ElementInfo
 from fame.robot.events import Event, Observer
 
-COLUMNS = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
+COLUMNS: tuple[str, ...] = ("time", "robot", "instance", "scope", "element", "name", "kind", "what", "detail")
 """Columns of a table, and keys of a JSON line (which leaves out empty ones)."""
 
 _to_json = json.JSONEncoder(ensure_ascii=False, default=str).encode

@@ -31,7 +31,7 @@ from fame.bpmn.reader.expressions import by_form, code_of, condition_of, has_pla
 from fame.bpmn.reader.flow_nodes import NodeReader
 from fame.bpmn.reader.xml import Node, attributes, child, children, line_of, local_id, local_name, resolve, text_of
 
-THROWS = ("throw", "end")
+THROWS: tuple[str, ...] = ("throw", "end")
 
 _ALLOWED: Mapping[str, str] = {
     "signal": "start catch throw end boundary",

@@ -5,7 +5,7 @@ Activiti, its predecessor, and Flowable use the same names in their own namespac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
@@ -19,7 +19,7 @@ from fame.bpmn.reader.expressions import (
 )
 from fame.bpmn.reader.xml import ACTIVITI, CAMUNDA, FLOWABLE, Node, line_of, local_name, text_of
 
-IGNORED = {
+IGNORED: Set[str] = {
     "formKey", "formRef", "formRefBinding", "formRefVersion", "formHandlerClass", "formData", "assignee",
     "candidateUsers", "candidateGroups", "candidateStarterUsers", "candidateStarterGroups", "potentialStarter",
     "dueDate", "followUpDate", "priority", "asyncBefore", "asyncAfter", "async", "jobPriority",
@@ -166,6 +166,6 @@ _ELEMENTS: Mapping[str, Callable[[Context, Node, Extensions], None]] = {
     "out": _out,
 }
 _INNER = {"property", "inputParameter", "outputParameter", "list", "value", "map", "entry", "script"}
-SHARED_ELEMENTS = {*_ELEMENTS, *_INNER}
-SHARED_ATTRIBUTES = {*_ATTRIBUTES, *REFUSED, "expression", "type"}
+SHARED_ELEMENTS: Set[str] = {*_ELEMENTS, *_INNER}
+SHARED_ATTRIBUTES: Set[str] = {*_ATTRIBUTES, *REFUSED, "expression", "type"}
 """The names that Flowable and Activiti share with Camunda 7."""

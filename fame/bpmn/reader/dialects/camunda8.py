@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 
 from fame.bpmn.model import Assignment, Expression
 from fame.bpmn.reader.context import Context
@@ -11,7 +11,7 @@ from fame.bpmn.reader.dialects.extensions import Extensions, Property
 from fame.bpmn.reader.expressions import mapping_source
 from fame.bpmn.reader.xml import Node, line_of, local_name
 
-IGNORED = {
+IGNORED: Set[str] = {
     "userTask", "formDefinition", "userTaskForm", "assignmentDefinition", "taskSchedule", "priorityDefinition",
     "executionListeners", "taskListeners", "linkedResources",
 }  # fmt: skip

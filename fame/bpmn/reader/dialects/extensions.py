@@ -19,7 +19,7 @@ QOS_CHOICES: Mapping[str, tuple[str, ...]] = {
     "liveliness": ("automatic", "manual_by_topic"),
 }
 """Policies with named values, in the order of the original FaMe's codes 0 and 1."""
-QOS_DURATIONS = ("deadline", "lifespan", "lease_duration")
+QOS_DURATIONS: tuple[str, ...] = ("deadline", "lifespan", "lease_duration")
 """In seconds."""
 
 

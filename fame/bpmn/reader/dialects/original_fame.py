@@ -29,7 +29,7 @@ def apply_message_list(context: Context, node: Node, found: Extensions) -> None:
 
 
 ROS, DATA, QOS, CALL = "http://ros", "http://data", "http://qos", "http://callActivity"
-NAMESPACES = (ROS, DATA, QOS, CALL)
+NAMESPACES: tuple[str, ...] = (ROS, DATA, QOS, CALL)
 
 _POLICIES = {name.replace("_", "") for name in (*QOS_CHOICES, "depth", *QOS_DURATIONS)}
 
