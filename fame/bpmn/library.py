@@ -45,8 +45,8 @@ class Library:
         """The folders to search for the processes that `file` calls."""
         yield from self.folders
         if file and not file.startswith("<"):
-            here = Path(file).parent
-            yield from (here, here / "library")
+            caller_folder = Path(file).parent
+            yield from (caller_folder, caller_folder / "library")
         yield from BUILT_IN
 
     def read(self, path: Path) -> Definitions:

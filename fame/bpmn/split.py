@@ -188,8 +188,8 @@ def _new_root(home: Node, others: Iterable[Node]) -> Node:
     for other in (*others, home):
         prefixes.update({prefix: uri for prefix, uri in other.nsmap.items() if prefix or other is home})
     prefixes = {prefix: uri for prefix, uri in prefixes.items() if _is_valid_name(f"{{{uri}}}any")}
-    known = {name: value for name, value in home.attrib.items() if _is_valid_name(name)}
-    root = etree.Element(home.tag, known, nsmap=prefixes)  # type: ignore[arg-type]
+    attributes = {name: value for name, value in home.attrib.items() if _is_valid_name(name)}
+    root = etree.Element(home.tag, attributes, nsmap=prefixes)  # type: ignore[arg-type]
     for one in home.iterchildren(f"{_B}documentation", f"{_B}extensionElements"):
         root.append(deepcopy(one))
     return root

@@ -64,7 +64,7 @@ class TopicUse:
 
 
 @dataclass(slots=True)
-class _Gathered:
+class _Ends:
     throws: list[TopicEnd] = field(default_factory=list)
     catches: list[TopicEnd] = field(default_factory=list)
 
@@ -85,12 +85,12 @@ def topic_table(
     """
     files = (definitions,) if isinstance(definitions, Definitions) else definitions
     wanted = None if processes is None else frozenset(processes)
-    found: dict[str, _Gathered] = {}
+    ends_by_topic: dict[str, _Ends] = {}
     for file in files:
         for process in file.processes:
             if wanted is None or process.id in wanted:
-                _gather(file, process, found)
-    return MappingProxyType({name: _use(name, ends, types.get(name)) for name, ends in found.items()})
+                _gather(file, process, ends_by_topic)
+    return MappingProxyType({name: _use(name, ends, types.get(name)) for name, ends in ends_by_topic.items()})
 
 
 def topics_of(node: FlowNode) -> Iterator[tuple[Topic, bool]]:
@@ -103,17 +103,17 @@ def topics_of(node: FlowNode) -> Iterator[tuple[Topic, bool]]:
         yield node.topic, node.kind == "send"
 
 
-def _gather(file: Definitions, process: Process, found: dict[str, _Gathered]) -> None:
+def _gather(file: Definitions, process: Process, ends_by_topic: dict[str, _Ends]) -> None:
     for node in process.body.walk():
         for topic, throws in topics_of(node):
-            ends = found.setdefault(topic.qualified, _Gathered())
+            ends = ends_by_topic.setdefault(topic.qualified, _Ends())
             end = TopicEnd(file.file, process.id, node, topic)
             (ends.throws if throws else ends.catches).append(end)
 
 
-def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
-    everyone = [*ends.throws, *ends.catches]
-    typed = [end for end in everyone if end.topic.type is not None]
+def _use(name: str, ends: _Ends, default_type: str | None) -> TopicUse:
+    all_ends = [*ends.throws, *ends.catches]
+    typed = [end for end in all_ends if end.topic.type is not None]
     for end in typed[1:]:
         if end.topic.type != typed[0].topic.type and (name[0] == "/" or end.process == typed[0].process):
             there = f"{typed[0].node.display_name} says {typed[0].topic.type}"
@@ -122,7 +122,7 @@ def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
                 f"topic {name} has type {end.topic.type} here, but {there}: a topic has one type",
                 file=end.file,
             )
-    if not typed and elsewhere is None:
+    if not typed and default_type is None:
         for end in ends.throws:
             if end.topic.payload is not None:
                 raise ModelError.at(
@@ -131,7 +131,7 @@ def _use(name: str, ends: _Gathered, elsewhere: str | None) -> TopicUse:
                     file=end.file,
                 )
     qos: dict[str, str] = {}
-    for end in reversed(everyone):
+    for end in reversed(all_ends):
         qos.update(end.topic.qos)
-    declared = typed[0].topic.type if typed else elsewhere
+    declared = typed[0].topic.type if typed else default_type
     return TopicUse(name, declared, tuple(ends.throws), tuple(ends.catches), MappingProxyType(qos))

@@ -102,12 +102,12 @@ def _elements(definitions: Definitions) -> Iterable[Element]:
 
 def _with_open_subprocesses(picture: Picture, shapes: Sequence[Shape]) -> list[Shape]:
     """The shapes, where sub-processes whose content is on the same plane are expanded."""
-    here = {shape.element for shape in shapes}
+    ids_on_plane = {shape.element for shape in shapes}
     found = []
     for shape in shapes:
         element = picture.elements.get(shape.element)
         inside = element.body.nodes if isinstance(element, SubProcess) else ()
-        is_open = shape.expanded or any(node.id in here for node in inside)
+        is_open = shape.expanded or any(node.id in ids_on_plane for node in inside)
         found.append(replace(shape, expanded=True) if is_open and not shape.expanded else shape)
     return found
 

@@ -13,7 +13,7 @@ from fame.errors import display_name
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ModelFault:
     """A reason why a process cannot be executed. `element` is the id of the element concerned, `name` its name."""
 
     text: str
@@ -45,7 +45,7 @@ class Process(Element):
     semantics: Literal["standard", "original"] = "standard"
     by_prefix: bool = False
     lanes: tuple[Element, ...] = ()
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[ModelFault, ...] = ()
 
 
 # ---- collaboration ---------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
-from fame.bpmn.model import Fault, Note
+from fame.bpmn.model import ModelFault, Note
 from fame.bpmn.reader.xml import Node, line_of, local_name, resolve
 from fame.errors import ModelError
 
@@ -36,7 +36,7 @@ class Context:
     language: str = ""
     original: bool = False
     notes: list[Note] = field(default_factory=list)
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[ModelFault] = field(default_factory=list)
     associations: dict[str, list[Node]] = field(default_factory=dict)
     _ids: dict[str, Node] | None = None
     elements: dict[str, Node] = field(default_factory=dict)
@@ -49,9 +49,9 @@ class Context:
     def fault(self, element: Node, text: str) -> None:
         """Record a fault: the process can be read, drawn and written, but not executed."""
         id, name = id_and_name(element)
-        self.faults.append(Fault(text, id, line_of(element), name))
+        self.faults.append(ModelFault(text, id, line_of(element), name))
 
-    def take_faults(self) -> tuple[Fault, ...]:
+    def take_faults(self) -> tuple[ModelFault, ...]:
         """Return the faults since the last call, by line, and clear them."""
         found, self.faults = sorted(self.faults, key=lambda one: one.line), []
         return tuple(dict.fromkeys(found))

@@ -44,36 +44,38 @@ _PREFIXES = {
 
 def prepare(context: Context, root: Node) -> None:
     """Rewrite the tree in place. Raises ModelError for an embedded process that cannot be read."""
-    extract_embedded_processes(context, root)
-    connect_message_flows(context, root)
+    _extract_embedded_processes(context, root)
+    _connect_message_flows(context, root)
 
 
 # ---- embedded processes ----------------------------------------------------------------------------------------------
 
 
-def extract_embedded_processes(context: Context, root: Node) -> None:
+def _extract_embedded_processes(context: Context, root: Node) -> None:
     """Move processes embedded as escaped text in call activities into the file, and call them by their id.
 
     Ids that are taken get a number, since an embedded process comes from another file. It may contain embedded
     processes in turn.
     """
     holders = _embedding_elements(root)
-    known = {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
+    processes_by_content = (
+        {etree.tostring(one): one for one in root.iterchildren(f"{{{BPMN}}}process")} if holders else {}
+    )
     taken = {id for one in root.iter("*") if (id := one.get("id"))} if holders else set()
     for holder in holders:
         process, diagrams = _parse_embedded(context, holder, holder.get("process", "").strip())
-        plain = etree.tostring(process)
-        if plain not in known:
-            known[plain] = process
+        content = etree.tostring(process)
+        if content not in processes_by_content:
+            processes_by_content[content] = process
             process.set("id", process.get("id") or f"process_{line_of(holder)}")
-            everything = [one for part in (process, *diagrams) for one in part.iter("*")]
-            unique_ids(everything, taken)
-            for one in everything:
+            elements = [one for part in (process, *diagrams) for one in part.iter("*")]
+            unique_ids(elements, taken)
+            for one in elements:
                 one.sourceline = line_of(holder)  # type: ignore[assignment]
             root.extend([process, *diagrams])
             holders += _embedding_elements(process)
-        holder.set("process", known[plain].get("id", ""))
-        text = f"its embedded process is read as process {known[plain].get('id')} of the file"
+        holder.set("process", processes_by_content[content].get("id", ""))
+        text = f"its embedded process is read as process {processes_by_content[content].get('id')} of the file"
         context.quirk(holder, text)
 
 
@@ -83,9 +85,9 @@ def _embedding_elements(element: Node) -> list[Node]:
 
 def _parse_embedded(context: Context, holder: Node, text: str) -> tuple[Node, list[Node]]:
     """The process and its diagrams."""
-    around = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
+    namespaces = " ".join(f'xmlns:{prefix}="{uri}"' for prefix, uri in _PREFIXES.items())
     text = text[text.index("?>") + 2 :] if text.startswith("<?") and "?>" in text else text
-    source = f'<definitions xmlns="{BPMN}" {around}>{text}</definitions>'.encode()
+    source = f'<definitions xmlns="{BPMN}" {namespaces}>{text}</definitions>'.encode()
     try:
         inner = parse_any(source, context.file)
     except Exception as error:
@@ -99,7 +101,7 @@ def _parse_embedded(context: Context, holder: Node, text: str) -> tuple[Node, li
 # ---- message flows ---------------------------------------------------------------------------------------------------
 
 
-def connect_message_flows(context: Context, root: Node) -> None:
+def _connect_message_flows(context: Context, root: Node) -> None:
     """Make both ends of each message flow refer to the same message."""
     flows = [
         flow for collaboration in children(root, "collaboration") for flow in children(collaboration, "messageFlow")
