@@ -27,7 +27,7 @@ class Message:
 
     __slots__: tuple[str, ...] = ()
     __msgtype__: ClassVar[str]
-    __hash__ = None  # type: ignore[assignment]
+    __hash__: ClassVar[None] = None  # type: ignore[assignment]
 
     if TYPE_CHECKING:  # the fields are known at run time only
 

@@ -239,6 +239,10 @@ class TopicEndpoint(Endpoint):
         if users := [end for end in _endpoints(node.middleware.nodes, topic) if end.type != self.type]:
             raise type_conflict(topic, users[0].type, (end.node.full_name for end in users), self.type)
 
+    def count_lost(self, number: int) -> None:
+        """Count messages that were lost."""
+        self.lost += number
+
     @abstractmethod
     def matched(self) -> bool:
         """Whether it is connected to an endpoint of another node."""
@@ -291,7 +295,8 @@ class WireSubscription(TopicEndpoint):
 
     def enqueue(self, data: bytes) -> None:
         """Put a message into the queue. `schedule` is to follow."""
-        self.lost += self.counts_losses and len(self._queue) == self._queue.maxlen
+        if self.counts_losses and len(self._queue) == self._queue.maxlen:
+            self.count_lost(1)
         self._queue.append(data)
 
     def schedule(self) -> None:

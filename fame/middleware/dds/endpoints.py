@@ -38,7 +38,7 @@ class DdsPublisher(WirePublisher):
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
-            self.lost += 1
+            self.count_lost(1)
 
     def flush(self, patience: int) -> None:
         """Block until all subscriptions have what was sent, at most `patience` ns."""
@@ -107,7 +107,7 @@ class DdsSubscription(WireSubscription):
 
     def losses(self) -> str:
         if self.counts_losses:
-            self.lost += samples_lost(self._reader)
+            self.count_lost(samples_lost(self._reader))
         return super().losses()
 
     def matched(self) -> bool:

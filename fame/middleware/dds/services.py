@@ -47,6 +47,7 @@ class _Exchange:
     reader: Any
     writer_gid: bytes
     reader_gid: bytes
+    closed: bool
 
     def __init__(
         self,

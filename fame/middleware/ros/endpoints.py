@@ -136,7 +136,8 @@ class RosSubscription(WireSubscription):
 
     def _on_lost(self, event: Any) -> None:
         """In the executor's thread."""
-        self.lost += self.counts_losses * event.total_count_change
+        if self.counts_losses:
+            self.count_lost(event.total_count_change)
 
 
 class RosService(WireService):

@@ -29,7 +29,7 @@ class Autoencoder(Processor):
         Parameter("model", "file", "", description="file of the trained model", fixed=True),
         Parameter("stride", "int", 5, (1, None), "samples", "from one window to the next"),
     )
-    outputs: ClassVar[tuple[str, ...]] = ("loss",)
+    outputs: tuple[str, ...] = ("loss",)
     model: str
     stride: int
 
@@ -83,7 +83,7 @@ class Estimator(Processor):
         Parameter("window", "int", 1, (1, None), "samples", "whose values are the features"),
         Parameter("stride", "int", 1, (1, None), "samples", "from one window to the next"),
     )
-    outputs: ClassVar[tuple[str, ...]] = ("value",)
+    outputs: tuple[str, ...] = ("value",)
     model: str
     window: int
     stride: int

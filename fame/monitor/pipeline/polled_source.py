@@ -48,7 +48,7 @@ class Machine(Processor):
     def __init__(self, source: str | Callable[[], Any] = "", folder: str | Path = ".", **values: Any) -> None:
         super().__init__(**values)
         self.source = source if isinstance(source, str) else getattr(source, "__name__", "callable")
-        self.outputs = self.fields  # type: ignore[misc]
+        self.outputs: tuple[str, ...] = self.fields
         self._poll = source if callable(source) else _callable(source, Path(folder))
         self._open = None if self._poll is not None else _opener(self.source)
         self._connection: Connection | None = None

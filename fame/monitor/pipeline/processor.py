@@ -146,7 +146,7 @@ class Processor:
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    outputs: ClassVar[tuple[str, ...]] = ()
+    outputs: tuple[str, ...] = ()
     report: Callable[[str], object] = staticmethod(lambda text: None)
 
     def __init__(self, **values: Any) -> None:

@@ -30,7 +30,7 @@ class Threshold(Processor):
         Parameter("hysteresis", "float", 0.1, (0, 1), description="part below the threshold at which the alarm ends"),
         Parameter("names", "strs", (), description="of the channels, if the data do not tell"),
     )
-    outputs: ClassVar[tuple[str, ...]] = ("alarm", "channel", "name", "loss", "excess", "active")
+    outputs: tuple[str, ...] = ("alarm", "channel", "name", "loss", "excess", "active")
     model: str
     hysteresis: float
     names: tuple[str, ...]
@@ -112,7 +112,7 @@ class Expression(Processor):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("formula", "str", "", description="over the inputs, by name"),
     )
-    outputs: ClassVar[tuple[str, ...]] = ("value",)
+    outputs: tuple[str, ...] = ("value",)
 
     @property
     def formula(self) -> str:
