@@ -21,7 +21,7 @@ from fame.engine.structure import is_handler
 
 
 def check_flow(scope: CheckScope) -> Iterator[Finding]:
-    """Of every scope of every process."""
+    """Check the flow nodes of every process and sub-process."""
     for process in scope.processes:
         for graph in map(graph_of, process.bodies()):
             yield from _unreached(process, graph)
@@ -36,7 +36,7 @@ def check_flow(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
-    """The first node of each part that no token gets to."""
+    """The first node of each unreachable part."""
     reached: set[str] = set()
     graph.reach((node.id for node in graph.beginnings()), reached)
     apart = [node for node in graph.body.nodes if node.id not in reached and not is_handler(node)]
@@ -49,7 +49,7 @@ def _unreached(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
 
 
 def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
-    """Where a scope has end events, all flows should lead to one (standard 10.5.3); elsewhere what is last ends it."""
+    """Paths without an end event, in a scope that has end events (standard 10.5.3)."""
     if not any(is_event(node, "end") for node in graph.body.nodes):
         return
     reached = graph.reach((node.id for node in graph.beginnings()), set())
@@ -65,7 +65,7 @@ def _loose_ends(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
 
 
 def _conditions(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
-    """Conditions that nobody asks."""
+    """Conditions that are never evaluated or always true."""
     default = node.default if isinstance(node, Activity | Gateway) else ""
     blind = isinstance(node, Gateway) and node.kind in ("parallel", "event")
     for flow in graph.leaving(node):
@@ -81,7 +81,7 @@ def _conditions(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterat
 
 
 def _is_quoted(condition: Expression) -> bool:
-    """Whether all of it is one text in quotes, as people write who take the field for a string."""
+    """Whether the whole condition is one string literal."""
     text = condition.text
     quoted = len(text) > 2 and text[0] == text[-1] and text[0] in "'\""
     return condition.language == "python" and quoted and text[0] not in text[1:-1]
@@ -103,7 +103,7 @@ def _ways_out(process: CheckedProcess, graph: Graph, gateway: Gateway) -> Iterat
 
 
 def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceFlow]) -> Iterator[Finding]:
-    """Flows of a choice that have no condition, and are not the default."""
+    """Flows of a choice that have no condition and are not the default."""
     for flow in flows:
         if flow.condition is None and flow.id != gateway.default:
             text = (
@@ -116,7 +116,7 @@ def _open_flows(process: CheckedProcess, gateway: Gateway, flows: list[SequenceF
 
 
 def check_start_and_end_events(scope: CheckScope) -> Iterator[Finding]:
-    """Of every scope of every process."""
+    """Check the start and end events of every process and sub-process."""
     for process in scope.processes:
         unordered = {
             id(node.body)
@@ -151,11 +151,11 @@ def _no_start(process: CheckedProcess, graph: Graph) -> Iterator[Finding]:
 
 
 _NEAREST = 10
-"""Parallel gateways before a join that are tried as the one whose branches it joins."""
+"""Parallel gateways before a join that are examined as its possible fork."""
 
 
 def check_joins(scope: CheckScope) -> Iterator[Finding]:
-    """Of every node where flows meet."""
+    """Check every node with several incoming flows."""
     for process in scope.processes:
         for graph in map(graph_of, process.bodies()):
             for node in graph.body.nodes:
@@ -165,7 +165,7 @@ def check_joins(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator[Finding]:
-    """Flows that a gateway took apart in one way, and that this node puts together in another."""
+    """Flows that are split by one kind of gateway and joined by another."""
     joins = isinstance(node, Gateway) and node.kind == "parallel"
     merges = isinstance(node, Activity) or (isinstance(node, Gateway) and node.kind == "exclusive")
     origins = Counter(_origin(graph, node, flow) for flow in node.incoming)
@@ -182,7 +182,7 @@ def _mismatch(process: CheckedProcess, graph: Graph, node: FlowNode) -> Iterator
 
 
 def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
-    """Where a flow comes from, past elements in a row; the node itself if that goes round."""
+    """The node where a sequence of elements begins; the node itself if the sequence is a loop."""
     origin = graph.nodes[graph.flows[flow].source]
     seen = {node.id}
     while len(origin.incoming) == 1 and len(origin.outgoing) == 1 and origin.id not in seen:
@@ -192,7 +192,7 @@ def _origin(graph: Graph, node: FlowNode, flow: str) -> str:
 
 
 def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> Iterator[Finding]:
-    """A parallel join of all branches of a parallel gateway, one of which a token may leave."""
+    """A parallel join of a fork whose branches a token may leave."""
     if not (isinstance(join, Gateway) and join.kind == "parallel"):
         return
     before = (graph.nodes[id] for id in graph.before(join.id))
@@ -207,7 +207,7 @@ def _incomplete_join(process: CheckedProcess, graph: Graph, join: FlowNode) -> I
 
 
 def _branches(graph: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
-    """The nodes of each branch from the fork to the join; none if they do not meet there, and only there."""
+    """The nodes of each branch from the fork to the join; empty unless all branches meet there and only there."""
     branches = [graph.reach([target], {fork.id, join.id}) for target in graph.following[fork.id]]
     sources = [graph.flows[flow].source for flow in join.incoming]
     entering = [sum(source in branch for source in sources) for branch in branches]
@@ -217,7 +217,7 @@ def _branches(graph: Graph, fork: FlowNode, join: FlowNode) -> list[set[str]]:
 
 
 def _leaving(graph: Graph, join: FlowNode, branches: list[set[str]]) -> Iterator[FlowNode]:
-    """Where a token of a branch may take a way from which it never gets to the join, and that ends nothing else."""
+    """Nodes where a token may take a path that never leads to the join and does not affect the other branches."""
     choices = [graph.nodes[id] for branch in branches for id in branch if _chooses(graph, graph.nodes[id])]
     for node in sorted(choices, key=lambda one: (one.line, one.id)):
         ways = graph.following[node.id]
@@ -227,18 +227,18 @@ def _leaving(graph: Graph, join: FlowNode, branches: list[set[str]]) -> Iterator
 
 
 def _meets(graph: Graph, way: str, join: FlowNode) -> bool:
-    """Whether a token may get from a node to the join."""
+    """Whether a path leads from a node to the join."""
     near = graph.reach([way], {join.id})  # most ways do within a few steps: what is behind the join is not looked at
     return any(join.id in graph.following[id] for id in near)
 
 
 def _is_quiet(graph: Graph, ids: set[str]) -> bool:
-    """Whether nothing there may end or tell what the other branches do."""
+    """Whether none of the nodes affects the other branches."""
     return not any(_acts(graph.nodes[id]) for id in ids)
 
 
 def _chooses(graph: Graph, node: FlowNode) -> bool:
-    """Whether a token takes one of several ways on."""
+    """Whether a token takes one of several paths."""
     if isinstance(node, Gateway):
         return node.kind != "parallel"
     ways = (graph.nodes[id] for id in graph.following[node.id])
@@ -247,7 +247,7 @@ def _chooses(graph: Graph, node: FlowNode) -> bool:
 
 
 def _acts(node: FlowNode) -> bool:
-    """Whether it does something to others: an event with a result, a script that says something, a call."""
+    """Whether it may affect other branches: an event with a result, a script that throws or publishes, a call."""
     if isinstance(node, Event):
         return bool(node.definitions) and node.place in ("throw", "end")
     if isinstance(node, Task) and node.kind == "script":

@@ -21,7 +21,7 @@ _MOST = 4096
 """Combinations of values that are tried."""
 
 _LARGEST = 1e300
-"""Numbers beyond are not computed with."""
+"""Larger numbers are not considered."""
 
 _SPELLINGS = (
     (r"!==", "!="), (r"===", "=="), (r"&&", " and "), (r"\|\|", " or "), (r"!(?!=)", " not "),
@@ -29,7 +29,7 @@ _SPELLINGS = (
     (r"\ble\b", "<="), (r"\beq\b", "=="), (r"\bne\b", "!="), (r"\btrue\b", "True"), (r"\bfalse\b", "False"),
     (r"\bnull\b", "None"),
 )  # fmt: skip
-"""What other languages write -> what Python does; ``empty x`` becomes an operator of the same rank."""
+"""Spelling in other languages -> in Python; ``empty x`` becomes an operator of the same precedence."""
 
 _HOLDS = {
     ast.Lt: {-1}, ast.LtE: {-1, 0}, ast.Eq: {0}, ast.Is: {0}, ast.NotEq: {-1, 1}, ast.IsNot: {-1, 1},
@@ -41,7 +41,7 @@ Value = bool | float
 
 
 def cover_all(conditions: Sequence[Expression]) -> bool:
-    """Whether one of the conditions is true whatever the variables are. False where that cannot be told."""
+    """Whether one of the conditions is true whatever the variables are; False if that is unknown."""
     trees = [_tree(condition) for condition in conditions]
     try:
         return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False
@@ -61,7 +61,7 @@ def _cover_all(trees: Sequence[ast.expr]) -> bool:
 
 
 def python_tree(expression: Expression) -> ast.expr | None:
-    """An expression of whatever language as one of Python, as far as it can be read so; else None."""
+    """An expression of any language as a Python syntax tree, None if it cannot be read as Python."""
     text = expression.text.strip()
     if expression.language != "python":
         text = text[2:-1] if text[:2] in ("${", "#{") and text[-1:] == "}" else text
@@ -74,7 +74,7 @@ def python_tree(expression: Expression) -> ast.expr | None:
 
 
 def _tree(condition: Expression) -> ast.expr | None:
-    """The same of a condition that gives the same result whenever it is asked."""
+    """The tree of a condition that always gives the same result for the same variables, else None."""
     tree = python_tree(condition)
     if isinstance(tree, ast.Call) and called_name(tree) == "next" and len(tree.args) == 2:
         tree = tree.args[1]  # next(null, x > 3), the condition of the original FaMe
@@ -83,7 +83,7 @@ def _tree(condition: Expression) -> ast.expr | None:
 
 @dataclass(slots=True)
 class _Parts:
-    """What conditions are made of: truths, numbers that are compared with constants, pairs that are compared."""
+    """The parts of conditions: truth values, numbers compared with constants, pairs compared with each other."""
 
     truths: set[str] = field(default_factory=set)
     numbers: dict[str, set[float]] = field(default_factory=dict)
@@ -119,13 +119,13 @@ class _Parts:
 
 
 def _around(constants: Sequence[float]) -> list[float]:
-    """The constants, and a number below, between and above them."""
+    """The constants and numbers below, between and above them."""
     between = [(low + high) / 2 for low, high in itertools.pairwise(constants)]
     return sorted({constants[0] - 1, *constants, *between, constants[-1] + 1})
 
 
 def _comparisons(tree: ast.Compare) -> list[tuple[ast.expr, ast.cmpop, ast.expr]]:
-    """Those of a chain such as ``0 <= x < 10``; the constant of each on its right, else the operands in one order."""
+    """The comparisons of a chain such as ``0 <= x < 10``, constants on the right, else in a fixed order."""
     operands = [tree.left, *tree.comparators]
     found = []
     for left, operator, right in zip(operands, tree.ops, operands[1:], strict=False):
@@ -135,7 +135,7 @@ def _comparisons(tree: ast.Compare) -> list[tuple[ast.expr, ast.cmpop, ast.expr]
 
 
 def _turned(operator: ast.cmpop) -> ast.cmpop:
-    """The operator for operands that change their places."""
+    """The operator for swapped operands."""
     others: dict[type[ast.cmpop], type[ast.cmpop]] = {
         ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE,
     }  # fmt: skip
@@ -160,7 +160,7 @@ def _pair(left: ast.expr, right: ast.expr) -> str:
 
 
 def _is_true(tree: ast.expr, case: Mapping[str, Value]) -> bool:
-    """What a condition comes to in one case."""
+    """The value of a condition in one case."""
     if isinstance(tree, ast.BoolOp):
         found = [_is_true(value, case) for value in tree.values]
         return all(found) if isinstance(tree.op, ast.And) else any(found)

@@ -19,7 +19,7 @@ from fame.bpmn.model import (
 from fame.bpmn.pools import pools_of
 from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.bpmn.topics import topics_of
-from fame.check.expressions import texts_of
+from fame.check.expressions import expressions_in
 from fame.check.findings import Finding, of_error
 from fame.check.scope import CheckedProcess, CheckScope
 from fame.check.variables import sets_something
@@ -65,7 +65,7 @@ _OF_PROCESSES = ("instances", "optional", "semantics", "topics")
 
 
 def check_names(scope: CheckScope) -> Iterator[Finding]:
-    """Of the pools, processes, events and tasks."""
+    """Check the names of pools and of properties."""
     yield from _namespaces(scope.definitions)
     for process in scope.processes:
         yield from _misspelt(process, process.bpmn, _OF_PROCESSES)
@@ -77,7 +77,7 @@ def check_names(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _misspelt(process: CheckedProcess, element: Element, known: tuple[str, ...]) -> Iterator[Finding]:
-    """Properties that nobody reads, and that differ in a letter or two from those that are read."""
+    """Unknown properties whose names are similar to known ones."""
     for name in element.properties:
         similar = difflib.get_close_matches(name.lower(), known, 1, 0.8)
         if similar and name not in known:
@@ -86,10 +86,10 @@ def _misspelt(process: CheckedProcess, element: Element, known: tuple[str, ...])
 
 
 def _namespaces(definitions: Definitions) -> Iterator[Finding]:
-    """Pools whose name cannot be a namespace. In simulation any name will do."""
+    """Pools whose name is not a valid namespace; simulations accept any name."""
     try:
         pools = pools_of(definitions) if definitions.participants else []
-    except ModelError:  # which is told as an error
+    except ModelError:  # reported as an error
         return
     for pool in pools:
         if not is_ros_name(f"/{pool.name}"):
@@ -130,7 +130,7 @@ def _commas(process: CheckedProcess, item: DataObject) -> Iterator[Finding]:
 
 
 def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> Iterator[Finding]:
-    """Constants that are set when the activity has ended that reads them, and by nothing before."""
+    """Constants that are set only after the activity that reads them."""
     values = ((name, value) for name, value in item.values if value.text.strip() and value.language != "feel")
     constants = {name for name, value in values if not _COMPUTED.search(value.text)}
     late = sorted(constants & _read(process, activity))
@@ -142,12 +142,12 @@ def _reversed(process: CheckedProcess, activity: Activity, item: DataObject) -> 
 
 
 def _read(process: CheckedProcess, activity: Activity) -> set[str]:
-    """What an activity reads, or the process that it calls and that shares its variables."""
+    """The variables that an activity reads, or the process that it calls without a mapping."""
     if isinstance(activity, CallActivity):
         callee = next((callee for call, callee in process.calls if call is activity), None)
         bodies = callee.bodies() if callee is not None and activity.io is None else ()
-        return {name for body in bodies for text in texts_of(body) for name in text.reads}
-    return {name for text in texts_of(process.bpmn.body) if text.element is activity for name in text.reads}
+        return {name for body in bodies for text in expressions_in(body) for name in text.reads}
+    return {name for text in expressions_in(process.bpmn.body) if text.element is activity for name in text.reads}
 
 
 # ---- data objects without effect -------------------------------------------------------------------------------------

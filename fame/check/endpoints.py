@@ -23,9 +23,9 @@ from fame.scripting import script_topics
 
 @dataclass(frozen=True, slots=True)
 class TopicEndpoint:
-    """An element at a topic, and what it says of it. `topic` is None for a script, `line` that of the text.
+    """An element that publishes or subscribes to a topic. `topic` is None for a script, `line` that of the text.
 
-    `tries`: a wrong type is an error that the script may catch.
+    `tries`: the script may catch the error of a wrong type.
     """
 
     process: CheckedProcess
@@ -39,23 +39,23 @@ class TopicEndpoint:
     tries: bool = False
 
     def finding(self, level: Level, text: str) -> Finding:
-        """A finding at this end."""
+        """A finding at this endpoint."""
         return self.process.finding(level, text, self.node, self.line)
 
 
 Topics = Mapping[str, list[TopicEndpoint]]
-"""Ends by the qualified name of their topic, in the order of first use."""
+"""Endpoints by the qualified name of their topic, in the order of first use."""
 
 
 def by_topic(processes: Iterable[CheckedProcess]) -> Topics:
-    """All topics of some processes: of their events, their tasks, and what scripts name literally."""
+    """The topics of events and tasks, and those that scripts name literally."""
     return _by_name(end for process in processes for end in endpoints_of(process))
 
 
 def select_topics(
     processes: Iterable[CheckedProcess], ends: Mapping[CheckedProcess, Sequence[TopicEndpoint]], *, private: bool
 ) -> Topics:
-    """The topics of some processes that are public, or those that are the robot's own."""
+    """The public topics of some processes, or those of the robot itself."""
     return _by_name(end for process in processes for end in ends[process] if end.name.startswith("~/") == private)
 
 
@@ -85,7 +85,7 @@ def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint
         return
     try:
         named = script_topics(node.script)
-    except ModelError:  # the compiler tells
+    except ModelError:  # the compiler reports it
         return
     tries = node.script.language == "javascript" and re.search(r"\btry\b", node.script.text) is not None
     for topic in named:
@@ -96,7 +96,7 @@ def _scripted(process: CheckedProcess, node: FlowNode) -> Iterator[TopicEndpoint
 
 
 def public_topics(team: Sequence[CheckScope]) -> Topics:
-    """The topics by which the robots of a mission talk to each other: not those of their drivers."""
+    """The topics between the robots of a mission, without those of their drivers."""
     pools = [pool for one in team for pool in one.definitions.participants]
     robots = {pool.label.casefold() for pool in pools}
     return {
@@ -129,23 +129,23 @@ def level_of(team: Sequence[CheckScope]) -> Level:
 
 
 def types_of(scope: CheckScope) -> Mapping[str, str]:
-    """The type of each topic of which somebody says it, by qualified name."""
+    """The declared type of each topic, by qualified name."""
     said = {name: declared_type(ends) for name, ends in by_topic(scope.processes).items()}
     return {name: type for name, type in said.items() if type is not None}
 
 
 def declared_type(ends: Iterable[TopicEndpoint]) -> str | None:
-    """The type that the first end says that says any."""
+    """The first type that an endpoint declares, None if none does."""
     return next((end.type for end in ends if end.type is not None), None)
 
 
 def fields_taken(names: Sequence[str], topic: Topic, type: str) -> tuple[str, ...]:
-    """The variables of a data object that a caught message of the type sets; all, if the type is not known."""
+    """The variables of a data object that a caught message sets; all of them if the type is unknown."""
     return tuple(message_fields(names, topic, type)) if type and _is_known(type) else tuple(names)
 
 
 def message_fields(names: Sequence[str], topic: Topic, type: str) -> Mapping[str, str]:
-    """The same: variable -> field, ``pose.position.x``; none if the type is not known."""
+    """The field of each variable, such as ``pose.position.x``; empty if the type is unknown."""
     found = match(names, variable_name(topic.name), messages.create(type)) if _is_known(type) else {}
     return {name: ".".join(path) for name, path in found.items()}
 
@@ -159,7 +159,7 @@ def _is_known(type: str) -> bool:
 
 
 def taken_by_prefix(process: CheckedProcess, node: FlowNode, topic: Topic, type: str) -> Mapping[str, str]:
-    """Variables that a caught message sets though nothing says so, but that they begin like a field: name -> field."""
+    """Variables that a caught message sets because their names start like a field: name -> field."""
     if topic.takes or node.data_outputs or not _is_known(type):
         return {}
     found = match_prefix(unfilled(process.bpmn), "", messages.create(type))

@@ -1,7 +1,7 @@
 """Errors that are caught where nothing throws them: a code that is misspelt, a boundary event at another activity.
 
 Every activity may fail with code ``script`` or ``no_flow`` besides what its error events and scripts throw. Where
-services, JavaScript or computed codes may throw whatever they like nothing is said.
+services, JavaScript or computed codes may throw any code, nothing is reported.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _ANY = ("script", "no_flow")
 
 
 def check_error_handling(scope: CheckScope) -> Iterator[Finding]:
-    """Of the boundary events of every process."""
+    """Check the error boundary events of every process."""
     for process in scope.processes:
         for body in process.bodies():
             nodes = {node.id: node for node in body.nodes}
@@ -45,7 +45,7 @@ def _caught(process: CheckedProcess, event: Event, activity: FlowNode) -> Iterat
 
 
 def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) -> set[str] | None:
-    """The codes that an element and all in it may throw; None if that cannot be told."""
+    """The codes that an element and everything in it may throw; None if they are unknown."""
     if isinstance(node, SubProcess):
         return _together(_thrown(process, one, seen) for one in node.body.nodes)
     if isinstance(node, CallActivity):
@@ -72,7 +72,7 @@ def _together(found: Iterator[set[str] | None]) -> set[str] | None:
 
 
 def _raised(activity: Activity) -> set[str] | None:
-    """The codes of a script: ``raise BpmnError("lost")``."""
+    """The error codes in a script: ``raise BpmnError("lost")``."""
     script = activity.script if isinstance(activity, Task) else None
     if script is None or script.language not in ("python", "javascript"):
         return set()
@@ -82,7 +82,7 @@ def _raised(activity: Activity) -> set[str] | None:
         return set()
     try:
         tree = parse_python(script)
-    except ModelError:  # the compiler tells
+    except ModelError:  # the compiler reports it
         return None
     named = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "BpmnError"]
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.func in named and node.args]

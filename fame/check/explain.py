@@ -1,4 +1,4 @@
-"""What a file was read as, for people whose models were made elsewhere: one reading per line of the explanation.
+"""Explain how a model from another tool was read, one reading per line.
 
 ::
 
@@ -25,7 +25,7 @@ from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.reader.xml import children, parse
 from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.endpoints import TopicEndpoint, by_topic, declared_type, message_fields, taken_by_prefix
-from fame.check.expressions import texts_of
+from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
 from fame.check.scope import CheckedProcess, CheckScope, find_scope
 from fame.engine.data import variable_name
@@ -43,7 +43,7 @@ _LANGUAGES = {"javascript": "JavaScript", "juel": "Camunda 7, ${...}", "feel": "
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One thing that was read. `line` is 1-based, 0 unknown; `element` is an id, empty for the file."""
+    """One detail of how the file was read. `line` is 1-based, 0 unknown; `element` is an id, empty for the file."""
 
     kind: Kind
     text: str
@@ -58,7 +58,7 @@ class Reading:
 
 
 def explain(definitions: Definitions, *, library: Library | None = None) -> list[Reading]:
-    """All readings of a file and of the processes that it calls, by file and line."""
+    """Return all readings of a file and of the processes that it calls, by file and line."""
     about = find_scope(definitions, library or Library())
     homes = {process.file: process.definitions for process in about.processes} or {definitions.file: definitions}
     found = [reading for home in homes.values() for reading in (*_forms(home), *_notes(home))]
@@ -102,7 +102,7 @@ def _topic(end: TopicEndpoint, type: str) -> str:
 
 
 def _where_to(end: TopicEndpoint, type: str) -> str:
-    """Where the fields of a caught message go."""
+    """The variables that receive the fields of a caught message."""
     topic, node = end.topic, end.node
     assert topic is not None
     if topic.takes:
@@ -128,9 +128,9 @@ def _services(process: CheckedProcess) -> Iterator[Reading]:
 
 
 def _asked(node: FlowNode) -> Iterator[ScriptTopic]:
-    """The services that a script names literally."""
+    """The services that a script calls by a literal name."""
     if isinstance(node, Task) and node.script is not None:
-        with suppress(ModelError):  # the compiler tells
+        with suppress(ModelError):  # the compiler reports it
             yield from (one for one in script_topics(node.script) if one.direction == "call")
 
 
@@ -165,13 +165,13 @@ def _calls(process: CheckedProcess, about: CheckScope) -> Iterator[Reading]:
 
 
 def _drawn(home: Definitions) -> set[str | None]:
-    """The processes that stand in the file itself, not in a call activity."""
+    """The ids of the processes in the file itself, not embedded in a call activity."""
     return {one.get("id") for one in children(parse(home.source, home.file), "process")}
 
 
 def _texts(process: CheckedProcess) -> Iterator[Reading]:
     for body in process.bodies():
-        for text in texts_of(body):
+        for text in expressions_in(body):
             language = _LANGUAGES.get(text.expression.language)
             literal = text.expression.language == "template" and not has_placeholders(text.expression.text)
             if language is not None and text.use != "payload" and not literal:
@@ -203,11 +203,11 @@ def _semantics(process: CheckedProcess) -> Iterator[Reading]:
 
 
 Quirk = tuple[str, Element, int]
-"""What it is, where, and the line (0: that of the element)."""
+"""Text, element and line (0: that of the element)."""
 
 
 def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk]:
-    """Those of one process. `types` are those of the topics, by qualified name."""
+    """The habits in one process. `types`: the types of topics by qualified name."""
     for node in process.bpmn.body.walk():
         for topic, throws in topics_of(node):
             taken = {} if throws else taken_by_prefix(process, node, topic, types.get(topic.qualified, ""))
@@ -218,7 +218,7 @@ def _quirks(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[Quirk
                     0,
                 )
     for body in process.bodies():
-        for used in texts_of(body):
+        for used in expressions_in(body):
             if used.expression.language != "javascript":
                 continue
             names, line = identifiers_of(used.expression.text), used.expression.line

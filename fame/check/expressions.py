@@ -1,4 +1,4 @@
-"""The texts of a process that are evaluated, and the variables that each of them reads and writes."""
+"""The scripts and expressions of a process, and the variables that each of them reads and writes."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ Found = tuple[Expression | None, Use]
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
-    """A text, where it stands and what it is for; the names that it reads from the variables, and writes to them.
+class ExpressionUse:
+    """A script or expression, its element and use, and the variables that it reads and writes.
 
     `code`: the functions, classes and modules that it leaves for later scripts.
     """
@@ -47,26 +47,26 @@ class Text:
     code: frozenset[str] = frozenset()
 
 
-def texts_of(body: Body) -> Iterator[Text]:
-    """Every text of a body that sees the variables of its process; its sub-processes are bodies of their own."""
+def expressions_in(body: Body) -> Iterator[ExpressionUse]:
+    """Every script and expression of a body; those of its sub-processes belong to their own bodies."""
     elements: list[Element] = [*body.data_objects, *body.flows, *body.nodes]
     for element in elements:
         for expression, use in _texts(element):
             if expression is not None:
                 reads, writes = names_of(expression, use == "script")
                 code = _code_of(expression) if use == "script" else frozenset[str]()
-                yield Text(expression, element, use, reads - _own(element, expression), writes, code)
+                yield ExpressionUse(expression, element, use, reads - _own(element, expression), writes, code)
 
 
 def _own(element: Element, value: Expression) -> set[str]:
-    """The name whose value this is, of a data object: ``x: ${x}`` declares it, and leaves it unset if it is."""
+    """The name of the data object's value itself: ``x: ${x}`` only declares it."""
     if not isinstance(element, DataObject):
         return set()
     return {name for name, expression in element.values if expression is value}
 
 
 def names_of(expression: Expression, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
-    """The names that a text reads and writes; none if it is wrong, which the compiler tells."""
+    """The names that a text reads and writes; none if it is invalid, which the compiler reports."""
     try:
         return script_names(expression, script=script)
     except (ModelError, RecursionError):  # the one is told by the compiler, the other is nested too deeply

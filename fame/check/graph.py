@@ -1,4 +1,4 @@
-"""A scope as a graph: where tokens begin, and where they may get to from each node."""
+"""A body as a graph: where tokens start, and where they can get from each node."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Graph:
         return [self.flows[id] for id in node.outgoing]
 
     def beginnings(self) -> list[FlowNode]:
-        """Where tokens come from: start events and their like, else all that has no incoming flow (standard 13.2)."""
+        """Where tokens start: at start events, else at all nodes without incoming flow (standard 13.2)."""
         return self.starts() or [node for node in self.body.nodes if begins(node)]
 
     def starts(self) -> list[FlowNode]:
@@ -49,7 +49,7 @@ class Graph:
         return [node for node in self.body.nodes if is_event(node, "start") or instantiates(node)]
 
     def reach(self, ids: Iterable[str], seen: set[str]) -> set[str]:
-        """What tokens get to from some nodes, these included, without what has been `seen`; that grows by it."""
+        """The nodes that tokens reach from some nodes (included), without those in `seen`, which is extended."""
         found: set[str] = set()
         pending = list(ids)
         while pending:
@@ -61,7 +61,7 @@ class Graph:
         return found
 
     def before(self, id: str) -> Iterator[str]:
-        """The nodes from which tokens get to a node, the nearest first; itself if it is one of them."""
+        """The nodes from which tokens reach a node, nearest first; includes the node itself if it is in a loop."""
         seen: set[str] = set()
         pending = deque(self.preceding[id])
         while pending:
@@ -72,7 +72,7 @@ class Graph:
                 pending.extend(self.preceding[node])
 
     def circles(self) -> Iterator[list[FlowNode]]:
-        """The sets of nodes from each of which tokens may get to all of the set (Kosaraju's algorithm)."""
+        """The strongly connected components (Kosaraju's algorithm)."""
         order = list[str]()
         seen = set[str]()
         for node in self.body.nodes:
@@ -125,12 +125,12 @@ def graph_of(body: Body) -> Graph:
 
 
 def is_event(node: FlowNode, place: str) -> bool:
-    """Whether it is an event in this place."""
+    """Whether a node is an event at this place."""
     return isinstance(node, Event) and node.place == place
 
 
 def link_of(node: FlowNode) -> str:
-    """The name of the link of a link event, else nothing."""
+    """The name of a link event, else empty."""
     links = [one.name for one in node.definitions if isinstance(one, LinkDefinition)] if isinstance(node, Event) else []
     return links[0] if links else ""
 
@@ -139,30 +139,30 @@ def link_of(node: FlowNode) -> str:
 
 
 def may_stop(graph: Graph, node: FlowNode) -> bool:
-    """Whether a token finds no way out where no condition is true."""
+    """Whether a token may find no outgoing flow because all have conditions."""
     default = node.default if isinstance(node, Activity | Gateway) else ""
     flows = graph.leaving(node)
     return bool(flows) and not default and all(flow.condition is not None for flow in flows)
 
 
 def ends_all(node: FlowNode) -> bool:
-    """Whether it ends what other tokens do."""
+    """Whether it ends other tokens."""
     ends = TerminateDefinition | ErrorDefinition
     return isinstance(node, Event) and any(isinstance(one, ends) for one in node.definitions)
 
 
 def _says(node: FlowNode, *words: str) -> bool:
-    """Whether one of the words stands in its script."""
+    """Whether its script contains one of the words."""
     return isinstance(node, Task) and node.script is not None and any(word in node.script.text for word in words)
 
 
 def passes_in_time(node: FlowNode) -> bool:
-    """Whether a token passes it sooner or later, without an error that could be meant as the way out."""
+    """Whether a token passes it sooner or later, and certainly without an error."""
     return not ends_all(node) and not _says(node, "raise")
 
 
 def passes_at_once(node: FlowNode) -> bool:
-    """Whether a token passes it so, and without waiting."""
+    """Whether a token certainly passes it without waiting."""
     if isinstance(node, Event):
         waits = node.place in ("catch", "boundary") and not link_of(node)
     elif isinstance(node, Task):

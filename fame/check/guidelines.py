@@ -1,7 +1,7 @@
 """The guidelines of the FaMe paper (section 3), as notes: how to draw so that others see what a robot does.
 
 G1 robots are pools; G2 the mission is the process of the pool, drawn with a small selection of elements; G3 robots
-talk by signals alone; G4 what decides or is sent is held by data objects.
+communicate only by signals; G4 data objects declare the variables of conditions and payloads.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fame.bpmn.model import (
     TimerDefinition,
 )
 from fame.bpmn.topics import topics_of
-from fame.check.expressions import texts_of
+from fame.check.expressions import expressions_in
 from fame.check.findings import Finding
 from fame.check.scope import CheckedProcess, CheckScope
 from fame.engine import joins, loops
@@ -39,7 +39,7 @@ _KINDS = {"business_rule": "business rule", "adhoc": "ad-hoc sub-process", "embe
 
 
 def check_guidelines(scope: CheckScope) -> Iterator[Finding]:
-    """Where the model leaves the guidelines."""
+    """Find deviations from the guidelines."""
     yield from _pools(scope)
     for process in scope.processes:
         for node in process.bpmn.body.walk():
@@ -72,7 +72,7 @@ def _pools(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _ordinals(process: Process) -> Mapping[str, str]:
-    """Each id in a process -> which one it is."""
+    """Number the ids of a process in document order: id -> ``#n``."""
     found = [process.id]
     bodies = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
     for body in bodies:
@@ -82,7 +82,7 @@ def _ordinals(process: Process) -> Mapping[str, str]:
 
 
 def _shape(value: Any, ids: Mapping[str, str]) -> Any:
-    """What is the same for two processes that do the same: all but ids, labels, lines, documentation and lanes."""
+    """A comparable form of a process without ids, labels, lines, documentation and lanes."""
     if isinstance(value, str):
         return ids.get(value, value)
     if isinstance(value, tuple):
@@ -121,7 +121,7 @@ def _selection(process: CheckedProcess, node: FlowNode) -> Iterator[Finding]:
 
 
 def _outside(node: FlowNode) -> str:
-    """What an element is called if it is none of the selected ones."""
+    """The name of the kind of an element outside the selection; empty for elements inside it."""
     if isinstance(node, Task) and node.kind != "script":
         return f"a {_KINDS.get(node.kind, node.kind)} task"
     if isinstance(node, SubProcess) and node.kind != "event":
@@ -152,7 +152,7 @@ def _article(word: str) -> str:
 def _undeclared(process: CheckedProcess) -> Iterator[Finding]:
     declared = {name for body in process.bodies() for item in body.data_objects for name in item.names}
     for body in process.bodies():
-        for text in texts_of(body):
+        for text in expressions_in(body):
             if text.use in ("condition", "payload"):
                 for name in sorted(text.reads - declared - {*loops.NAMES, *joins.NAMES}):
                     does = "decides by" if text.use == "condition" else "sends"
@@ -164,7 +164,7 @@ def _undeclared(process: CheckedProcess) -> Iterator[Finding]:
 
 
 def _original(process: CheckedProcess) -> Iterator[Finding]:
-    """Interrupting event sub-processes of a file that looks like one of the original's, which suspended."""
+    """Interrupting event sub-processes in files of the original FaMe, which suspended the scope."""
     if process.bpmn.semantics == "standard" and process.bpmn.by_prefix:
         for node in suspending(process.bpmn):
             text = "ends its scope; the original FaMe resumed the scope afterwards"
@@ -172,7 +172,7 @@ def _original(process: CheckedProcess) -> Iterator[Finding]:
 
 
 def suspending(process: Process) -> Iterator[SubProcess]:
-    """The event sub-processes to which semantics=original makes a difference."""
+    """The event sub-processes that semantics=original affects."""
     for node in process.body.walk():
         if isinstance(node, SubProcess) and node.triggered_by_event and not node.resume:
             starts = (one for one in node.body.nodes if isinstance(one, Event) and one.place == "start")

@@ -1,7 +1,7 @@
-"""What the behaviours of a library path are: what each needs, hears and tells, what it calls, and what is said of it.
+"""The behaviours of a library path: the inputs, topics, calls and documentation of each.
 
 A behaviour is a process that a call activity can name: that of a file ``<name>.bpmn`` with the id ``<name>`` or, if the
-file has just one process, that. All that is told here is drawn in the file; nothing is written down twice.
+file has just one process, that one. Everything is derived from the diagram; nothing is declared twice.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fame.bpmn.model import (
     Task,
 )
 from fame.bpmn.topics import topic_table
-from fame.check.expressions import names_of, texts_of
+from fame.check.expressions import expressions_in, names_of
 from fame.errors import ConfigError
 from fame.scripting.analysis import Direction, script_topics
 from fame.scripting.python import parse_python
@@ -63,9 +63,9 @@ class Behaviour:
 
 
 def behaviours(folders: Sequence[Path] = ()) -> list[Behaviour]:
-    """Those of `folders` and of what is built in, by name; of two with one name that of the first folder.
+    """Return the behaviours of `folders` and the built-in ones by name; the first folder with a name wins.
 
-    Raises ConfigError for a folder that is not there, and ModelError for a file that cannot be read.
+    Raises ConfigError for a folder that does not exist and ModelError for a file that cannot be read.
     """
     library, found = Library(), dict[str, Behaviour]()
     for folder in (*folders, *BUILT_IN):
@@ -98,7 +98,7 @@ def _behaviour(name: str, definitions: Definitions, process: Process, library: L
 
 
 def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode]) -> Iterator[BehaviourTopic]:
-    """Sorted by direction and name. What a script does not say of a topic's type, an event or another script may."""
+    """The topics by direction and name; a type that one script omits may be declared elsewhere."""
     used: dict[tuple[Direction, str], str] = {}
     for use in topic_table(definitions, [process.id]).values():
         directions: dict[Direction, object] = {"publish": use.throws, "subscribe": use.catches}
@@ -117,7 +117,7 @@ def _topics(definitions: Definitions, process: Process, nodes: Iterable[FlowNode
 
 
 def _inputs(definitions: Definitions, process: Process, library: Library) -> Iterator[str]:
-    """In the order in which data objects name them."""
+    """The inputs in the order of the data objects."""
     uses = _Uses({}, {}, {})
     for body in _bodies(process):
         _gather(body, uses)
@@ -132,7 +132,7 @@ def _inputs(definitions: Definitions, process: Process, library: Library) -> Ite
 
 @dataclass(frozen=True, slots=True)
 class _Uses:
-    """The data objects of a process, and what each of its flow nodes and flows reads from variables and sets."""
+    """The data objects of a process, and the variables that each flow node and flow reads and sets."""
 
     objects: dict[str, DataObject]
     reads: dict[str, set[str]]
@@ -148,7 +148,7 @@ def _gather(body: Body, uses: _Uses) -> None:
     uses.objects.update(objects)
     for element in (*body.nodes, *body.flows):
         uses.reads[element.id], uses.sets[element.id] = set(), set()
-    for text in texts_of(body):
+    for text in expressions_in(body):
         if text.element.id in uses.reads:
             first = _read_first(text.expression) if text.use == "script" else text.reads
             uses.reads[text.element.id] |= first
@@ -169,7 +169,7 @@ def _set_in(body: Body) -> set[str]:
 
 
 def _read_first(script: Expression) -> set[str]:
-    """The names that a script in Python takes from the variables before it sets them."""
+    """The names that a Python script reads before it sets them."""
     if script.language != "python":
         return set()
     found, written = set[str](), set[str]()
@@ -181,12 +181,12 @@ def _read_first(script: Expression) -> set[str]:
 
 
 def _has_value(item: DataObject, name: str) -> bool:
-    """Whether a data object gives a variable a value: neither nothing nor its own."""
+    """Whether a data object gives a variable a value other than its own."""
     return all(text.text.strip() not in ("", f"${{{name}}}") for given, text in item.values if given == name)
 
 
 def _passes(body: Body, name: str, uses: _Uses) -> tuple[bool, bool]:
-    """Whether something reads a variable that nothing has set, and whether a token may come through without setting it.
+    """Whether a variable is read before it is set, and whether a token may pass without setting it.
 
     Every way that is drawn counts, whatever its condition.
     """

@@ -19,7 +19,7 @@ from fame.check.scope import CheckedProcess, CheckScope
 
 
 def check_loops(scope: CheckScope) -> Iterator[Finding]:
-    """Of every process; nothing is said of one that something else may end."""
+    """Check every process, except those that something else may end."""
     stopped = {callee for process in scope.processes for call, callee in process.calls if call.id in _guarded(process)}
     for process in scope.processes:
         if process not in stopped and not _may_be_ended(process):
@@ -28,13 +28,13 @@ def check_loops(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _guarded(process: CheckedProcess) -> set[str]:
-    """The activities (ids) that a boundary event may interrupt."""
+    """The ids of activities that a boundary event may interrupt."""
     events = (node for node in process.bpmn.body.walk() if isinstance(node, Event))
     return {event.attached_to for event in events if event.place == "boundary" and event.interrupting}
 
 
 def _may_be_ended(process: CheckedProcess) -> bool:
-    """Whether something may end a scope of the process from beside: another token, a handler, a boundary event."""
+    """Whether another token, a handler or a boundary event may end a scope of the process."""
     guarded = _guarded(process)
     return any(
         ends_all(node) or (isinstance(node, SubProcess) and (node.triggered_by_event or node.id in guarded))
@@ -67,11 +67,11 @@ def _passes(node: FlowNode) -> bool:
 
 
 Passes = Callable[[FlowNode], bool]
-"""Whether a token passes a node for certain."""
+"""Whether a token certainly passes a node."""
 
 
 def check_recursion(scope: CheckScope) -> Iterator[Finding]:
-    """Errors where nothing on the way waits, so that it fails at once; else warnings."""
+    """Find endless recursion: errors where nothing waits on the way, so that it fails at once, else warnings."""
     circle = {
         process
         for process in scope.processes
@@ -99,12 +99,12 @@ def _endless(circle: set[CheckedProcess], passes: Passes) -> set[CheckedProcess]
 
 
 def _calls(process: CheckedProcess, endless: set[CheckedProcess]) -> set[str]:
-    """The calls of endless processes, by id."""
+    """The ids of the calls of endless processes."""
     return {call.id for call, callee in process.calls if callee in endless and call.loop is None}
 
 
 def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
-    """Whether every token that begins in the body meets one of the calls."""
+    """Whether every path through the body leads to one of the calls."""
     graph = graph_of(body)
     if any(isinstance(node, SubProcess) and node.triggered_by_event for node in body.nodes):
         return False
@@ -130,7 +130,7 @@ def _meets_always(body: Body, calls: set[str], passes: Passes) -> bool:
 
 
 def _forks(graph: Graph, node: FlowNode) -> bool:
-    """Whether a token goes each way out."""
+    """Whether a token takes all outgoing flows."""
     if isinstance(node, Gateway):
         return node.kind == "parallel"
     return all(flow.condition is None for flow in graph.leaving(node))

@@ -1,4 +1,4 @@
-"""What is sent has to fit its type, whatever the variables are: known fields, and constants of their types."""
+"""Payloads that do not fit their type whatever the variables are: unknown fields, constants of another type."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from fame.scripting.substitution import is_text, payload
 
 
 def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expression, type: str) -> Iterator[Finding]:
-    """Of the payload of an event or task. Says nothing of a type that is not known."""
+    """Check the payload of an event or task, unless its type is unknown."""
     if expression.text.lstrip().startswith("="):  # FEEL is computed, all of it
         return
     computed: list[str] = []
     try:
         value = payload(expression.text, lambda path, error: computed.append(path))[0]({})
-    except ExpressionError:  # the compiler tells
+    except ExpressionError:  # the compiler reports it
         return
     except Exception:  # a ${...} of constants that cannot be evaluated: no telling
         value = UNDEFINED
@@ -37,12 +37,12 @@ def payload_findings(process: CheckedProcess, node: FlowNode, expression: Expres
 
 
 def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
-    """Of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts: names of fields, and literal values."""
+    """Check fields and literals of ``robot.publish("led", "std_msgs/msg/ColorRGBA", r=1.0)`` in scripts."""
     for node in process.bpmn.body.walk():
         if isinstance(node, Task) and node.script is not None and _publishes(node.script):
             try:
                 tree = parse_python(node.script)
-            except ModelError:  # the compiler tells
+            except ModelError:  # the compiler reports it
                 continue
             caught = {id(one) for tried in ast.walk(tree) if isinstance(tried, ast.Try) for one in _inside(tried)}
             for call in ast.walk(tree):
@@ -51,7 +51,7 @@ def publish_findings(process: CheckedProcess) -> Iterator[Finding]:
 
 
 def _inside(tried: ast.Try) -> Iterator[ast.AST]:
-    """What a ``try`` with an ``except`` may catch the errors of."""
+    """The nodes whose errors a ``try`` statement may catch."""
     return (one for statement in tried.body if tried.handlers for one in ast.walk(statement))
 
 
@@ -73,7 +73,7 @@ def _publish(process: CheckedProcess, node: FlowNode, call: ast.Call, level: Lev
 
 
 def _has_fields(type: str) -> bool:
-    """Whether only a mapping can fill it: a text of digits may yet be the number of a message with one field."""
+    """Whether only a mapping can fill it; a message with one field may be filled by a number."""
     try:
         return len(messages.fields(type)) > 1
     except MessageError:
@@ -81,7 +81,7 @@ def _has_fields(type: str) -> bool:
 
 
 def misfit(type: str, value: object) -> MessageError | None:
-    """Why the value makes no message of the type; None if it does, or if there is no such type."""
+    """The error of creating a message from the value; None if it fits or the type is unknown."""
     try:
         messages.fields(type)
     except MessageError:
@@ -94,7 +94,7 @@ def misfit(type: str, value: object) -> MessageError | None:
 
 
 def _unknown_field(type: str, path: str) -> MessageError | None:
-    """Why the type has no such field (``pose.position.x``, ``points[0].x``); None if it has."""
+    """The error of an unknown field (``pose.position.x``, ``points[0].x``); None if the type has it."""
     within = type
     for name in filter(None, re.sub(r"\[\d+\]", "", path).split(".")):
         try:

@@ -1,4 +1,4 @@
-"""How far tokens can get, given what is thrown: every token goes wherever it may.
+"""How far tokens can get, given the signals that are thrown: every token takes every path.
 
 A catching event lets a token past once an element that is reached throws its topic. What is reached throws more, so the
 walk is repeated until nothing is added (a least fixed point). Whatever is left out of account (conditions, data, how
@@ -24,7 +24,7 @@ Passes = Callable[[FlowNode], bool]
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Where tokens of the process `root` wait for topics that nobody throws. `escape`: there is another way on."""
+    """Where tokens of the process `root` wait for topics that nothing throws. `escape`: another path leads on."""
 
     root: CheckedProcess
     process: CheckedProcess
@@ -35,7 +35,7 @@ class Wait:
 
 @dataclass(slots=True)
 class Progress:
-    """How far they get: the elements that are reached, the topics that are thrown, and where tokens wait."""
+    """The reached elements, the thrown topics, and where tokens wait."""
 
     reached: set[tuple[CheckedProcess, str]] = field(default_factory=set)
     thrown: set[str] = field(default_factory=set)
@@ -43,7 +43,7 @@ class Progress:
 
 
 def progress(roots: Iterable[CheckedProcess], topics: Topics, passes: Passes = lambda node: True) -> Progress:
-    """How far the tokens of processes that begin by themselves get.
+    """Find how far the tokens of processes that start by themselves can get.
 
     `topics` are those that are thrown by these processes alone; any other may come at any time.
     """
@@ -95,7 +95,7 @@ class _Walk:
         return self.ended[key]
 
     def _ways(self, process: CheckedProcess, graph: Graph, node: FlowNode) -> list[FlowNode]:
-        """Where a token may get to from a node that it has reached."""
+        """The nodes after a reached node."""
         self.found.reached.add((process, node.id))
         self.found.thrown |= self.throws.get((process, node.id), set())
         ways = [graph.nodes[id] for id in graph.following[node.id]]
@@ -124,7 +124,7 @@ class _Walk:
         return True
 
     def _waited(self, node: FlowNode) -> frozenset[str]:
-        """The topics one of which has to be thrown before a token passes; none if something else may let it pass."""
+        """The topics of which one must be thrown before a token passes; empty if the token may pass anyway."""
         names = frozenset(topic.qualified for topic, throws in topics_of(node) if not throws)
         others = isinstance(node, Event) and not all(
             isinstance(one, SignalDefinition | MessageDefinition) for one in node.definitions

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Activity, Body, Element, Expression, SubProcess
-from fame.check.expressions import Text, texts_of
+from fame.check.expressions import ExpressionUse, expressions_in
 from fame.check.findings import Finding
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope
@@ -24,25 +24,25 @@ _REQUESTS = ("sleep", "receive", "until", "robot.call", "robot.act")
 _HAVE: Mapping[str, tuple[str, ...]] = {
     name: tuple(one for one in dir(kind) if not one.startswith("_")) for name, kind in (("robot", Robot), ("log", Log))
 }
-"""What the objects of the script interface have."""
+"""The methods of the objects of the script interface."""
 
 _IN_EXPRESSIONS = {"robot": ("name", "namespace")}
-"""What texts that are not Python see of them."""
+"""The attributes that expressions in other languages can use."""
 
 _OF_ROBOT = {"": re.compile(r"[$#]\{[^{}]*\brobot\.(\w+)"), "feel": re.compile(r"\brobot\.(\w+)")}
-"""Where ``robot.name`` stands in a text that is not valid Python: inside ``${...}``, or anywhere in FEEL."""
+"""Where ``robot.name`` occurs in another language than Python: inside ``${...}``, or anywhere in FEEL."""
 
 _BLOCKS = re.compile(r"\btime\.sleep\s*\(")
 
 _USES = (ast.Attribute, ast.Subscript, ast.Compare, ast.BinOp, ast.BoolOp, ast.UnaryOp, ast.FormattedValue)
 _USES_TEST = (ast.If, ast.While, ast.IfExp)
-"""What takes a value apart or judges it: nothing that can be done to a request."""
+"""Uses of a value that make no sense for a request."""
 
 
 def check_scripts(scope: CheckScope) -> Iterator[Finding]:
     """Check the scripts and expressions of every process."""
     for process in scope.processes:
-        texts = [text for body in process.bodies() for text in texts_of(body)]
+        texts = [text for body in process.bodies() for text in expressions_in(body)]
         scripts = [text for text in texts if text.use == "script"]
         for text in texts:
             yield from _misused_interface(process, text)
@@ -55,7 +55,7 @@ def check_scripts(scope: CheckScope) -> Iterator[Finding]:
         yield from _piling_up(process, in_javascript)
 
 
-def _misused_interface(process: CheckedProcess, text: Text) -> Iterator[Finding]:
+def _misused_interface(process: CheckedProcess, text: ExpressionUse) -> Iterator[Finding]:
     """Methods that the script interface does not have, and requests that are not awaited."""
     tree = _tree(text)
     bound = _bound(tree) if tree is not None else set()
@@ -67,18 +67,18 @@ def _misused_interface(process: CheckedProcess, text: Text) -> Iterator[Finding]
         yield from _not_awaited(process, text.element, tree, bound)
 
 
-def _tree(text: Text) -> ast.AST | None:
-    """The text as Python, with the lines of the file; None if it is in another language, or wrong."""
+def _tree(text: ExpressionUse) -> ast.AST | None:
+    """The Python syntax tree with the lines of the file; None for another language or an invalid text."""
     if text.expression.language != "python":
         return None
     try:
         return parse_python(text.expression, "exec" if text.use == "script" else "eval")
-    except ModelError:  # the compiler tells
+    except ModelError:  # the compiler reports it
         return None
 
 
 def _bound(tree: ast.AST) -> set[str]:
-    """The names that the text gives another meaning."""
+    """The names that the text itself defines."""
     nodes = list(ast.walk(tree))
     found = {node.id for node in nodes if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
     found |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
@@ -88,7 +88,7 @@ def _bound(tree: ast.AST) -> set[str]:
 
 
 def _attributes(expression: Expression, tree: ast.AST | None) -> Iterator[tuple[str, str, int]]:
-    """(object, method or field, line) wherever a text names one of an object of the script interface."""
+    """(object, attribute, line) of each use of an object of the script interface."""
     if tree is None and expression.language != "javascript":
         of_robot = _OF_ROBOT["feel" if expression.language == "feel" else ""]
         yield from (("robot", name, expression.line) for name in of_robot.findall(expression.text))
@@ -118,7 +118,7 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
 
 
 def _target(parent: ast.AST) -> str:
-    """The variable that takes the value, if one does."""
+    """The variable to which the value is assigned, empty if there is none."""
     targets = parent.targets if isinstance(parent, ast.Assign) else [getattr(parent, "target", None)]
     only = targets[0] if len(targets) == 1 and isinstance(parent, ast.Assign | ast.AnnAssign | ast.NamedExpr) else None
     return only.id if isinstance(only, ast.Name) else ""
@@ -130,7 +130,7 @@ def _loads(tree: ast.AST, name: str) -> list[ast.Name]:
 
 
 def _is_used(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> bool:
-    """Whether a value is taken apart or judged where it stands."""
+    """Whether a value is used in a way that makes no sense for a request."""
     parent = parents[node]
     return isinstance(parent, _USES) or (isinstance(parent, _USES_TEST) and parent.test is node)
 
@@ -138,7 +138,7 @@ def _is_used(parents: Mapping[ast.AST, ast.AST], node: ast.AST) -> bool:
 # ---- JavaScript -----------------------------------------------------------------------------------------------------
 
 
-def _without_next(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding]:
+def _without_next(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterator[Finding]:
     """Scripts that never call next(): they fail when they run."""
     for text in scripts:
         if not identifiers_of(text.expression.text).next:
@@ -146,7 +146,7 @@ def _without_next(process: CheckedProcess, scripts: list[Text]) -> Iterator[Find
             yield process.finding("warning", found, text.element, text.expression.line)
 
 
-def _piling_up(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding]:
+def _piling_up(process: CheckedProcess, scripts: list[ExpressionUse]) -> Iterator[Finding]:
     """Subscriptions that are made in each iteration of a loop, while nothing destroys any."""
     if any(identifiers_of(text.expression.text).destroys for text in scripts):
         return
@@ -158,7 +158,7 @@ def _piling_up(process: CheckedProcess, scripts: list[Text]) -> Iterator[Finding
 
 
 def _repeated(body: Body, *, around: bool) -> Iterator[str]:
-    """The nodes (ids) that may run again in one instance; `around`: the whole body may."""
+    """The ids of nodes that may run again in one instance; `around`: the whole body may."""
     graph = graph_of(body)
     for node in body.nodes:
         again = around or _loops(node) or node.id in graph.reach(graph.following[node.id], set())

@@ -31,7 +31,7 @@ _SAYS_LITERALLY = re.compile(
 _AWAITS = re.compile(
     r"^(?:\w+\s*=\s*)?await\s+(?:receive|robot\.call|robot\.act|sleep\s*\(\s*0*\.?0*[1-9])", re.MULTILINE
 )
-"""A statement of a script, not inside another, that takes its time."""
+"""A top-level statement of a script that takes time."""
 
 
 def check_signal_order(scope: CheckScope) -> Iterator[Finding]:
@@ -63,7 +63,7 @@ def _deadlocks(roots: Sequence[CheckedProcess], thrown: Topics, level: Level) ->
 
 
 def _before(end: TopicEndpoint, found: Progress) -> Iterator[Wait]:
-    """Where the process that throws waits before it gets there."""
+    """Where the throwing process waits before it throws."""
     return (wait for wait in found.waits if end.process in wait.root.closure())
 
 
@@ -84,7 +84,7 @@ def _label(process: CheckedProcess) -> str:
 
 
 def _too_early(roots: Sequence[CheckedProcess], public: Topics, thrown: Topics, level: Level) -> Iterator[Finding]:
-    """Signals that are only thrown as the mission begins, and whose catchers all have to wait for something before."""
+    """Signals that are thrown only as the mission begins, before any catching event can be reached."""
     for name, ends in thrown.items():
         throws, catches = [end for end in ends if end.throws], [end for end in ends if not end.throws]
         kept = not catches or any(end.topic is None or end.topic.queue for end in catches)
@@ -104,7 +104,7 @@ def _is_early(
 
 
 def _only_as_it_begins(roots: Sequence[CheckedProcess], end: TopicEndpoint) -> bool:
-    """Whether a process that starts by itself gets there at once, and never again."""
+    """Whether a process that starts by itself reaches the endpoint at once and never again."""
     graph = graph_of(end.process.bpmn.body)
     if end.process not in roots or end.node.id not in graph.nodes:
         return False
@@ -119,7 +119,7 @@ def _only_as_it_begins(roots: Sequence[CheckedProcess], end: TopicEndpoint) -> b
 
 
 def _may_pass_before(throw: FlowNode, node: FlowNode) -> bool:
-    """Whether a token may be past a node in the instant in which it came there, before one is past the throw.
+    """Whether a token may pass a node at the moment of its arrival, before any token has passed the throw.
 
     What drivers say takes its time.
     """
@@ -134,7 +134,7 @@ def _may_pass_before(throw: FlowNode, node: FlowNode) -> bool:
 
 
 def _lasts(timer: TimerDefinition) -> bool:
-    """Whether a timer takes its time for certain."""
+    """Whether the duration of a timer is certainly not zero."""
     try:
         text = timer.expression.text if timer.expression is not None else "PT0S"
         return timer.kind == "duration" and parse_duration(text) != parse_duration("PT0S")
@@ -155,7 +155,7 @@ def check_signal_delivery(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _throw_before_catch(scope: CheckScope, name: str, ends: Sequence[TopicEndpoint], level: Level) -> Iterator[Finding]:
-    """A throw and then a catch of the same signal, which nobody else throws."""
+    """A throw directly before the catch of the same signal, which nothing else throws."""
     throws = [end for end in ends if end.throws]
     if len(throws) != 1 or throws[0].process not in scope.processes or _has_twins(scope, throws[0].process):
         return
@@ -169,13 +169,13 @@ def _throw_before_catch(scope: CheckScope, name: str, ends: Sequence[TopicEndpoi
 
 
 def _has_twins(scope: CheckScope, process: CheckedProcess) -> bool:
-    """Whether several robots may be at it: those of a multi-instance pool, or the callers of a process."""
+    """Whether several robots may run the process: those of a multi-instance pool, or its callers."""
     pools = [pool for pool in process.definitions.participants if pool.process == process.bpmn.id]
     return process not in scope.roots or any(pool.multi_instance for pool in pools)
 
 
 def _next_wait(graph: Graph, node: FlowNode) -> FlowNode | None:
-    """The catching event or receive task that a token comes to next, past what does not wait; None if there is none."""
+    """The next catching event or receive task after nodes that do not wait; None if there is none."""
     seen: set[str] = set()
     while node.id not in seen and len(graph.following[node.id]) == 1:
         seen.add(node.id)
@@ -188,13 +188,13 @@ def _next_wait(graph: Graph, node: FlowNode) -> FlowNode | None:
 
 
 def _queues(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
-    """Catching events that keep more messages than the middleware does."""
+    """Catching events whose queue is longer than that of the middleware."""
     policies: dict[str, str] = {}
     for end in sorted(ends, key=lambda one: one.throws):  # where they differ, that of the throw holds
         policies |= end.topic.qos if end.topic is not None else {}
     try:
         profile = parse(policies, SIGNAL)
-    except MessageError:  # which is told as an error
+    except MessageError:  # reported as an error
         return
     for end in ends:
         kept = end.topic.queue if end.topic is not None and not end.throws else 0

@@ -17,7 +17,7 @@ _PARSERS: Mapping[str, Callable[[str], object]] = {
 
 
 def check_timers(scope: CheckScope) -> Iterator[Finding]:
-    """Timers that no clock could keep, and cycles that go round but once."""
+    """Find invalid times, and cycles that fire only once."""
     for process in scope.processes:
         handled = {
             node.id

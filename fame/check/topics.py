@@ -67,7 +67,7 @@ def _judged(topics: Topics, remote: bool) -> Iterator[Finding]:
 
 
 def _names(name: str, ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
-    """Whether ROS takes the name of a topic. In simulation any name will do."""
+    """Topics that are not valid in ROS 2; simulations accept any name."""
     if not is_ros_name(name.removeprefix("~")):
         text = f"{name} is not a valid ROS 2 topic name: expected {NAMES}"
         yield ends[0].finding("warning", text)
@@ -92,7 +92,7 @@ def _unknown(ends: Sequence[TopicEndpoint]) -> Iterator[Finding]:
 
 
 def _taking(end: TopicEndpoint, topic: Topic, type: str | None) -> Iterator[Finding]:
-    """Whether a caught message has what is to be taken from it."""
+    """Data objects and mappings that find no field in the caught message."""
     objects = [item for body in end.process.bodies() for item in body.data_objects if item.id in end.node.data_outputs]
     names = [name for item in objects for name in item.names]
     wanted = ", ".join([item.target for item in topic.takes] or names)
@@ -141,7 +141,7 @@ def check_topic_partners(scope: CheckScope) -> Iterator[Finding]:
 
 
 def _similar(name: str, ends: Sequence[TopicEndpoint], topics: Topics) -> str:
-    """A topic whose other end may be meant: of nearly that name, and likewise with one end only."""
+    """A suggestion: a topic of a similar name that lacks the other side."""
     throws = ends[0].throws
     lonely = {one.casefold(): one for one, its in topics.items() if all(end.throws != throws for end in its)}
     found = difflib.get_close_matches(name.casefold(), sorted(lonely), 1, 0.8)

@@ -18,7 +18,7 @@ from fame.bpmn.model import Activity, Element, Expression, FlowNode
 from fame.bpmn.topics import EMPTY_TYPE, topics_of
 from fame.check.coverage import python_tree
 from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
-from fame.check.expressions import Text, names_of, texts_of
+from fame.check.expressions import ExpressionUse, expressions_in, names_of
 from fame.check.findings import Finding
 from fame.check.payloads import misfit
 from fame.check.scope import CheckedProcess, CheckScope
@@ -32,14 +32,14 @@ from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import payload
 
 _MOST = 16
-"""Combinations of samples with which a payload is tried."""
+"""The largest number of sample combinations tried for a payload."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A value that an element gives a variable. `exact`: that very value, or one that fits wherever it does.
+    """A value that an element assigns to a variable. `exact`: the value itself, or one that fits wherever it fits.
 
-    `whole`: a caught message that fills the variable named like its topic, which nobody asked for.
+    `whole`: a caught message that fills the variable named like its topic by default.
     """
 
     process: CheckedProcess
@@ -50,7 +50,7 @@ class Sample:
 
     @property
     def kind(self) -> str:
-        """What it is called."""
+        """The kind as text."""
         if isinstance(self.value, bool):
             return "true or false"
         names = {int: "a number", float: "a number", str: "a text", list: "a list", tuple: "a list", dict: "a mapping"}
@@ -59,12 +59,12 @@ class Sample:
 
 
 def is_message(value: Any) -> bool:
-    """Whether it is a message, or a part of one that is a message itself."""
+    """Whether it is a message or a nested message."""
     return hasattr(value, "__msgtype__")
 
 
 Samples = Mapping[str, Sequence[Sample]]
-"""The samples of each variable; one without a kind stands for what is not understood."""
+"""The samples of each variable; one without a kind stands for an unknown value."""
 
 
 def check_value_kinds(scope: CheckScope) -> Iterator[Finding]:
@@ -103,7 +103,7 @@ def _by_name(
 def _samples(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[tuple[str, Sample]]:
     assigned = assigned_objects(process)
     for body in process.bodies():
-        for text in texts_of(body):
+        for text in expressions_in(body):
             if text.use == "script":
                 yield from ((name, Sample(process, text.element, *value)) for name, value in _of_script(text))
         for node in body.nodes:
@@ -122,7 +122,7 @@ def _samples(process: CheckedProcess, types: Mapping[str, str]) -> Iterator[tupl
 def _of_messages(
     process: CheckedProcess, node: FlowNode, names: Sequence[str], types: Mapping[str, str]
 ) -> Iterator[tuple[str, Sample]]:
-    """What caught messages set: the variables of data objects, else the one named like the topic."""
+    """The variables that caught messages set: those of data objects, else the one named like the topic."""
     for topic, throws in topics_of(node):
         type = types.get(topic.qualified, EMPTY_TYPE if topic.qualified.startswith("/") else "")
         if throws or not type:
@@ -135,7 +135,7 @@ def _of_messages(
         else:
             try:
                 message = messages.create(type)
-            except MessageError:  # which is told as an error
+            except MessageError:  # reported as an error
                 continue
             value = messages.bare(message)
             exact = not isinstance(value, str | list | tuple)
@@ -157,20 +157,20 @@ def _field(type: str, path: str) -> tuple[Any, bool]:
 
 
 def _constant(expression: Expression) -> Any:
-    """The value of an expression that reads nothing; else None."""
+    """The value of a constant expression, else None."""
     try:
         return None if names_of(expression)[0] else compile_expression(expression)({})
     except Exception:  # which the compiler tells, or the element when it is reached
         return None
 
 
-def _of_script(text: Text) -> Iterator[tuple[str, tuple[Any, bool]]]:
-    """(variable, (value, whether it is exact)) of each assignment of a script; of other ways to set one, no value."""
+def _of_script(text: ExpressionUse) -> Iterator[tuple[str, tuple[Any, bool]]]:
+    """(variable, (value, whether it is exact)) of each assignment in a script; the value is None if unknown."""
     left = set(text.writes)
     if text.expression.language == "python":
         try:
             tree = parse_python(text.expression)
-        except ModelError:  # the compiler tells
+        except ModelError:  # the compiler reports it
             return
         for target, value in _assignments(tree):
             if target in text.writes:
@@ -191,7 +191,7 @@ def _assignments(tree: ast.AST) -> Iterator[tuple[str, ast.expr | None]]:
 
 
 def _named(target: ast.expr, value: ast.expr | None) -> Iterator[tuple[str, ast.expr | None]]:
-    """(variable, its value) of one target; of several names without as many values, none."""
+    """(variable, value) of one assignment target; the value is None if unknown."""
     if isinstance(target, ast.Name):
         yield target.id, value
     elif isinstance(target, ast.Tuple | ast.List):
@@ -201,7 +201,7 @@ def _named(target: ast.expr, value: ast.expr | None) -> Iterator[tuple[str, ast.
 
 
 def _value(tree: ast.expr | None) -> tuple[Any, bool]:
-    """A sample of what an expression of Python gives, and whether it is exact; None if that is not understood."""
+    """A sample of the value of a Python expression, and whether it is exact; None if unknown."""
     if isinstance(tree, ast.Compare) or (isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not)):
         return True, True
     called = called_name(tree) if isinstance(tree, ast.Call) else ""
@@ -220,7 +220,7 @@ def _value(tree: ast.expr | None) -> tuple[Any, bool]:
 
 
 _GIVES: Mapping[str, Any] = {"float": 1.0, "int": 1, "len": 1, "round": 1, "bool": True, "list": [], "sorted": []}
-"""Functions of Python -> a sample of what they give."""
+"""Functions of Python -> a sample of their result."""
 
 
 # ---- a message that overwrites something else ------------------------------------------------------------------------
@@ -238,19 +238,19 @@ def _overwritten(
             )
             return
     for process in processes if is_message(sample.value) else ():
-        for text in (text for body in process.bodies() for text in texts_of(body) if name in text.reads):
+        for text in (text for body in process.bodies() for text in expressions_in(body) if name in text.reads):
             if _computes(text, name):
                 found = f"{does}{text.element.display_name} computes with it as a number: {right}"
                 yield sample.process.finding("warning", found, sample.element)
                 return
 
 
-def _computes(text: Text, name: str) -> bool:
-    """Whether a text adds, orders or negates the variable itself."""
+def _computes(text: ExpressionUse, name: str) -> bool:
+    """Whether a text computes with or orders the variable itself."""
     try:
         script = text.use == "script" and text.expression.language == "python"
         tree = parse_python(text.expression) if script else python_tree(text.expression)
-    except ModelError:  # the compiler tells
+    except ModelError:  # the compiler reports it
         return False
     for node in ast.walk(tree) if tree is not None else ():
         operands: list[ast.expr] = []
@@ -271,7 +271,7 @@ def _computes(text: Text, name: str) -> bool:
 
 
 def _misfits(end: TopicEndpoint, known: Samples, types: Mapping[str, str]) -> Iterator[Finding]:
-    """A payload that fits its type with none of the values that its variables may have."""
+    """A payload that does not fit its type with any possible values of its variables."""
     type, expression = types.get(end.name), end.payload
     if type is None or expression is None or expression.language != "payload" or expression.text.lstrip()[:1] == "=":
         return
@@ -281,10 +281,10 @@ def _misfits(end: TopicEndpoint, known: Samples, types: Mapping[str, str]) -> It
         return
     try:
         evaluate = payload(expression.text, lambda path, error: None)[0]
-        if _error(evaluate({}), type) is not None:  # which is told as an error
+        if _error(evaluate({}), type) is not None:  # reported as an error
             return
         errors = [_error(evaluate(dict(zip(names, case, strict=True))), type) for case in itertools.product(*values)]
-    except ExpressionError:  # the compiler tells
+    except ExpressionError:  # the compiler reports it
         return
     except Exception:  # it fails with a sample: no telling
         return
@@ -297,6 +297,6 @@ def _error(value: Any, type: str) -> MessageError | None:
 
 
 def _all_known(samples: Sequence[Sample], name: str, expression: Expression) -> bool:
-    """Whether all samples are exact; of messages, as long as nothing is taken out of them."""
+    """Whether all samples are exact; messages count as long as no field of them is read."""
     taken = re.search(rf"\b{re.escape(name)}\s*[.\[]", expression.text) is not None
     return bool(samples) and all(one.kind and one.exact and not (taken and is_message(one.value)) for one in samples)

@@ -1,4 +1,4 @@
-"""Variables: what is read and never set, and what hides a name that scripts need.
+"""Variables: those that are read and never set, and those that hide a name of the script interface.
 
 Called processes share the variables of their caller, unless a mapping gives them variables of their own. Therefore the
 check looks at variable spaces: a process and all that it calls without a mapping. In a space, a name counts as set if
@@ -30,7 +30,7 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
-from fame.check.expressions import Text, names_of, texts_of
+from fame.check.expressions import ExpressionUse, expressions_in, names_of
 from fame.check.findings import Finding, Level
 from fame.check.scope import CheckedProcess, CheckScope
 from fame.engine import joins, loops
@@ -40,21 +40,21 @@ from fame.scripting.interface import NAMES
 from fame.scripting.javascript.identifiers import identifiers_of
 
 _SMALL = {"true": "True", "false": "False", "null": "None"}
-"""Constants as most languages write them, and as Python does."""
+"""Constants in most languages and in Python."""
 
 _OF_JAVASCRIPT = ("console", "setTimeout", "this", "undefined", "JSON", "Math")
-"""Names that scripts in JavaScript use, and no variable is likely to have."""
+"""Names that scripts in JavaScript use and that variables are unlikely to have."""
 
 
 @dataclass(slots=True)
 class Uses:
-    """What one process does to variables. `declared` by data objects; `sets`: name -> first element that sets it.
+    """The use of variables in one process. `declared` by data objects; `sets`: name -> first element that sets it.
 
     `code`: functions, classes and modules that scripts leave for later ones;
     `needs`: the variables that FAME's own services need; `opaque`: something in it may set whatever it likes.
     """
 
-    texts: list[Text] = field(default_factory=list)
+    texts: list[ExpressionUse] = field(default_factory=list)
     declared: set[str] = field(default_factory=set)
     sets: dict[str, Element] = field(default_factory=dict)
     code: set[str] = field(default_factory=set)
@@ -80,12 +80,12 @@ def check_variables(scope: CheckScope) -> Iterator[Finding]:
 
 
 def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
-    """What a process does to variables."""
+    """Collect the use of variables in a process."""
     uses, assigned = Uses(), assigned_objects(process)
     for body in process.bodies():
         uses.declared |= {name for item in body.data_objects for name in item.names}
         objects = {item.id: item for item in body.data_objects}
-        for text in texts_of(body):
+        for text in expressions_in(body):
             uses.texts.append(text)
             for name in text.writes:
                 uses.sets.setdefault(name, text.element)
@@ -106,7 +106,7 @@ def uses_of(process: CheckedProcess, types: Mapping[str, str]) -> Uses:
 
 
 def named_by(node: FlowNode) -> Iterator[str]:
-    """The variables that an element names as those that it sets."""
+    """The variables that an element sets by name."""
     for definition in node.definitions if isinstance(node, Event) else ():
         if isinstance(definition, ErrorDefinition | EscalationDefinition):
             yield from filter(None, (definition.code_variable, getattr(definition, "message_variable", None)))
@@ -149,7 +149,7 @@ def _taken(node: FlowNode, topic: Topic, objects: Mapping[str, DataObject], type
 
 
 def assigned_objects(process: CheckedProcess) -> set[str]:
-    """The data objects (ids) whose values are assigned when an element starts or ends; a caught message has its own."""
+    """The ids of data objects whose values are assigned when an element starts or ends."""
     found: set[str] = set()
     for node in process.bpmn.body.walk():
         catches = isinstance(node, Event) and node.place in ("start", "catch", "boundary")
@@ -158,7 +158,7 @@ def assigned_objects(process: CheckedProcess) -> set[str]:
 
 
 def sets_something(name: str, expression: Expression) -> bool:
-    """Whether a value is more than the declaration of a name: ``x`` or ``x: ${x}``."""
+    """Whether a value is more than a declaration such as ``x`` or ``x: ${x}``."""
     return bool(expression.text.strip()) and names_of(expression)[0] != {name}
 
 
@@ -189,7 +189,7 @@ class _Space:
 
 
 def sharing(root: CheckedProcess) -> dict[CheckedProcess, CallActivity | None]:
-    """The processes that have the variables of `root`."""
+    """The processes that share the variables of `root`, each with the call by which it is entered."""
     found: dict[CheckedProcess, CallActivity | None] = {root: None}
     pending = [root]
     for process in pending:
@@ -201,7 +201,7 @@ def sharing(root: CheckedProcess) -> dict[CheckedProcess, CallActivity | None]:
 
 
 def _spaces(root: CheckedProcess, given: set[str], uses: Mapping[CheckedProcess, Uses]) -> Iterator[_Space]:
-    """The space that a process begins, and those of the mapped calls in it."""
+    """The variable space of a process and those of the calls with a mapping in it."""
     pending = [_space(root, given, False, None, uses)]
     seen: set[tuple[CheckedProcess, frozenset[str]]] = set()
     for space in pending:
@@ -241,7 +241,7 @@ def _space(
 
 
 def _unset(space: _Space, uses: Mapping[CheckedProcess, Uses], strict: bool) -> Iterator[Finding]:
-    """Where names are read that nothing sets. What a callee lacks is told where it is called."""
+    """Names that are read and never set; those of a called process are reported at the call."""
     for process, entered in space.members.items() if not space.opaque else ():
         for text in uses[process].texts:
             for name in sorted(text.reads - space.known):
@@ -260,7 +260,7 @@ def _unset(space: _Space, uses: Mapping[CheckedProcess, Uses], strict: bool) -> 
 def _where_called(
     space: _Space, process: CheckedProcess, entered: CallActivity | None, here: Finding, found: str, similar: str
 ) -> Finding:
-    """What is `here` in a process, told at the call that could have set it, if there is one."""
+    """The finding at the call that could have set the variable, else `here`."""
     text = f"{process.bpmn.display_name} {found}{similar}"
     if space.call is not None:
         caller, call = space.call
@@ -276,7 +276,7 @@ def _similar(name: str, known: frozenset[str]) -> str:
 
 
 def _other_language(name: str, expression: Expression) -> str:
-    """What to do about a name that another language has."""
+    """A hint about a name of another language."""
     if expression.language == "python":
         if name in _SMALL:
             return f"; in Python it is {_SMALL[name]}"

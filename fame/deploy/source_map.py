@@ -16,7 +16,7 @@ from typing import Any
 from fame.bpmn.library import Library
 from fame.bpmn.model import Body, Definitions, Process, SubProcess
 from fame.bpmn.reader import read_text
-from fame.check.expressions import texts_of
+from fame.check.expressions import expressions_in
 from fame.deploy.envelope import Report
 from fame.errors import MissionError, ModelError
 
@@ -94,4 +94,4 @@ def _parts(process: Process) -> Iterator[tuple[int, str]]:
     bodies: list[Body] = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
     for body in bodies:
         yield from ((element.line, "") for element in (*body.nodes, *body.flows, *body.data_objects))
-        yield from ((text.expression.line, text.expression.text) for text in texts_of(body))
+        yield from ((text.expression.line, text.expression.text) for text in expressions_in(body))

@@ -49,7 +49,9 @@ class Budget:
     steps: int
 
     def __init__(self, names: dict[str, Any], limit: int = DEFAULT) -> None:
-        self._names, self.limit, self.steps = names, limit, 0
+        self._names = names
+        self.limit: int = limit
+        self.steps: int = 0
         self._part = -(-limit // _PARTS)
         names[BUDGET] = self
         self.refill()

@@ -50,7 +50,9 @@ class Parser:
     counts: bool
 
     def __init__(self, text: str, dialect: Dialect) -> None:
-        self.dialect, self.names, self.counts = dialect, dict[str, None](), False
+        self.dialect: Dialect = dialect
+        self.names: dict[str, None] = {}
+        self.counts: bool = False
         self._tokens, self._index, self._depth = tokenize(text), 0, 0
         self._bound: list[str] = []
         self._fields = 0

@@ -34,7 +34,9 @@ class TopicListener:
     type: str
 
     def __init__(self, topic: str, type: str, changed: Callable[[], object]) -> None:
-        self.topic, self.type, self._changed = topic, type, changed
+        self.topic: str = topic
+        self.type: str = type
+        self._changed = changed
         self.latest: Message = None
         self.waiting: dict[Wake, None] = {}
         self.queues: list[weakref.ref[MessageQueue]] = []

@@ -182,7 +182,8 @@ class Lambda:
     names: tuple[str, ...]
 
     def __init__(self, names: tuple[str, ...], body: Evaluate, variables: Mapping[str, Any]) -> None:
-        self.names, self._body, self._variables = names, body, variables
+        self.names: tuple[str, ...] = names
+        self._body, self._variables = body, variables
 
     def apply(self, *values: Any) -> Any:
         """Its result. Raises TypeError for another number of arguments."""
