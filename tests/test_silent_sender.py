@@ -93,9 +93,9 @@ class Parted(Field):
                 super().publish(message)
                 self.matched = whole
 
-            def repeat(self, subscription):
+            def send_history(self, subscription):
                 if field.reaches(self.node.namespace, subscription.node.namespace):
-                    super().repeat(subscription)
+                    super().send_history(subscription)
 
         monkeypatch.setattr(local, "LocalPublisher", Publisher)
         super().__init__(*robots)

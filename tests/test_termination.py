@@ -10,11 +10,11 @@ from fame.deploy.termination import (
     Abort,
     Answered,
     Ask,
+    Instruction,
     Ready,
-    Report,
+    ReportAsking,
     Silence,
     Start,
-    Told,
     Wait,
     reply,
     step,
@@ -27,16 +27,16 @@ ASKING = replace(TWO, asking=True)
 @pytest.mark.parametrize(
     ("state", "event", "action"),
     [
-        (TWO, Told("hold"), Wait()),
-        (TWO, Told("start"), Start()),
-        (TWO, Told("abort"), Abort()),
+        (TWO, Instruction("hold"), Wait()),
+        (TWO, Instruction("start"), Start()),
+        (TWO, Instruction("abort"), Abort()),
         (TWO, Silence(), Ask()),
         (Ready(frozenset()), Silence(), Abort(NOBODY)),
         (ASKING, Silence(), Ask()),
-        (ASKING, Told("hold"), Report()),
-        (ASKING, Told("start"), Report()),
-        (ASKING, Told("start", begun=True), Start()),
-        (ASKING, Told("abort"), Abort()),
+        (ASKING, Instruction("hold"), ReportAsking()),
+        (ASKING, Instruction("start"), ReportAsking()),
+        (ASKING, Instruction("start", begun=True), Start()),
+        (ASKING, Instruction("abort"), Abort()),
         (ASKING, Answered("B", "started"), Start()),
         (ASKING, Answered("B", "aborted"), Abort("the sender fell silent, and B does not start it")),
         (ASKING, Answered("B", "ready"), None),
@@ -105,7 +105,7 @@ def changes(team: Team, number: int) -> Iterator[tuple[object, str]]:
         return
     events = [Silence(), *(Answered(NAMES[other], answer) for other, answer in team.said if other != number)]
     if team.sender in ("start", "abort"):
-        events += [Told(team.sender), Told(team.sender, begun=team.begun)]
+        events += [Instruction(team.sender), Instruction(team.sender, begun=team.begun)]
     for event in events:
         state, action = step(robot, event)
         if isinstance(action, Start):

@@ -1,4 +1,4 @@
-"""Which robot gets which part of a model, and at which topics it will meet which others."""
+"""Assign the pools of a model to robots, and find the topics that connect them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
+from fame.bpmn.topics import TopicUse
 from fame.errors import DeploymentError
 from fame.robot.endpoints import direct_topic
 
@@ -14,9 +15,10 @@ from fame.robot.endpoints import direct_topic
 def assign_robots(
     definitions: Definitions, robots: Sequence[str], *, found: bool, only: Sequence[str]
 ) -> dict[str, Pool]:
-    """Who plays which pool. Robots that were `found`, not named, may belong to others; `only` some leave pools open.
+    """The pool of each robot. Of `robots` that were `found`, not named, some may belong to another model; with `only`
+    some of them, pools may stay without a robot.
 
-    Raises DeploymentError and ConfigError for robots that are not there, ModelError for pools that cannot be played.
+    Raises DeploymentError and ConfigError for robots that are missing, ModelError for pools that cannot be assigned.
     """
     pools = pools_of(definitions)
     if found:
@@ -36,32 +38,30 @@ def assign_robots(
 
 
 def promises(definitions: Definitions, assigned: Mapping[str, Pool], library: Library) -> dict[str, dict[str, str]]:
-    """For each robot, the public topics whose opposite end another robot of the collaboration has."""
-    ends: dict[str, tuple[set[str], set[str]]] = {}
-    addressing: dict[str, set[str]] = {}
-    taking: dict[str, set[str]] = {}
+    """For each robot, the public topics at which another robot of the collaboration has the opposite end.
+
+    Each topic comes with that end: ``publisher`` or ``subscriber``.
+    """
+    users: dict[str, dict[str, TopicUse]] = {}  # topic -> robot -> how it uses it
     for robot, pool in assigned.items():
-        for name, use in shared_topics(definitions, [pool], library).items():
-            if not name.startswith("~/"):
-                throws, catches = ends.setdefault(name, (set(), set()))
-                if use.throws:
-                    throws.add(robot)
-                if use.catches:
-                    catches.add(robot)
-                if use.addresses:
-                    addressing.setdefault(name, set()).add(robot)
-                if use.takes_messages:
-                    taking.setdefault(name, set()).add(robot)
-    found: dict[str, dict[str, str]] = {robot: {} for robot in assigned}
-    for name, senders in addressing.items():
-        for robot in senders:
-            others = taking.get(name, set()) - {robot}
-            found[robot].update((direct_topic(name, other), "subscriber") for other in sorted(others))
-    for name, (throws, catches) in ends.items():
-        for robot in throws:
-            if catches - {robot}:
-                found[robot][name] = "subscriber"
-        for robot in catches - throws:
-            if throws - {robot}:
-                found[robot][name] = "publisher"
-    return found
+        for topic, use in shared_topics(definitions, [pool], library).items():
+            if not topic.startswith("~/"):
+                users.setdefault(topic, {})[robot] = use
+    promised: dict[str, dict[str, str]] = {robot: {} for robot in assigned}
+    for topic, uses in users.items():
+        for robot, use in uses.items():
+            others = {other: theirs for other, theirs in uses.items() if other != robot}
+            promised[robot] |= _promised(topic, use, others)
+    return promised
+
+
+def _promised(topic: str, use: TopicUse, others: Mapping[str, TopicUse]) -> dict[str, str]:
+    """The opposite ends that others have at a topic of one robot, and at those on which it addresses one of them."""
+    ends: dict[str, str] = {}
+    if use.addresses:
+        ends |= {direct_topic(topic, other): "subscriber" for other in sorted(others) if others[other].takes_messages}
+    if use.throws and any(theirs.catches for theirs in others.values()):
+        ends[topic] = "subscriber"
+    elif use.catches and not use.throws and any(theirs.throws for theirs in others.values()):
+        ends[topic] = "publisher"
+    return ends

@@ -75,7 +75,7 @@ def _read(text: str) -> Diagram:
     try:
         said = json.loads(text)
         del said["fame"]
-        if fields.wrong(said, _DIAGRAM) is not None:
+        if fields.first_invalid(said, _DIAGRAM) is not None:
             raise TypeError
         return Diagram(**said)
     except (ValueError, TypeError, KeyError, RecursionError):

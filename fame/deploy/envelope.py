@@ -290,7 +290,7 @@ def _message(cls: type[_Message], found: Any, checks: Mapping[str, fields.Check]
     """A message made of JSON. Raises TypeError for a field that is unknown or has a wrong value."""
     if not isinstance(found, dict):
         raise TypeError("not an object")
-    field = fields.wrong(found, checks)
+    field = fields.first_invalid(found, checks)
     if field is not None:
         raise TypeError(f"field {field[:40]!r}")
     return cls(**found)

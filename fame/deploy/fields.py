@@ -1,4 +1,4 @@
-"""Checks of JSON fields that come from the network. An object is kept only after every field of it has passed."""
+"""Checks of JSON fields that come from the network. An object is accepted only if every field of it passes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 from fame.bpmn.ros_names import is_ros_name
 
 Check = Callable[[Any], bool]
-"""Whether a value of JSON is what a field may hold."""
+"""Whether a field may have a JSON value."""
 LAST = 2**53
-"""Integers are less: exact in the JSON of every language. As a sequence: microseconds until the year 2255."""
+"""Integers are smaller: exact in the JSON of every language. As a sequence: microseconds until the year 2255."""
 
 
 def text(longest: int) -> Check:
-    """A text of at most so many characters."""
+    """A text of at most `longest` characters."""
     return lambda value: isinstance(value, str) and len(value) <= longest
 
 
@@ -25,12 +25,12 @@ def among(*values: str) -> Check:
 
 
 def integer(lowest: int = 0, end: int = LAST) -> Check:
-    """An integer from `lowest` on and below `end`."""
+    """An integer from `lowest` to below `end`."""
     return lambda value: type(value) is int and lowest <= value < end
 
 
 def number(value: Any) -> bool:
-    """A number that a float can hold, and no NaN."""
+    """A finite number that fits into a float."""
     return (type(value) is int and abs(value) < LAST) or (type(value) is float and math.isfinite(value))
 
 
@@ -63,9 +63,9 @@ def mapping(key: Check, each: Check) -> Check:
 
 def record(checks: Mapping[str, Check]) -> Check:
     """An object with these fields, or some of them."""
-    return lambda value: isinstance(value, dict) and wrong(value, checks) is None
+    return lambda value: isinstance(value, dict) and first_invalid(value, checks) is None
 
 
-def wrong(said: Mapping[str, Any], checks: Mapping[str, Check]) -> str | None:
-    """The first field of `said` that is unknown or does not pass, or None."""
-    return next((name for name, value in said.items() if name not in checks or not checks[name](value)), None)
+def first_invalid(found: Mapping[str, Any], checks: Mapping[str, Check]) -> str | None:
+    """The first field of `found` that is unknown or does not pass, or None."""
+    return next((name for name, value in found.items() if name not in checks or not checks[name](value)), None)

@@ -74,7 +74,7 @@ class SplitterStatus:
         """The status in a text, or None if it has none."""
         try:
             found = json.loads(text)
-            return cls(**found) if fields.wrong(found, _STATUS) is None else None
+            return cls(**found) if fields.first_invalid(found, _STATUS) is None else None
         except (ValueError, TypeError, AttributeError, RecursionError):
             return None
 

@@ -82,7 +82,7 @@ def read_request(text: str) -> TaskRequest:
         raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are taken")
     try:
         found = json.loads(text)
-        request = TaskRequest(**found) if fields.wrong(found, _REQUEST) is None else None
+        request = TaskRequest(**found) if fields.first_invalid(found, _REQUEST) is None else None
     except (ValueError, TypeError, AttributeError, RecursionError):
         request = None
     if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):

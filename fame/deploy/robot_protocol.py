@@ -29,7 +29,7 @@ from typing import Literal
 
 from fame.deploy import termination
 from fame.deploy.envelope import SILENCE, Envelope, Problem
-from fame.deploy.termination import Answered, Ready, Silence, Told
+from fame.deploy.termination import Answered, Instruction, Ready, Silence
 
 MATCHING = 5.0
 """How long a robot waits for the other ends of its topics (s)."""
@@ -276,7 +276,7 @@ class _Transition:
         elif (candidate := self.state.candidate_of(deployment)) is None:
             self._repeat(deployment, Reply("refused", deployment, _NOT_LOADED))
         else:
-            self._receive_decision(candidate, Told(envelope.phase, envelope.begun))
+            self._receive_decision(candidate, Instruction(envelope.phase, envelope.begun))
 
     def _receive_model(self, envelope: Envelope) -> None:
         deployment, waiting = envelope.deployment, self.state.waiting
@@ -298,7 +298,7 @@ class _Transition:
         under_way = (waiting is not None and waiting.deployment == deployment) or self.state.candidate_of(deployment)
         return bool(under_way) or self.state.answer_to(deployment) is not None
 
-    def _receive_decision(self, candidate: Candidate, told: Told) -> None:
+    def _receive_decision(self, candidate: Candidate, told: Instruction) -> None:
         """Follow the sender's word on the candidate; one that is being started already needs none."""
         if candidate.stage == "ready":
             self.decide(told)
@@ -388,7 +388,7 @@ class _Transition:
                 self._do(AwaitSender(SILENCE))
             case termination.Ask():
                 self._ask_others(candidate)
-            case termination.Report():
+            case termination.ReportAsking():
                 self._do(Reply("asking", candidate.envelope.deployment, candidate.why_it_holds))
             case termination.Start():
                 self._replace(candidate)

@@ -127,22 +127,22 @@ class Status:
 
 
 class Absences:
-    """Which robots of a team have no engine any more, and since when."""
+    """Finds the robots of a team that have no engine any more."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}
-        self._looked = -1
+        self._polled = -1
 
     def seen(self, team: Collection[str], now: int, engines: Callable[[], Collection[str]]) -> dict[str, float]:
-        """For how long each has been absent (s) at `now` (ns); who is there is looked up once a heartbeat."""
-        if team and (self._looked < 0 or now - self._looked >= HEARTBEAT * SECOND):
-            self._looked, there = now, engines()
+        """For how long each has been absent (s) at `now` (ns); `engines` is called once a heartbeat."""
+        if team and (self._polled < 0 or now - self._polled >= HEARTBEAT * SECOND):
+            self._polled, there = now, engines()
             self._since = {robot: self._since.get(robot, now) for robot in team if robot not in there}
         return {robot: (now - since) / SECOND for robot, since in self._since.items() if robot in team}
 
 
 def state_of(process: RobotNode | None) -> str:
-    """How a process stands, in the words of `Report`."""
+    """The `Report.state` of a process."""
     if process is None:
         return "waiting"
     if any(instance.status == "failed" for instance in process.instances[-1:]):
@@ -151,7 +151,7 @@ def state_of(process: RobotNode | None) -> str:
 
 
 def progress(process: RobotNode | None) -> dict[str, Any]:
-    """The part of a report that tells how a process goes."""
+    """The fields of a `Report` on a process."""
     if process is None:
         return {}
     last = process.instances[-1].error if process.instances else None

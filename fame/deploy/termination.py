@@ -1,21 +1,21 @@
 """Cooperative termination of the two-phase commit: what a robot that is ready does when its sender falls silent.
 
-Whoever has said ``ready`` starts when it is told to, and others may have been told already: it must not decide alone.
-So it holds, and asks the others::
+A robot that answered ``ready`` starts when its sender says so, and others may have started already: it must not decide
+alone. So it holds, and asks the others::
 
     ready ──silence──> asking ──one has started──> start
       │                   ├──one has aborted, or every other one asks, too──> abort
       ├──start──> start   ├──start, since one has started──> start
       └──abort──> abort   └──abort──> abort
 
-What robots tell each other is irrevocable, so it does not matter how late it arrives:
+What robots answer each other is irrevocable, so it does not matter how late it arrives:
 
 ``started``  it runs.
-``aborted``  it has not promised anything (or was released from its promise), and never will for this deployment.
+``aborted``  it has made no promise (or was released from it), and never will for this deployment.
 ``asking``   it takes no plain ``start`` from its sender any more. If all ask, nobody has started and nobody will.
 
-However long messages take, and whoever dies or stands still, no robot starts while another one aborts. The price: a
-robot that hears neither its sender nor what it needs of the others goes on holding until a person aborts.
+However long messages take, and whichever process dies or is stopped, no robot starts while another one aborts. The
+price: a robot that receives neither an instruction of its sender nor enough answers holds until a person aborts.
 
 State and events in, state and actions out: nothing here sends, waits or looks at a clock.
 """
@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """A robot that has said ready: the `others` that start with it, and those of them that are known to ask."""
+    """A robot that answered ready: the `others` of its deployment, and those of them that are known to ask as well."""
 
     others: frozenset[str]
     asking: bool = False
@@ -35,7 +35,7 @@ class Ready:
 
     @property
     def unheard(self) -> frozenset[str]:
-        """The others that have not said anything that helps."""
+        """The others whose state is not known."""
         return self.others - self.asked
 
 
@@ -43,8 +43,8 @@ class Ready:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """A word of the sender: ``hold``, ``start`` (`begun`: one of the robots has started) or ``abort``."""
+class Instruction:
+    """An instruction of the sender: ``hold``, ``start`` (`begun`: one of the robots has started) or ``abort``."""
 
     phase: str
     begun: bool = False
@@ -52,7 +52,7 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """What another robot says about this deployment."""
+    """Another robot's answer to this deployment."""
 
     robot: str
     answer: str
@@ -60,7 +60,7 @@ class Answered:
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """Nothing helpful was said for a while."""
+    """No instruction and no deciding answer was received for a while."""
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -68,45 +68,45 @@ class Silence:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Wait for the sender: if it says nothing for a while, that is `Silence`."""
+    """Wait for the sender; give `Silence` if it does not send anything for a while."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """Hold, ask the others, and report it; after a while without a decision, that is `Silence` again."""
+    """Hold, ask the others, and report it; give `Silence` after a while without a decision."""
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """Tell the sender that it asks, since it wants something else."""
+class ReportAsking:
+    """Tell the sender, which sent something else, that this robot asks the others."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Start it."""
+    """Start the candidate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Abort:
-    """Drop it: what ran before goes on."""
+    """Drop the candidate: what runs goes on."""
 
     reason: str = ""
 
 
-Event = Told | Answered | Silence
-Action = Wait | Ask | Report | Start | Abort
+Event = Instruction | Answered | Silence
+Action = Wait | Ask | ReportAsking | Start | Abort
 NOBODY = "the sender fell silent, and nobody was told to start"
 
 
 def step(state: Ready, event: Event) -> tuple[Ready, Action | None]:
-    """What an event makes of a robot that is ready, and what it does. After `Start` and `Abort` nothing follows."""
+    """The next state, and what is to be done. After `Start` and `Abort` nothing follows."""
     match event:
-        case Told(phase="abort"):
+        case Instruction(phase="abort"):
             return state, Abort()
-        case Told(phase="start", begun=begun) if begun or not state.asking:
+        case Instruction(phase="start", begun=begun) if begun or not state.asking:
             return state, Start()
-        case Told():
-            return state, Report() if state.asking else Wait()
+        case Instruction():
+            return state, ReportAsking() if state.asking else Wait()
         case Answered(robot, _) if robot not in state.others:
             return state, None
         case Answered(answer="started"):
