@@ -362,7 +362,7 @@ CHAIN = "{joints: [{name: a, origin: [0, 0, %s], axis: [0, 0, 1]%s}]}"
                 (CHAIN % (0, ", steps: 0"), "expected a number of steps per revolution, got 0"),
                 (CHAIN % ("9" * 400, ""), "is not an arm"),
                 (CHAIN % (0, "") + ", margin: wide", "x: expected a margin above 0, got 'wide'"),
-                (CHAIN % (0, ""), "has 2 joints; the chain of the PathDetector has 1"),
+                (CHAIN % (0, ""), "expected 1 joints, as the chain of the PathDetector has, got 2"),
             )
         ),
     ],

@@ -81,7 +81,7 @@ def test_training_prints_a_table_stores_the_model_and_knows_it_again(
         (["process", "{low_pass}", "--processor", "Lowpass"], "--processor[0]: expected a processor (LowPass"),
         (["process", "{low_pass}", "--set", "cutoff"], "expected NAME=VALUE, as in cutoff=5, got 'cutoff'"),
         (["process", "{low_pass}", "--frequency", "0"], "expected a number above 0, got '0'"),
-        (["record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is no bag that can be read"),
+        (["record", "{low_pass}", "-o", "x.csv", "--bag", "none.bag"], "none.bag: is not a readable bag"),
         (["train", "{low_pass}"], "has no section Training"),
         (["topic", "plot", "/a", "-o", "x.png"], "expected /topic:field"),
         (["topic", "plot", "/a:b", "-o", "x.svg"], "expected a file with the ending .png, got '.svg'"),

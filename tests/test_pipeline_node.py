@@ -404,7 +404,7 @@ def test_parameters_are_listed_described_and_changed_from_another_node(bench: Be
         ("gain", "much", "got 'much'"),
         ("mode", "medium", "expected a text: fast, slow, got 'medium'"),
         ("model", "other.skops", "model: cannot be changed while it runs"),
-        ("gian", 1.0, "gian: there is no such parameter; there are gain, delay"),
+        ("gian", 1.0, "gian: unknown parameter; known are gain, delay"),
     ],
 )
 def test_a_value_that_does_not_fit_is_refused_with_the_reason(bench: Bench, name: str, value: Any, reason: str) -> None:

@@ -208,7 +208,7 @@ def test_a_bag_without_the_topic_or_with_another_type_is_refused_before_a_file_i
     ):
         with pytest.raises(ConfigError, match=reason):
             record_bag(tmp_path / "old.bag", configuration(tmp_path, **inputs), [tmp_path / "x.csv"])
-    with pytest.raises(ConfigError, match="is no bag that can be read"):
+    with pytest.raises(ConfigError, match="is not a readable bag"):
         record_bag(tmp_path / "none.bag", configuration(tmp_path), [tmp_path / "x.csv"])
     assert not (tmp_path / "x.csv").exists()
 

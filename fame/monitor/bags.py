@@ -15,9 +15,9 @@ from fame.monitor.pipeline.configuration import Port
 
 
 def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
-    """Every message of some topics (full name -> type), in the order of recording: its time (s), topic, message.
+    """Give every message of some topics (full name -> type), in the order of recording: time (s), topic, message.
 
-    Raises ConfigError for what is no bag, lacks a topic, or has it with another type.
+    Raises ConfigError for a file that is not a bag, lacks a topic, or has it with another type.
     """
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
@@ -36,11 +36,11 @@ def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[floa
             for connection, time, data in reader.messages(connections=connections):
                 yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
     except (AnyReaderError, OSError) as error:
-        raise ConfigError(f"is no bag that can be read: {error}", file=file) from None
+        raise ConfigError(f"is not a readable bag: {error}", file=file) from None
 
 
 class BagWriter:
-    """Where messages go: a folder as `ros2 bag` writes it, or a file if its name ends in ``.mcap``.
+    """Writes messages to a folder as `ros2 bag` does, or to a file if its name ends in ``.mcap``.
 
     Raises ConfigError if it exists already.
     """
@@ -67,12 +67,12 @@ class BagWriter:
         }
 
     def put(self, topic: str, stamp: float, message: Any) -> None:
-        """One message, at its time (s)."""
+        """Write a message at its time (s)."""
         self._writer.write(self._connections[topic], round(stamp * SECOND), codec.serialize(message))
         self.count += 1
 
     def close(self) -> None:
-        """Finish it."""
+        """Finish the bag."""
         self._writer.close()
         if self._folder is not None:
             (made,) = (self._folder / "bag").glob("*.mcap")

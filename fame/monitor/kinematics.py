@@ -40,24 +40,24 @@ class Chain:
     tool: Vector = (0.0, 0.0, 0.0)
 
     def place(self, angles: Sequence[float]) -> Vector:
-        """Where the tool is (m) for one point (rad per joint)."""
+        """Give the position of the tool (m) for one point (rad per joint)."""
         cosine, sine = [math.cos(angle) for angle in angles], [math.sin(angle) for angle in angles]
         place: Vector = self._fold(cosine, sine, *self.tool)
         return place
 
     def skeleton(self, angles: Sequence[float]) -> list[Vector]:
-        """Where each joint is, from the base on, and the tool (m) for one point (rad per joint)."""
+        """Give the positions of the joints, from the base on, and of the tool (m) for one point (rad per joint)."""
         ends = (*self.origins, self.tool)
         parts = (Chain(self.joints[:n], self.origins[:n], self.axes[:n], tool=end) for n, end in enumerate(ends))
         return [part.place(angles[:number]) for number, part in enumerate(parts)]
 
     def places(self, values: Floats) -> Floats:
-        """Where the tool is: (points, 3), m, for (points, joints), rad."""
+        """Give the positions of the tool (points, 3), m, for (points, joints), rad."""
         reached = self._fold(np.cos(values).T, np.sin(values).T, *self.tool)
         return np.stack([np.broadcast_to(part, len(values)) for part in reached], axis=1)
 
     def orientations(self, values: Floats) -> Floats:
-        """Rotation of the last joint's frame against the base: (points, 3, 3)."""
+        """Give the rotations of the last joint's frame against the base (points, 3, 3) for (points, joints), rad."""
         base = Chain(self.joints, ((0.0, 0.0, 0.0),) * len(self.joints), self.axes)
         cosine, sine = np.cos(values).T, np.sin(values).T
         columns = []
@@ -67,7 +67,7 @@ class Chain:
         return np.stack(columns, axis=2)
 
     def quantised(self, values: Floats) -> Floats:
-        """Angles as the encoders would tell them."""
+        """Round angles (rad) to the steps of the encoders."""
         step = 2 * math.pi / np.array(self.steps)
         return np.asarray(np.round(values / step) * step)
 
@@ -85,7 +85,7 @@ class Chain:
 
 
 def load_chain(source: str | Path | Mapping[str, Any]) -> Chain:
-    """An arm from a YAML file (or its content): `joints`, each with name, origin, axis and perhaps steps; `tool`.
+    """Load an arm from a YAML file (or its content): `joints`, each with name, origin, axis, optional steps; `tool`.
 
     Raises ConfigError.
     """

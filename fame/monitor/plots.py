@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Line(Protocol):
-    """What is drawn: a label, stamps (s), values, names of the channels."""
+    """A line of a plot: label, stamps (s), values, names of the channels."""
 
     label: str
     stamps: list[float]
@@ -115,12 +115,12 @@ def deviations(path: Path, detector: PathDetector, runs: Iterable[tuple[str, Rec
     _save(figure, path)
 
 
-def matrices(path: Path, told: Sequence[tuple[str, ConfusionMatrix]], *, unit: str = "runs") -> None:
+def matrices(path: Path, titled: Sequence[tuple[str, ConfusionMatrix]], *, unit: str = "runs") -> None:
     """A confusion matrix for each candidate: its title and counts."""
-    columns = min(3, max(1, len(told)))
-    rows = -(-len(told) // columns) or 1
+    columns = min(3, max(1, len(titled)))
+    rows = -(-len(titled) // columns) or 1
     figure = _figure((2.6 * columns + 0.4, 2.5 * rows + 0.4))
-    for number, (title, matrix) in enumerate(told):
+    for number, (title, matrix) in enumerate(titled):
         axes = figure.add_subplot(rows, columns, number + 1)
         counts = np.array([[matrix.tp, matrix.fn], [matrix.fp, matrix.tn]])
         share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)

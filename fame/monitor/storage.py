@@ -31,7 +31,7 @@ _HOLD_DATA = (
 
 
 def versions() -> dict[str, str]:
-    """Of the packages that a stored model depends on."""
+    """Give the versions of the packages that a stored model depends on."""
     return {name: version(name) for name in _PACKAGES}
 
 
@@ -65,7 +65,7 @@ def _write_settled(data: io.BytesIO, path: Path) -> None:
 
 
 def _unknown(file: Any) -> list[str]:
-    """The classes in what skops stored that could hold more than data."""
+    """List the classes in a skops file that could hold more than data."""
     return [name for name in _skops().get_untrusted_types(**_source(file)) if name not in _HOLD_DATA]
 
 
@@ -102,9 +102,9 @@ def read_artefact(path: Path, maker: str) -> Any:
 
 
 def _unpacked(file: Path | IO[bytes], most: int) -> int:
-    """How large the content of a zip file is (bytes), as its directory says, beyond which no reader goes.
+    """Give the size of the content of a zip file (bytes) by its directory, which bounds what a reader unpacks.
 
-    What is packed again in it (matrices with few entries) counts as well, and is not looked at where it is over `most`.
+    Nested archives (sparse matrices) count as well; they are not opened once the sum is over `most`.
     """
     with ZipFile(file) as packed:
         total = sum(member.file_size for member in packed.infolist())

@@ -17,7 +17,7 @@
 
 A point is one joint state. Positive means anomalous; labels are +1 benign, -1 anomalous. The anomaly score of a run is
 its anomalous points divided by all its points; a run is anomalous if the score exceeds the threshold. Splits never
-take a run apart. A figure that comes from the data that was learned from says so.
+take a run apart. Figures from the data that was learned from are marked.
 """
 
 from __future__ import annotations

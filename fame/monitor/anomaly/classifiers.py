@@ -161,9 +161,11 @@ def fit(estimator: Any, process: DataProcess, data: Recording, *, supervised: bo
     if not len(benign):
         raise ConfigError("has no benign points (label 1) to learn from", file=data.source)
     if isinstance(estimator, PathDetector):
-        told, there = len(estimator.chain.joints), len(benign.joints)
-        if told != there:
-            raise ConfigError(f"has {there} joints; the chain of the PathDetector has {told}", file=data.source)
+        expected, got = len(estimator.chain.joints), len(benign.joints)
+        if expected != got:
+            raise ConfigError(
+                f"expected {expected} joints, as the chain of the PathDetector has, got {got}", file=data.source
+            )
         estimator.fit(benign)
         return
     values = np.unique(benign.values, axis=0) if unique and not supervised else benign.values

@@ -79,7 +79,7 @@ TRAIN, VALIDATION, TEST = "train", "validation", "test"
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """How a classifier did on some data: matrices of points and runs, and the score and label of each run."""
+    """Results of a classifier on some data: matrices of points and runs, score and label of each run."""
 
     data: str
     points: ConfusionMatrix
@@ -90,7 +90,7 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class TrainedClassifier:
-    """One classifier: its model and how it did. `note` says what is doubtful about it."""
+    """A classifier with its model and its evaluations. `note` names what is doubtful about it."""
 
     candidate: Candidate
     model: Model
@@ -106,7 +106,7 @@ LEARNED_FROM = "train (learned from)"
 
 
 def rows(learned: Sequence[TrainedClassifier], chosen: TrainedClassifier | None = None) -> list[tuple[str, ...]]:
-    """The cells of the table, under `HEADS`. LearningData that was learned from says so."""
+    """Give the cells of the table, under `HEADS`. Data that was learned from is marked."""
     return [
         (
             "*" if item is chosen else "",

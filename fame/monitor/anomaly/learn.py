@@ -53,7 +53,7 @@ class Progress(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LearningData:
-    """What a learning file names. `process` is what scaling and components are learned from."""
+    """The recordings that a learning file names. Scaling and components are learned from `process`."""
 
     process: Recording | None
     benign: Recording | None
@@ -67,7 +67,7 @@ class LearningData:
 
     @property
     def notes(self) -> list[str]:
-        """What was odd about the files, each said once."""
+        """What was unusual about the files, without repetition."""
         return list(dict.fromkeys(note for item in self.all for note in item.notes))
 
 
@@ -133,7 +133,7 @@ def _learn(
 
 
 def best(learned: Sequence[TrainedClassifier]) -> TrainedClassifier:
-    """By the rule above; without validation by the training data, which the caller has to say."""
+    """Choose the best classifier by the rule above; without validation by the training data."""
 
     def rank(item: TrainedClassifier) -> tuple[float, ...]:
         result = item.on(VALIDATION) or item.on(TRAIN)

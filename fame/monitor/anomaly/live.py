@@ -151,7 +151,7 @@ class Collector:
     """Gathers points, run by run, and stops taking them after `limit` whole runs (0: never).
 
     With the rule ``home`` an arm that is under way at first (`late`) is recorded from its next pass of home on. Runs
-    that were cut off, shorter than `WHOLE` of the usual, are left out of the recording; its notes say so.
+    that were cut off, shorter than `WHOLE` of the usual, are left out of the recording, and noted in it.
     Raises ConfigError for the rule ``count`` without a `cycle`.
     """
 
@@ -204,7 +204,7 @@ class Collector:
             self._rows.append((stamp, self.complete, values))
 
     def recording(self) -> Recording:
-        """What was collected. Raises MissionError if nothing was."""
+        """Give what was collected. Raises MissionError if there is nothing."""
         if self.late:
             raise MissionError("nothing was collected: the arm never passed home, where all joints are near 0")
         if not self._rows:

@@ -245,7 +245,7 @@ class DataPersist:
         return path
 
     def retrieve(self, name: str, data: str) -> Any:
-        """What was stored. Raises ConfigError if it is not there, or was made from other data."""
+        """Give what was stored. Raises ConfigError if it does not exist, or was made from other data."""
         path = self.folder / f"{name}.skops"
         stored = read_artefact(path, "fame adm")
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:

@@ -2,20 +2,20 @@
 
 In joint space a detector has to learn the shape of the task from points; in task space it is known. Every benign run is
 a path of the tool. For each point of another run the nearest points of those paths are looked up; near means in place,
-in direction of travel and, weakly, in time, so that the way there and the way back are told apart. What separates the
-point from them, less its part along their direction of travel, is the deviation: it does not depend on when exactly
-the samples were taken. The mean of the last three deviation vectors takes out what encoders add.
+in direction of travel and, weakly, in time, which distinguishes the way there from the way back. The vector from them
+to the point, less its part along their direction of travel, is the deviation: it does not depend on when exactly the
+samples were taken. The mean of the last three deviation vectors removes the noise of encoders.
 
 The time at which benign runs pass the same place is the second score: the lateness, and how it changed over the last
 `WINDOW` samples. A rest shows as lateness that grows by one sample per sample, a speed 20 % lower as 0.25. The clock of
 a run starts when the tool has left (`LEFT`) its first place, and stops when it has come to the last one: how long it
-waits there, or who cut the runs apart and where, is no matter.
+waits there, and where the runs were divided, does not count.
 
 Threshold rule. The benign runs are put into `BLOCKS` contiguous blocks, and each run is scored against the other
 blocks: single runs would resemble their neighbours more than they resemble what comes later, since arms drift. The
 limit of a score is `MARGIN` times the largest value that any of them reached within the neighbourhood (`BIN` samples
-on either side at least) of the same time along the path, but never below `FLOOR`. A row of zeros only is no reading,
-and is not evaluated.
+on either side at least) of the same time along the path, but never below `FLOOR`. A row of zeros only is a dropout
+and not evaluated.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ BLOCKS = 3
 
 
 class Reading(NamedTuple):
-    """What a point says: the deviation (m), change of lateness and lateness (samples), where along the nominal run
+    """Scores of a point: the deviation (m), change of lateness and lateness (samples), where along the nominal run
     (samples), whether it is off the path, and whether it is anomalous for that or another reason."""
 
     deviation: float
@@ -181,7 +181,7 @@ class PathDetector:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> PathDetector:
-        """The detector that `to_plain` described. Raises KeyError, TypeError or ValueError if it is none."""
+        """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
         vectors = [tuple(tuple(map(float, row)) for row in plain[name]) for name in ("origins", "axes")]
         chain = Chain(tuple(plain["joints"]), vectors[0], vectors[1], tuple(plain["steps"]), tuple(plain["tool"]))  # type: ignore[arg-type]
         detector = cls(chain, float(plain["margin"]))

@@ -15,7 +15,7 @@ from fame.monitor.arrays import Floats
 
 
 class DataProcess:
-    """What is done to points before a classifier sees them: scaled, then reduced.
+    """Preprocessing of points for a classifier: scaling, then reduction.
 
     reduction  how many principal components are kept; 0: all columns as they are
     scaling    ``minmax`` (each column to 0 ... 1), ``standard`` (mean 0, deviation 1) or ``none``

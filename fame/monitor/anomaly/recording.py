@@ -113,7 +113,7 @@ def read_csv(path: str | Path, inputs: Sequence[int] | None = None, output: int 
     """Read a recording.
 
     `inputs` and `output` are 0-based columns; by default those that the header names, or all but the last and the last.
-    All-zero separator rows are left out, which `notes` says. Raises ConfigError for anything that is not a table of
+    All-zero separator rows are left out, and noted in `notes`. Raises ConfigError for anything that is not a table of
     finite numbers.
     """
     path = Path(path)
@@ -173,7 +173,7 @@ def _same(some: Sequence[str], others: Sequence[str]) -> bool:
 
 
 def _notes(path: Path, table: Table, kept: NDArray[np.bool_]) -> tuple[str, ...]:
-    """What is said of separator rows."""
+    """Describe the separator rows that were left out."""
     apart = np.flatnonzero(~kept)
     if not len(apart):
         return ()

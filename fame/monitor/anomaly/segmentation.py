@@ -109,7 +109,7 @@ WHOLE = 0.8
 
 
 class RunSegmenter:
-    """Says with each point whether a run begins, and how many points ago it did."""
+    """Finds with each point whether a run has begun, and how many points ago."""
 
     rule: Rule
     cycle: int
@@ -121,7 +121,7 @@ class RunSegmenter:
         self._nearest, self._since = math.inf, 0
 
     def feed(self, values: Sequence[float]) -> int | None:
-        """None: the run goes on. Else a run begins, and the last so many points, this one among them, are its own."""
+        """Take a point. None: the run goes on. A number: a run began that many points ago, this one included."""
         self._count += 1
         if self.rule == "count" and self._count > self.cycle > 0:
             self._count = 1

@@ -72,7 +72,7 @@ def _named(names: tuple[str, ...]) -> bool:
 
 
 class Estimator(Processor):
-    """What an estimator or transformer of scikit-learn says of each sample, or of each window of samples.
+    """Applies an estimator or transformer of scikit-learn to each sample, or to each window of samples.
 
     The file is one that skops stored. With a window, its samples and channels are the features, sample by sample.
     """
@@ -101,7 +101,7 @@ class Estimator(Processor):
 
     @property
     def method(self) -> str:
-        """What is asked; one that the estimator lacks is refused when it is set."""
+        """The method that is called. Setting one that the estimator lacks raises ConfigError."""
         return self._method
 
     @method.setter

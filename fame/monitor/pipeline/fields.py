@@ -28,7 +28,7 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
 class UnusableMessage(Exception):
-    """A message that lacks what a path names; its text says what was found."""
+    """A message that cannot be used; the text gives the reason."""
 
 
 def has_stamp(type: str) -> bool:
@@ -127,7 +127,7 @@ def _read_places(
     """Some places of an array, by index or by name; where names stand is kept as long as they stay the same."""
     get, places = attrgetter(field.attribute), [0]
     kept: list[str] | None = None
-    told = () if single else tuple(map(str, wanted))
+    channels = () if single else tuple(map(str, wanted))
     by_name = any(isinstance(item, str) for item in wanted)
 
     def find(names: Sequence[str]) -> list[int]:
@@ -145,7 +145,7 @@ def _read_places(
         values = get(message)
         if len(values) <= max(places):
             raise UnusableMessage(f"{format_path(place)} has {len(values)} values, not {max(places) + 1}")
-        return (float(values[places[0]]) if single else np.asarray(values, dtype=np.float64)[places]), told
+        return (float(values[places[0]]) if single else np.asarray(values, dtype=np.float64)[places]), channels
 
     return read
 

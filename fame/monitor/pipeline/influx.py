@@ -1,7 +1,7 @@
 """Rows into InfluxDB by its line protocol, in batches; nothing is lost while the server is away.
 
 Every line goes to a spool file first. A thread sends what stands there in batches, and remembers in a second file how
-far it got, so that a process that was killed goes on where it was. A server that is away, or says 5xx, is asked again
+far it got, so that a killed process continues there. A server that is unreachable, or answers 5xx, is asked again
 after a while. Lines that it refuses (4xx) go to a third file, since sending them again would not help. A line that is
 sent twice is stored once: a point is known by its measurement and time.
 """
@@ -28,7 +28,7 @@ _TIMEOUT = 5.0
 
 
 class Influx:
-    """Where rows go: ``http://host:8086/database``. `spool` is the path without ending of its files."""
+    """Writes rows to ``http://host:8086/database``. `spool` is the path without ending of its files."""
 
     sent: int
     rows: int
@@ -161,7 +161,7 @@ def _is_host(parts: urllib.parse.SplitResult) -> bool:
 
 
 def _truncate_partial_line(lines: Path) -> None:
-    """Cut off a last line without an end: whoever wrote it was killed, and another would be appended to it."""
+    """Cut off a partial last line, which a killed writer left: another line would be appended to it."""
     data = lines.read_bytes()
     os.truncate(lines, data.rfind(b"\n") + 1)
 

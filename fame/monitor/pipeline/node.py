@@ -76,7 +76,7 @@ class Publications:
 
     def _send(self, publication: _Publication, there: Sequence[Samples]) -> None:
         names = next((item.names for item in there if item.names), ())
-        told = tuple(name.rpartition(".")[2] for name in names)
+        channels = tuple(name.rpartition(".")[2] for name in names)
         finite = _finite_rows([item.values for item in there], there[0].stamps)
         if not finite.all():
             self._report(
@@ -86,7 +86,7 @@ class Publications:
         stamps = there[0].stamps[finite].tolist()
         plain = bool(stamps) and publication.writer.is_plain(rows)
         for index, stamp in enumerate(stamps[:1] if plain else stamps):
-            first = publication.writer.message([item[index] for item in rows], stamp, told)
+            first = publication.writer.message([item[index] for item in rows], stamp, channels)
             publication.publisher.publish(first)
         for message in publication.writer.alike(first, [item[1:] for item in rows], stamps[1:]) if plain else ():
             publication.publisher.publish(message)
@@ -162,7 +162,7 @@ class ProcessingNode:
         return self._publications.count
 
     def close(self) -> None:
-        """Leave."""
+        """Close all endpoints and processors."""
         for entry in self._entries:
             entry.cancel()
         self._subscriptions.close()
@@ -223,7 +223,7 @@ class ProcessingNode:
             self.report(_without_numbers(text), text)
 
     def _by_output(self, computed: Mapping[str, Samples]) -> dict[str, Samples]:
-        """What was computed, by name of the output."""
+        """Give what was computed by name of the output."""
         assigned = self._assigned
         if assigned is None:
             outputs, who = self.configuration.outputs, type(self.processors[-1]).__name__

@@ -89,7 +89,7 @@ class ParameterServer:
     def set(self, name: str, value: Any) -> Any:
         """Raises ConfigError for an unknown one, or a value that does not fit."""
         if name not in self.owners:
-            raise ConfigError(f"there is no such parameter; there are {', '.join(self.owners) or 'none'}", element=name)
+            raise ConfigError(f"unknown parameter; known are {', '.join(self.owners) or 'none'}", element=name)
         processor, parameter = self.owners[name]
         kept = set_value(processor, parameter.name, value)
         self._report(f"set {name} {kept}", f"{name} is {_shown(kept)} now")
@@ -137,7 +137,7 @@ class ParameterServer:
         return {"successful": True}
 
     def _declare(self, node: Any) -> None:
-        """To rclpy, whose parameters begin with what its command line or a parameter file says of them."""
+        """Declare the parameters to rclpy, whose command line or parameter file may set them at the start."""
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
         from fame.middleware.ros.translation import to_ros
@@ -158,8 +158,8 @@ class ParameterServer:
         node.ros.add_post_set_parameters_callback(apply)
         for name, (processor, parameter) in self.owners.items():
             value = _plain(getattr(processor, parameter.name))
-            told = descriptor(name, parameter) | {"dynamic_typing": value == []}  # which has no type in ROS
-            message = to_ros(messages.create("rcl_interfaces/msg/ParameterDescriptor", told), ParameterDescriptor)
+            fields = descriptor(name, parameter) | {"dynamic_typing": value == []}  # which has no type in ROS
+            message = to_ros(messages.create("rcl_interfaces/msg/ParameterDescriptor", fields), ParameterDescriptor)
             try:
                 node.ros.declare_parameter(name, value, message)
             except Exception as error:  # rclpy's own: what was said of it is not of its type, or was refused above
@@ -167,9 +167,9 @@ class ParameterServer:
 
     def _apply(self, name: str, value: Any) -> None:
         """Set one that somebody set in ROS; what its processor refuses is said."""
-        told = self._try(name, value)
-        if not told["successful"]:
-            self._report(f"refused {name}", f"{name} stays as it is: {told['reason']}")
+        result = self._try(name, value)
+        if not result["successful"]:
+            self._report(f"refused {name}", f"{name} stays as it is: {result['reason']}")
 
     def _changed(self, parameters: Any) -> Iterator[tuple[str, Any]]:
         """Names and values of those that are ours and new."""
@@ -263,7 +263,7 @@ def type_of(value: Any) -> str:
 
 def descriptor(name: str, parameter: Parameter) -> dict[str, Any]:
     """As rcl_interfaces/msg/ParameterDescriptor."""
-    told: dict[str, Any] = {
+    message: dict[str, Any] = {
         "name": name,
         "type": _FIELDS[parameter.type][0],
         "description": _description(parameter),
@@ -274,14 +274,14 @@ def descriptor(name: str, parameter: Parameter) -> dict[str, Any]:
         bounds: dict[str, Any]
         if parameter.type == "int":
             bounds = {"from_value": -(2**62) if low is None else low, "to_value": 2**62 if high is None else high}
-            told["integer_range"] = [bounds]
+            message["integer_range"] = [bounds]
         else:
-            told["floating_point_range"] = [
+            message["floating_point_range"] = [
                 {"from_value": -1e300 if low is None else low, "to_value": 1e300 if high is None else high}
             ]
     elif parameter.type == "str" and parameter.range:
-        told["additional_constraints"] = f"one of {', '.join(map(str, parameter.range))}"
-    return told
+        message["additional_constraints"] = f"one of {', '.join(map(str, parameter.range))}"
+    return message
 
 
 def _description(parameter: Parameter) -> str:

@@ -1,9 +1,9 @@
-"""Machine: a processor without inputs that polls something outside ROS, and gives what it says.
+"""Machine: a processor without inputs that polls a machine outside ROS.
 
-Where to ask: a callable (``module:function``, ``file.py:function``), a TCP server that sends lines (``tcp://host:port``),
+A source is a callable (``module:function``, ``file.py:function``), a TCP server that sends lines (``tcp://host:port``),
 or a serial line (``serial:///dev/ttyUSB0?baud=115200``). A callable gives a number, several, a mapping by name, or None
 for nothing new. A line is numbers apart by spaces, commas or semicolons, or ``name=value`` pairs; its last whole one at
-the time of the call counts. Nothing here waits: a machine that says nothing, or is away, leaves the node alive.
+the time of the call counts. Nothing here blocks: a machine that is silent or unreachable leaves the node alive.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Connection(Protocol):
     """What gives lines."""
 
     def read(self) -> bytes:
-        """What has come since the last time; b"" for nothing. Raises OSError if the other side is away."""
+        """Give what has arrived since the last call, b"" for nothing. Raises OSError if the machine is unreachable."""
 
     def close(self) -> None: ...
 
@@ -59,13 +59,13 @@ class Machine(Processor):
         return None if answer is None else self._by_name(answer)
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Close the connection."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None
 
     def _by_name(self, answer: Any) -> Result:
-        """The values by name. What lacks one, or holds what is no number, is reported and left out."""
+        """Give the values by name. An answer that lacks one, or holds other than numbers, is reported and left out."""
         given = answer if isinstance(answer, Mapping) else None
         if given is None:
             items = list(answer) if isinstance(answer, Sequence) or hasattr(answer, "__len__") else [answer]
@@ -77,7 +77,7 @@ class Machine(Processor):
             return None
 
     def _last_line(self) -> Any:
-        """The last whole line that has come, parsed; None if there is none."""
+        """Give the last whole line that has arrived, parsed; None without one."""
         assert self._open is not None
         if self._wait:
             self._wait -= 1
@@ -140,7 +140,7 @@ class _SerialConnection:
         self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
         try:
             if not stat.S_ISCHR(os.fstat(self._file).st_mode):
-                raise OSError(errno.ENOTTY, "is no serial line")
+                raise OSError(errno.ENOTTY, "is not a serial line")
             tty.setraw(self._file)
             settings = termios.tcgetattr(self._file)
             settings[4] = settings[5] = getattr(termios, f"B{baud}")

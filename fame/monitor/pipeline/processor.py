@@ -33,7 +33,7 @@ Type: TypeAlias = Literal["float", "int", "bool", "str", "file", "floats", "strs
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """What arrived on an input, or what was computed.
+    """Samples that arrived on an input, or that were computed.
 
     values  (n,) or (n, channels, ...)
     stamps  (n,), s, ascending
@@ -64,10 +64,10 @@ Result: TypeAlias = Mapping[str, Any] | None
 
 
 class SupportsExecute(Protocol):
-    """What every processor is."""
+    """The interface of every processor."""
 
     def execute(self, inputs: Mapping[str, Samples], /) -> Result:
-        """What follows from the samples that arrived since the last call, by name of the input. Inputs may be empty."""
+        """Compute from the samples that arrived since the last call, by name of the input. They may be empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ def declared_parameters(processor: Any) -> Sequence[Parameter]:
 
 
 def set_value(processor: Any, name: str, value: Any) -> Any:
-    """Set a parameter and return the value as it is kept. Raises ConfigError if there is none, or it does not fit."""
+    """Set a parameter and give the value as it is kept. Raises ConfigError for an unknown one or a wrong value."""
     parameter = _declared(processor, name)
     if parameter.fixed:
         raise ConfigError("cannot be changed while it runs", element=name)
@@ -179,7 +179,7 @@ def _declared(processor: Any, name: str) -> Parameter:
 
 
 def output_names(processor: Any, inputs: Sequence[str] | None) -> tuple[str, ...] | None:
-    """The names of what a processor computes from these inputs; None if it does not say."""
+    """Give the names of what a processor computes from these inputs; None if it does not declare them."""
     outputs = getattr(processor, "outputs", None)
     return tuple(outputs) if outputs else None if outputs is None or inputs is None else tuple(inputs)
 

@@ -27,7 +27,7 @@ EMPTY = "std_msgs/msg/Empty"
 
 
 class Sink(Protocol):
-    """Where rows go."""
+    """A destination of rows."""
 
     def put(self, row: Row) -> None: ...
     def flush(self) -> None: ...
@@ -35,7 +35,7 @@ class Sink(Protocol):
 
 
 class RecordingNode:
-    """The node. It lives until `close`; `report` gets a line for everything unusual.
+    """The recording node. It lives until `close`; `report` gets a line for everything unusual.
 
     outputs    where to: ``.csv``; a folder, which becomes a bag of ROS 2; ``.mcap``; ``http://host:8086/database``
     append     go on with a CSV file that is there
@@ -85,12 +85,12 @@ class RecordingNode:
         self._watched = scheduler.now
 
     def begin(self) -> None:
-        """The next run begins."""
+        """Begin the next run."""
         self.run += self._begun
         self._begun = False
 
     def wait(self, until: int) -> None:
-        """Let simulated time pass in which nothing comes. It may be years: once silence is said, nothing is done."""
+        """Let simulated time pass without messages. It may be years: once silence is reported, nothing is done."""
         if until - self._scheduler.now > _PAUSE:
             self._scheduler.run(self._scheduler.now + _PAUSE)
             self._entry.cancel()
@@ -103,7 +103,7 @@ class RecordingNode:
         return False
 
     def close(self) -> None:
-        """Write the rest, and leave."""
+        """Write what is left and close all endpoints."""
         self._entry.cancel()
         self.subscriptions.close()
         self._close_all()

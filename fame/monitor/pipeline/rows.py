@@ -5,8 +5,8 @@ other topics are empty, since nothing was said there. Columns are named by input
 ``Effort0``, ``Efforts.elbow_joint``, ``Efforts.3``.
 
 Rows are written in whole lines, so that a file is whole up to its last line whenever the process is killed. The header
-needs the channels of every topic: rows wait in memory until each has spoken, or for `PATIENCE`; what was silent so long
-has no columns, which is reported.
+needs the channels of every topic: rows wait in memory until each has had a message, or for `PATIENCE`; a topic that was
+silent until then has no columns, which is reported.
 """
 
 from __future__ import annotations
@@ -63,8 +63,11 @@ def cells_of(row: Row) -> list[float]:
 
 
 class CsvFile:
-    """Where rows go. `append` goes on with a file that has the same columns; `now` tells the time (s), since the stamps
-    of two topics may be of two clocks."""
+    """Writes rows to a file.
+
+    `append` continues a file that has the same columns; `now` gives the time (s), since the stamps of two topics may be
+    of two clocks.
+    """
 
     path: Path
     rows: int
@@ -93,7 +96,7 @@ class CsvFile:
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
 
     def put(self, row: Row) -> None:
-        """One more row. Raises ConfigError if the file to go on with has other columns."""
+        """Write a row. Raises ConfigError if the file to continue has other columns."""
         if self._waiting is None:
             self._write(row)
             return

@@ -116,7 +116,7 @@ class Expression(Processor):
 
     @property
     def formula(self) -> str:
-        """As it was given; what is no formula is refused when it is set."""
+        """The formula as given. Setting anything else raises ConfigError."""
         return self._formula
 
     @formula.setter

@@ -16,12 +16,12 @@ from fame.text import printable
 
 
 def type_of_topic(middleware: Middleware, topic: str) -> str:
-    """The type of a topic as the graph shows it. Raises MessageError if nobody is there, or it has several."""
+    """Give the type of a topic by the graph. Raises MessageError for an unknown topic, or one of several types."""
     there = {info.name: info for info in middleware.graph()}
     info = there.get(topic)
     if info is None or not info.types:
         have = ", ".join(sorted(there)) or "none"
-        raise MessageError(f"there is no topic {topic}; there are {have}")
+        raise MessageError(f"unknown topic {topic}; known are {have}")
     if len(info.types) > 1:
         raise MessageError(f"topic {topic} has several types: {', '.join(info.types)}; name one with --type")
     return info.types[0]
@@ -34,7 +34,7 @@ class MessageTimes:
     times: list[float] = field(default_factory=list)
 
     def text(self, last: float = 10.0) -> str:
-        """Rate (Hz) and periods (ms) of the last so many seconds, in one line; empty if there were less than two."""
+        """Describe rate (Hz) and periods (ms) of the `last` seconds in one line; empty for fewer than two messages."""
         times = np.array([time for time in self.times if time >= self.times[-1] - last]) if self.times else np.zeros(0)
         if len(times) < 2:
             return ""

@@ -1,8 +1,8 @@
 """`fame train`: autoencoders from recorded runs, one per channel, with thresholds from runs that were held back.
 
 Runs are never taken apart: some train, the others validate. Each channel is shifted and scaled by what the training
-runs hold. Windows beyond `samples` are left out by lot. A channel's threshold is the largest loss of the held-back
-runs, smoothed as the pipeline smooths it, times a margin.
+runs hold. Of more windows than `samples` a random choice is used. A channel's threshold is the largest loss of the
+held-back runs, smoothed as the pipeline smooths it, times a margin.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from fame.text import suggestion
 
 @dataclass(frozen=True)
 class Training:
-    """What is to be learned from what: the section `Training` of a configuration, whose keys are these.
+    """Settings of a training: the keys of the section `Training` of a configuration.
 
     files       CSV files of undisturbed runs
     model       where the model is stored

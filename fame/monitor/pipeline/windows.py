@@ -1,8 +1,8 @@
-"""Windows of samples, and what is told of each: itself, RMS, moving statistics, spectrum.
+"""Windows of samples, and what is computed of each: itself, RMS, moving statistics, spectrum.
 
-A window is `size` consecutive samples; the next begins `stride` samples later. What is told of a window carries the
-stamp of its last sample. A window that spans a gap, or samples of another rate than said, is no window: it is left out
-and reported.
+A window is `size` consecutive samples; the next begins `stride` samples later. A result carries the stamp of
+the last sample of its window. A window that spans a gap, or samples of another rate than given, is left out and
+reported.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fame.monitor.arrays import Whole
 from fame.monitor.pipeline.processor import Floats, Parameter, Processor, Result, Samples
 
 TOLERANCE = 0.2
-"""How far the length of a window may be from what its rate says, as a part of it."""
+"""Relative deviation of the length of a window from what its rate gives that is tolerated."""
 
 SIZE = Parameter("size", "int", 50, (2, 1_000_000), "samples", "length of a window")
 STRIDE = Parameter("stride", "int", 1, (1, 1_000_000), "samples", "from one window to the next")
@@ -72,7 +72,7 @@ def _of_rate(ends: Whole, stamps: Floats, size: int, rate: float, report: Callab
 
 
 class _Windowed(Processor):
-    """Tells something of each window, per input."""
+    """Computes a result of each window, per input."""
 
     parameters: ClassVar[tuple[Parameter, ...]] = (SIZE, STRIDE, RATE)
     size: int
@@ -118,7 +118,7 @@ class MovingStatistics(_Windowed):
         *_Windowed.parameters,
         Parameter(
             "statistic", "str", "mean", ("mean", "deviation", "minimum", "maximum", "median", "range"),
-            description="what is told of a window",
+            description="what is computed of a window",
         ),
     )  # fmt: skip
     statistic: str

@@ -61,9 +61,9 @@ class Writer:
                 tree = tree.setdefault(step, {})
             given = [values[index] for index in slot.values]
             tree[slot.path[-1]] = [_plain(item) for item in given] if slot.places else _fitting(given[0], slot)
-            told = slot.names or names
-            if slot.beside is not None and told:
-                tree.setdefault(slot.beside, list(told))
+            channels = slot.names or names
+            if slot.beside is not None and channels:
+                tree.setdefault(slot.beside, list(channels))
         return messages.create(self.type, content)
 
     def alike(self, first: Any, rows: Sequence[Any], stamps: Sequence[float]) -> Iterator[Any]:
