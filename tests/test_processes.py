@@ -253,7 +253,7 @@ def test_an_engine_is_deployed_to_redeployed_and_shown(tmp_path, team):
     assert (wait["element"], wait["topics"]) == ("second", {"/never": 0})
     assert shown["robots"]["A"]["now"] >= wait["since"]
     assert completed["reason"] == "first: is not waiting; currently waiting: second"
-    assert activated["reason"].rpartition("; ")[2] == "what can: nothing"
+    assert activated["reason"].rpartition("; ")[2] == "can start: nothing"
     chores = '<adHocSubProcess id="chores"><userTask id="look"/><task id="photo"/></adHocSubProcess>'
     (tmp_path / "third.bpmn").write_text(waiting("chores").replace(CATCH.format("chores", "S"), chores))
     assert team.fame("deploy", str(tmp_path / "third.bpmn"))[0] == 0
