@@ -296,9 +296,9 @@ def test_feel_finds_no_python_behind_the_data_either() -> None:
 @pytest.mark.parametrize(
     ("text", "language", "complaint"),
     [
-        ("${x >}", "juel", "expected a value, found the end"),
-        ("${(x}", "juel", r"expected `\)`, found the end"),
-        ("${x y}", "juel", "expected an operator or the end, found `y`"),
+        ("${x >}", "juel", "expected a value, got the end"),
+        ("${(x}", "juel", r"expected `\)`, got the end"),
+        ("${x y}", "juel", "expected an operator or the end, got `y`"),
         ("${}", "juel", "empty"),
         ("${x @ y}", "juel", "`@` was not expected"),
         ("${'abc}", "juel", "no closing brace"),
@@ -306,7 +306,7 @@ def test_feel_finds_no_python_behind_the_data_either() -> None:
         ("${append()}", "juel", r"`append` takes \(list, items\.\.\.\)"),
         ("'abc", "feel", "text without an end"),
         ("if x then 1", "feel", "expected `else`"),
-        ("substr(x)", "feel", "there is no function `substr` here; is it substring?"),
+        ("substr(x)", "feel", "there is no function `substr` here; did you mean substring?"),
         ("(" * 500 + "1" + ")" * 500, "feel", "nested more than"),
         ("x = 1", "python", "not valid Python: .*use `==` to compare"),
         ("x > (3", "python", "was never closed"),
@@ -390,7 +390,7 @@ def test_a_condition_takes_a_value_as_it_says(text: str, language: Language, val
 @pytest.mark.parametrize(("text", "language"), [("${x}", "juel"), ("x", "feel")])
 @pytest.mark.parametrize("value", ["weed", "0", [], [1], {"data": False}, Point(), "y" * 99])
 def test_what_is_neither_true_nor_false_is_no_condition(text: str, language: Language, value: Any) -> None:
-    with pytest.raises(TypeError, match=r"the condition gives .{1,60}: expected true or false"):
+    with pytest.raises(TypeError, match=r"the condition: expected true or false, got .{1,60}"):
         judge(text, language, value)
 
 

@@ -112,7 +112,7 @@ def test_a_strict_payload_refuses_names_that_are_not_set() -> None:
     [
         ("{x: 1", "not valid YAML or JSON"),
         ("{x: ${a}", "not valid YAML or JSON"),
-        ("{x: ${a + }}", "expected a value, found the end"),
+        ("{x: ${a + }}", "expected a value, got the end"),
         ("{x: ${a}, y: ${b", "no closing brace"),
         ("{x:${a}}", "before a value there is a space"),
         ("{x: !!python/name:os.system }", "not valid YAML or JSON"),

@@ -1,11 +1,11 @@
-"""Languages of scripts, conditions and values: from the text of a model to a callable of the variables.
+"""Languages of scripts, conditions and values: compile the texts of a model to functions of the variables.
 
 ================  =======================================================================
-compile_script    statements; gives None, or a suspended script if it has to wait
+compile_script    statements; returns None, or a suspended script if it has to wait
 compile_expression  conditions and values
-interface         what scripts find in scope: the ``__builtins__`` of their variables
-Runner            drives suspended scripts
-script_topics     the topics that a script names, for endpoints made at load
+interface         the script interface: the ``__builtins__`` of the variables
+Runner            runs suspended scripts
+script_topics     the topics that a script names, for endpoints created at load
 script_names      the variables that a text reads and writes, for checks
 code_names        the functions, classes and modules that a script leaves for later ones, for checks
 ================  =======================================================================

@@ -21,7 +21,7 @@ from fame.scripting.python import called_name, parse_python
 
 @lru_cache(maxsize=1024)
 def script_names(expression: Expression, *, script: bool = False) -> tuple[frozenset[str], frozenset[str]]:
-    """(reads, writes): the names that it takes from the variables, and those that it sets there.
+    """Return (reads, writes): the variables that a text reads, and those that it sets.
 
     `script`: it is statements, not an expression. Functions, classes and imports of a script are not variables, nor are
     names of the interface and builtins that it does not set (in ``${...}`` and FEEL: ``robot``). Raises ModelError if
@@ -50,7 +50,7 @@ def script_names(expression: Expression, *, script: bool = False) -> tuple[froze
 
 @lru_cache(maxsize=1024)
 def code_names(script: Expression) -> frozenset[str]:
-    """The functions, classes and modules that a script leaves for the scripts after it; ``*`` for all of a module.
+    """Return the functions, classes and modules that a script defines for later scripts; ``*`` for a star import.
 
     Raises ModelError if the text is wrong.
     """
@@ -67,7 +67,7 @@ def _code(table: symtable.SymbolTable) -> frozenset[str]:
 
 
 def _augmented(tree: ast.AST) -> set[str]:
-    """What ``x += 1`` is done to; symbol tables do not count it as read."""
+    """The targets of ``x += 1``, which symbol tables do not count as read."""
     targets = (node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign))
     return {target.id for target in targets if isinstance(target, ast.Name)}
 
@@ -109,14 +109,14 @@ _MADE = re.compile(
 
 
 _TOPIC_WORDS = ("receive", "robot", "signal")
-"""One of these stands in every text that names a topic."""
+"""Every text that names a topic contains one of these."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScriptTopic:
     """A topic as a script names it (relative to its robot), or a service or an action.
 
-    `type` is None where the script does not say.
+    `type` is None if the script does not give it.
     """
 
     name: str
@@ -127,7 +127,7 @@ class ScriptTopic:
 
 @lru_cache(maxsize=1024)
 def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
-    """All of them in the order of the text, each once. A signal's topic is everyone's: ``signal("done")`` is ``/done``.
+    """Return the topics in the order of the text, each once. The topic of ``signal("done")`` is ``/done``.
 
     A text in Python that names none is not looked at further. Raises ModelError if one that does is wrong.
     """
@@ -146,7 +146,7 @@ def script_topics(expression: Expression) -> tuple[ScriptTopic, ...]:
 
 
 def _endpoints(expression: Expression) -> Iterator[ScriptTopic]:
-    """What a script in JavaScript makes with two literal texts: type and topic."""
+    """The endpoints that a script in JavaScript creates with literal type and topic."""
     for found in _MADE.finditer(expression.text):
         kind, type, name = found["kind"], found["type"], found["name"]
         yield ScriptTopic(name, _MAKES[kind], type, expression.line + expression.text.count("\n", 0, found.start()))
@@ -164,7 +164,7 @@ def _topic(call: ast.Call) -> ScriptTopic | None:
 
 
 def _argument(call: ast.Call, place: int, name: str) -> str | None:
-    """The literal text of an argument, if it is one."""
+    """The value of a literal text argument, else None."""
     given = call.args[place] if place < len(call.args) else None
     for keyword in call.keywords:
         if keyword.arg == name:

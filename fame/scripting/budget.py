@@ -41,7 +41,7 @@ _PARTS = 20
 
 
 class Budget:
-    """What the scripts of one interface may spend in one step. `names` is the interface; `limit` counts ticks."""
+    """The budget of one step for the scripts of one interface. `names` is the interface; `limit` counts ticks."""
 
     __slots__ = ("_frame", "_names", "_part", "_spent", "limit", "steps")
 
@@ -57,19 +57,19 @@ class Budget:
         self.refill()
 
     def refill(self) -> None:
-        """A step begins."""
+        """Start a new step with a full budget."""
         self.steps += 1
         self._frame: FrameType | None = None
         self._spent = 0
         self._grant()
 
     def drain(self) -> None:
-        """Let every tick raise until `refill`."""
+        """Make every tick raise until `refill`."""
         self._spent = sys.maxsize
         self._names[TICK] = partial(next, iter(()), False)
 
     def spend(self) -> bool:
-        """A part of the budget is used up. Grants the next, True; raises BudgetExceeded if it was this step's last."""
+        """Account for a used part of the budget and grant the next. Raises BudgetExceeded after the last."""
         frame = script_frame(sys._getframe(1), self)
         if frame is not self._frame and self._spent < sys.maxsize:
             self._frame, self._spent = frame, 0
@@ -85,7 +85,7 @@ class Budget:
 
 
 def count_steps(tree: ast.AST) -> ast.AST:
-    """The same tree with a tick in each loop, function and comprehension. Lines stay what they are."""
+    """Insert a tick into each loop, function and comprehension. Line numbers do not change."""
     counted: ast.AST = _Ticks().visit(tree)
     return ast.fix_missing_locations(counted)
 
@@ -124,10 +124,10 @@ def _tick(place: ast.AST) -> ast.expr:
 
 
 PASS = 10
-"""What a pass of a loop or the call of a function costs."""
+"""The cost of a loop iteration or function call."""
 
 _LETTERS = 4
-"""So many characters cost as much as one element of a list."""
+"""This number of characters costs as much as one element of a list."""
 
 
 _ATOMS = frozenset({int, float, bool, type(None)})
@@ -142,14 +142,14 @@ _METER = _Meter()
 
 
 def spend(ticks: float = PASS) -> None:
-    """Count. Raises BudgetExceeded."""
+    """Spend from the budget. Raises BudgetExceeded."""
     left = _METER.left = _METER.left - ticks
     if left < 0:
         raise BudgetExceeded(f"an expression took more than {_METER.limit // PASS} loop passes and function calls")
 
 
 def weight(value: Any) -> int:
-    """What it costs to read or make a value."""
+    """The cost of reading or making a value."""
     if value.__class__ in _ATOMS:
         return 0
     if isinstance(value, (list, tuple)):
@@ -158,7 +158,7 @@ def weight(value: Any) -> int:
 
 
 def metered(evaluate: Evaluate) -> Evaluate:
-    """The same within the budget of the variables' interface."""
+    """Evaluate within the budget of the script interface of the variables."""
 
     def run(variables: Mapping[str, Any]) -> Any:
         names = variables.get(BUILTINS)

@@ -20,7 +20,7 @@ Evaluate = Callable[[Mapping[str, Any]], Any]
 """What an expression is compiled to: a function of the variables."""
 
 PLAIN = frozenset({int, float, str, bool, type(None), list, tuple, dict})
-"""Types that are data without a further look."""
+"""Types that are always data."""
 
 NUMBERS = frozenset({int, float})
 
@@ -30,19 +30,19 @@ class Undefined(NameError):
 
 
 def checked(value: Any, name: str) -> Any:
-    """The value, if it is data. Raises TypeError."""
+    """Return the value if it is data. Raises TypeError."""
     if value.__class__ not in PLAIN and (callable(value) or isinstance(value, ModuleType)):
         raise TypeError(f"`{name}` is not data: functions, classes and modules cannot be used here")
     return value
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a number; true and false are none."""
+    """Whether it is a number; true and false are not."""
     return value.__class__ in NUMBERS or (isinstance(value, Number) and not isinstance(value, bool))
 
 
 def is_list(value: Any) -> bool:
-    """Whether it has elements by number: a list, a tuple, an array; not a text."""
+    """Whether it is a list, a tuple or an array; not a text."""
     if isinstance(value, (str, bytes)):
         return False
     return isinstance(value, Sequence) or (hasattr(value, "tolist") and hasattr(value, "__len__"))
@@ -87,7 +87,7 @@ def to_number(value: Any) -> int | float | None:
 
 
 def to_text(value: Any) -> str:
-    """As it is written in an expression: true, false, the text itself; nothing for null."""
+    """The text of a value as expressions write it: true, false; empty for null."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -96,7 +96,7 @@ def to_text(value: Any) -> str:
 
 
 def fields_of(value: Any) -> dict[str, Any]:
-    """The entries of a mapping, or the fields of an object such as a message; none of what has none."""
+    """The entries of a mapping or the fields of an object such as a message; empty if it has none."""
     if isinstance(value, Mapping):
         return dict(value)
     return {name: getattr(value, name) for name in _fields(value)}
@@ -123,14 +123,14 @@ def product(left: Any, right: Any) -> Any:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """In floating point, so that no exponent takes for ever; a whole result of whole numbers is whole."""
+    """Compute in floating point, so that every exponent takes a short time; whole results of integers are integers."""
     result = math.pow(base, exponent)
     whole = isinstance(base, int) and isinstance(exponent, int) and result.is_integer() and abs(result) < 2**53
     return int(result) if whole else result
 
 
 def quotient(dividend: Any, divisor: Any) -> Any:
-    """A whole quotient of whole numbers is whole."""
+    """Divide; a whole quotient of integers is an integer."""
     whole = isinstance(dividend, int) and isinstance(divisor, int) and dividend % divisor == 0
     return dividend // divisor if whole else dividend / divisor
 
@@ -143,7 +143,7 @@ _SHOWN = 60
 
 
 def judged(evaluate: Evaluate) -> Evaluate:
-    """The same as a condition: it gives true or false, or raises TypeError that shows the value."""
+    """Evaluate as a condition: true or false, or TypeError that shows the value."""
 
     def judge(variables: Mapping[str, Any]) -> bool:
         value = evaluate(variables)
@@ -161,4 +161,4 @@ def _verdict(value: Any) -> bool:
         return bool(value)
     shown = repr(value)
     shown = shown if len(shown) <= _SHOWN else f"{shown[: _SHOWN - 3]}..."
-    raise TypeError(f"the condition gives {shown}: expected true or false")
+    raise TypeError(f"the condition: expected true or false, got {shown}")

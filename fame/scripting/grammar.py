@@ -42,7 +42,7 @@ class Parser:
     """A walk over the tokens of one expression.
 
     `names` collects the variables that it reads; `counts`: it has loops or calls, which count against the budget;
-    `after` is what becomes of the value, if it does not stay what it is.
+    `after` converts the final value, None if it needs no conversion.
     """
 
     dialect: Dialect
@@ -59,7 +59,7 @@ class Parser:
         self.after: Callable[[Any], Any] | None = None
 
     def whole(self) -> Evaluate:
-        """The expression that all of the text is. Raises ExpressionError."""
+        """Parse the whole text. Raises ExpressionError."""
         if self._at_end():
             raise ExpressionError("the expression is empty")
         evaluate = self.expression()
@@ -69,7 +69,7 @@ class Parser:
         return metered(evaluate) if self.counts else evaluate
 
     def expression(self, power: int = 0) -> Evaluate:
-        """An operand and all that follows it and binds tighter than `power`."""
+        """Parse an operand and all operators after it that bind tighter than `power`."""
         self._depth += 1
         if self._depth > _DEPTH:
             raise ExpressionError(f"nested more than {_DEPTH} levels deep", self.token.place)
@@ -126,7 +126,7 @@ class Parser:
 
     def unexpected(self, expected: str) -> ExpressionError:
         """The error for the next token."""
-        return ExpressionError(f"expected {expected}, found {self.token}", self.token.place)
+        return ExpressionError(f"expected {expected}, got {self.token}", self.token.place)
 
     def listed(self, close: str) -> list[Evaluate]:
         """Expressions with commas between them, up to and with the closing sign."""
@@ -159,7 +159,7 @@ class Parser:
         return " ".join(str(word.value) for word in words)
 
     def inside(self, names: list[str], power: int = 0, *, fields: bool = False) -> Evaluate:
-        """An expression in which these names are bound by the expression around it.
+        """Parse an expression in which these names are bound by the surrounding expression.
 
         `fields`: any other name may be bound, too: that of a field.
         """
@@ -194,9 +194,9 @@ class Parser:
         return variable(name, self.dialect.undefined_is_null)
 
     def _likely(self, name: str) -> str:
-        """What may be meant instead."""
+        """A suggestion of similar functions."""
         close = get_close_matches(name, self.dialect.functions, 3)
-        return f"; is it {' or '.join(close)}?" if close else ""
+        return f"; did you mean {' or '.join(close)}?" if close else ""
 
     def _call(self) -> Evaluate | None:
         """A call of a function of the dialect, if one begins here; its name may be several words."""
@@ -224,7 +224,7 @@ def _then(evaluate: Evaluate, after: Callable[[Any], Any]) -> Evaluate:
 
 
 def constant(value: Any) -> Evaluate:
-    """Always that value."""
+    """A constant."""
     return lambda variables: value
 
 

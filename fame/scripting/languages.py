@@ -1,4 +1,4 @@
-"""Which compiler a text goes to, by its language."""
+"""Choose the compiler of a text by its language."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ Warn = Callable[[str], object]
 def compile_script(expression: Expression, *, file: str = "", element: str = "") -> Code:
     """Statements. The callable takes the variables, whose ``__builtins__`` is an `interface`, and runs the script.
 
-    It gives None when the script is over, or a suspended script for a `Runner` if it has top-level ``await``. It raises
-    what the script raises, BaseExceptions included. Raises ModelError (file, line, element) if the text is wrong,
+    It returns None when the script is over, or a suspended script for a `Runner` if it has top-level ``await``. It
+    raises what the script raises, BaseExceptions included. Raises ModelError (file, line, element) for an invalid text,
     UnavailableError for a language that is not installed.
     """
     if expression.language == "python":

@@ -1,8 +1,8 @@
-"""Scripts and expressions in Python: compiled once, run by C without a Python frame in between.
+"""Scripts and expressions in Python: compiled once, run without a Python frame in between.
 
 The code of a text is a `functools.partial(eval, code)`: called with the variables, it runs with them as its globals. A
-script that has to wait (top-level ``await``) gives a coroutine, else None. The code carries the name of the .bpmn file
-and its lines, so that tracebacks point into the file.
+script that has to wait (top-level ``await``) returns a coroutine, else None. The code carries the name and the lines of
+the .bpmn file, so that tracebacks point into the file.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ Code = Callable[[dict[str, Any]], Any]
 
 _AWAITED = {"sleep", "receive", "until"}
 _LOOKED_INTO = re.compile(r"\b(for|while|def|lambda)\b|sleep|receive|until|call")
-"""What has none of these words has nothing that goes round, and no request to drop: its tree is not looked at."""
+"""A text without these words has no loops and no requests, so its tree is not examined."""
 _LIKE_JAVASCRIPT = re.compile(
     r"\b(?:var|let|const)\s+\w|\bfunction\b\s*\w*\s*\(|=>|[=!]==|\bnew\s+\w|\bthis\.|\btypeof\b|\)\s*\{|\}\s*else\b"
 )
-"""What Python refuses, and JavaScript is full of."""
+"""Syntax of JavaScript that is not valid in Python."""
 _PAST_METHODS = frozenset((dis.opmap["STORE_GLOBAL"], dis.opmap["DELETE_GLOBAL"]))
 
 
 def compile_python(expression: Expression, mode: Literal["exec", "eval"], file: str = "", element: str = "") -> Code:
-    """A callable of the variables. Raises ModelError, with the line of the file, if the text is not Python."""
+    """Compile to a function of the variables. Raises ModelError with the line of the file."""
     flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT if mode == "exec" else 0
     if _LOOKED_INTO.search(expression.text):
         tree = _compiled(expression, mode, file, element, ast.PyCF_ONLY_AST)
@@ -56,7 +56,7 @@ def parse_python(
 
 
 def _compiled(expression: Expression, mode: Literal["exec", "eval"], file: str, element: str, flags: int) -> Any:
-    """What `compile` makes of a text, with lines counted from its first."""
+    """The result of `compile`, with lines counted from the first of the text."""
     make = _parsed if flags & ast.PyCF_ONLY_AST else _known
     with _located(expression, mode, file, element):
         try:
@@ -75,11 +75,11 @@ def _parsed(source: str, name: str, mode: str, flags: int) -> Any:
 
 
 _known = lru_cache(maxsize=1024)(_parsed)
-"""The same for code: a text that stands in many places of a file is compiled once."""
+"""The same for code: a text that occurs in many places is compiled once."""
 
 
 def _moved(code: CodeType, lines: int) -> CodeType:
-    """The same code, so many lines further down in its file."""
+    """The same code, moved down by a number of lines."""
     if not lines:
         return code
     consts = tuple(_moved(one, lines) if isinstance(one, CodeType) else one for one in code.co_consts)
@@ -89,7 +89,7 @@ def _moved(code: CodeType, lines: int) -> CodeType:
 def _compile_tree(
     tree: ast.AST, expression: Expression, mode: Literal["exec", "eval"], file: str, element: str, flags: int
 ) -> CodeType:
-    """The code of a text that may have loops to count, or requests that it drops."""
+    """The code of a text that may have loops to count or requests that are not awaited."""
     dropped = _dropped_request(tree)
     if dropped is not None:
         what, line = dropped[0], dropped[1] + max(0, expression.line - 1)
@@ -108,7 +108,7 @@ def source_name(file: str) -> str:
 
 
 def error_line(error: BaseException, file: str = "") -> int:
-    """The line of the .bpmn file where the innermost part of a script raised `error`; 0 if no script had part in it."""
+    """The line of the .bpmn file where a script raised `error`; 0 if no script was involved."""
     line, trace = 0, error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == source_name(file):
@@ -118,14 +118,14 @@ def error_line(error: BaseException, file: str = "") -> int:
 
 
 def error_text(error: BaseException) -> str:
-    """What a script raised, for people: ``ZeroDivisionError: division by zero``."""
+    """The error of a script as text: ``ZeroDivisionError: division by zero``."""
     text = " ".join(str(error).split())
     name = type(error).__name__
     return f"{name}: {text}" if text else name
 
 
 def _source(expression: Expression, mode: str) -> str:
-    """The text as Python takes it."""
+    """The text as Python accepts it: dedented, expressions in parentheses."""
     text = expression.text.expandtabs() if mode == "exec" else expression.text
     text = textwrap.dedent(text)
     if mode == "eval":
@@ -136,7 +136,7 @@ def _source(expression: Expression, mode: str) -> str:
 
 
 def _hanging(expression: Expression) -> Expression | None:
-    """A script whose first line stands right behind its tag, and all others are indented as their tag is."""
+    """A script whose first line follows its tag directly, with all other lines indented."""
     first, _, rest = expression.text.partition("\n")
     if not first.strip() or not rest.strip():
         return None
@@ -144,7 +144,7 @@ def _hanging(expression: Expression) -> Expression | None:
 
 
 class _located:
-    """Turns what Python says against a text into a ModelError with the line of the file."""
+    """Turn errors of Python into a ModelError with the line of the file."""
 
     def __init__(self, expression: Expression, mode: str, file: str, element: str) -> None:
         self.expression, self.condition, self.file, self.element = expression, mode == "eval", file, element
@@ -166,7 +166,7 @@ class _located:
 
 
 def _hint(text: str, line: str, condition: bool) -> str:
-    """What the author of a text in another language may have meant. `line` is the one that Python refuses."""
+    """A hint for the author of a text in another language. `line` is the invalid one."""
     if _LIKE_JAVASCRIPT.search(text):
         attribute = "language" if condition else "scriptFormat"
         return f'; for JavaScript, set {attribute}="javascript"'
@@ -178,7 +178,7 @@ def _hint(text: str, line: str, condition: bool) -> str:
 
 
 def called_name(call: ast.Call) -> str:
-    """What a call calls, if it is a name or a method of one: ``receive``, ``robot.call``; else nothing."""
+    """The name of the called function or method: ``receive``, ``robot.call``; else empty."""
     function = call.func
     if isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
         return f"{function.value.id}.{function.attr}"
@@ -186,7 +186,7 @@ def called_name(call: ast.Call) -> str:
 
 
 def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
-    """The first statement that makes a request and drops it: (what it calls, line)."""
+    """The first request that is not awaited: (called name, line)."""
     bound = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
     bound |= {alias.asname or alias.name for node in ast.walk(tree)
               if isinstance(node, (ast.Import, ast.ImportFrom)) for alias in node.names}  # fmt: skip
@@ -217,7 +217,7 @@ def _run_and_settle(run: Code, variables: dict[str, Any]) -> Any:
 
 
 class _Settling:
-    """A suspended script whose variables are settled after each of its steps."""
+    """A suspended script whose variables are settled after each step."""
 
     __slots__ = ("_script", "_variables")
 

@@ -32,7 +32,7 @@ class Function:
     sees: bool
 
     def placed(self, arguments: Sequence[Argument]) -> list[Evaluate] | None:
-        """The arguments in the order of the parameters; None if they do not fit."""
+        """Return the arguments in the order of the parameters, None if they do not fit."""
         values = [value for _, value in arguments]
         if any(name for name, _ in arguments):
             given = dict(arguments)
@@ -49,7 +49,7 @@ class Function:
         return f"({', '.join(names)})" if not self.rest else f"({', '.join(names).rstrip('?')}...)"
 
     def types(self, count: int) -> list[str]:
-        """The types of so many arguments."""
+        """The types of the first `count` arguments."""
         types = [type for _, type in self.parameters]
         return types[:count] + types[-1:] * (count - len(types))
 
@@ -67,7 +67,7 @@ def functions(table: Mapping[str, Callable[..., Any]], *, sees: bool = False) ->
 
 
 def chosen(signatures: Sequence[Function], arguments: Sequence[Argument]) -> tuple[Function, list[Evaluate]] | None:
-    """The signature that the arguments fit, and these in its order."""
+    """Return the first signature that the arguments fit, and the arguments in its order."""
     return next(
         ((function, placed) for function in signatures if (placed := function.placed(arguments)) is not None), None
     )
@@ -77,7 +77,7 @@ _SIZED = frozenset({list, str})
 
 
 def called(function: Function, name: str, arguments: list[Evaluate], null: bool) -> Evaluate:
-    """A call. What cannot be computed is null, or raises TypeError."""
+    """A function call. An error is null if `null`, else TypeError."""
     checks = [_CHECKS.get(type) for type in function.types(len(arguments))]
 
     def evaluate(variables: Mapping[str, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""Texts with ``${...}`` inside: templates, properties of data objects, payloads.
+"""Texts that contain ``${...}``: templates, properties of data objects, payloads.
 
 A payload is parsed once, when it is compiled: each ``${...}`` is a mark in the text, the text is parsed as flow-style
 YAML or JSON, and what is found to be a mark becomes its expression. So values are inserted as values, whatever
@@ -23,7 +23,7 @@ from fame.scripting.lexer import ExpressionError
 
 
 Missing = Callable[[str, Undefined], object]
-"""What to do about a name that is not set: (path of the field, which); may raise."""
+"""Called for a name that is not set with (path of the field, error); may raise."""
 
 _HOLE = re.compile(r"[$#]\{")
 _MARK = re.compile("\ue000([0-9]+)\ue001")
@@ -63,7 +63,7 @@ class Substituted:
 
 
 def inside(text: str) -> str | None:
-    """What stands in a text that is one ``${...}`` or ``#{...}`` as a whole, else None.
+    """Return the inside of a text that is a single ``${...}`` or ``#{...}``, else None.
 
     >>> inside("${a + 1}"), inside("${a}-${b}")
     ('a + 1', None)
@@ -73,13 +73,16 @@ def inside(text: str) -> str | None:
 
 
 def is_text(text: str) -> bool:
-    """Whether a payload gives a text whatever its variables are: ``at ${x}``, neither ``${x}`` nor ``{x: ${x}}``."""
+    """Whether the value of a payload is always a text: ``at ${x}``, neither ``${x}`` nor ``{x: ${x}}``."""
     text = text.strip()
     return not text.startswith(_COLLECTION) and inside(text) is None and bool(_HOLE.search(text))
 
 
 def template(text: str) -> tuple[Evaluate, Mapping[str, None]]:
-    """A function that fills the text in, and the names that it reads. Raises ExpressionError; evaluated, Undefined."""
+    """Return a function that fills in the text, and the names that it reads.
+
+    Raises ExpressionError; the function raises Undefined.
+    """
     substituted = Substituted(text)
     return _text(substituted.marked, substituted.evaluates), substituted.names
 
@@ -126,7 +129,7 @@ def value(text: str, missing: Missing) -> tuple[Evaluate, Mapping[str, None]]:
 
 
 def _holes(text: str) -> Iterator[tuple[int, int]]:
-    """Where ``${...}`` and ``#{...}`` stand: (start, end). Raises ExpressionError for one without an end."""
+    """Find ``${...}`` and ``#{...}``: (start, end). Raises ExpressionError for a missing brace."""
     place = 0
     while True:
         found = _HOLE.search(text, place)

@@ -102,7 +102,7 @@ def test_what_is_neither_true_nor_false_is_an_error_that_shows_it(play: Play, co
     content = start() + gateway("exclusive", "g", default="g_a") + script("a") + script("b")
     run = play(content + path("s g a") + flow("g", "b", condition), {"x": value}).run()
     assert run.log == "s (g g!script =failed"
-    assert f"the condition gives {value!r}: expected true or false" in str(run.instance.error)
+    assert f"the condition: expected true or false, got {value!r}" in str(run.instance.error)
 
 
 def test_an_exclusive_gateway_without_a_true_condition_is_an_error(play: Play) -> None:
