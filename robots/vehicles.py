@@ -108,7 +108,7 @@ class Vehicle:
 def check_fault(name: str, type: str, kind: str, known: tuple[str, ...]) -> None:
     """Raise ConfigError if a robot has no such fault."""
     if kind not in known:
-        raise ConfigError(f"found the fault {kind!r} for {name}, a {type}; {suggestion(kind, known)}")
+        raise ConfigError(f"unknown fault {kind!r} of {name}, a {type}; {suggestion(kind, known)}")
 
 
 class Car(Vehicle):

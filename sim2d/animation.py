@@ -56,14 +56,14 @@ def animate(
     """
     kind = Path(path).suffix.lower()
     if kind not in WRITERS:
-        raise ConfigError(f"found the ending {kind!r}, {' or '.join(WRITERS)} would be right", file=str(path))
+        raise ConfigError(f"expected a file {' or '.join(WRITERS)}, got {kind!r}", file=str(path))
     if not record.times:
-        raise ConfigError("nothing was recorded, a run of at least one step would be right", file=str(path))
+        raise ConfigError("expected a run of at least one step, got nothing recorded", file=str(path))
     require("PIL")
     if speed is None:
         speed = max(1.0, record.times[-1] / _LONGEST)
     if fps <= 0 or speed <= 0:
-        raise ConfigError(f"found fps {fps:g} and speed {speed:g}, both above 0 would be right", file=str(path))
+        raise ConfigError(f"expected fps and speed above 0, got fps {fps:g} and speed {speed:g}", file=str(path))
     with writing(path):
         step = speed / fps
         frames = _frames(record, _Captions(record, labels), step, title)

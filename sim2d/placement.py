@@ -28,7 +28,7 @@ def place(config: WorldConfig, name: str, count: int, seed: int) -> tuple[RobotC
     group = re.compile(re.escape(name) + r"_[0-9]+")
     models = [robot for robot in config.robots if group.fullmatch(robot.name)]
     if not models:
-        text = f"found no robot named {name}_1 to copy for {name}={count}; known are: "
+        text = f"expected a robot {name}_1 to copy for {name}={count}; robots are: "
         raise config.source.error("robots", text + (", ".join(robot.name for robot in config.robots) or "none"))
     names = [f"{name}_{number}" for number in range(1, count + 1)]
     kept = [robot for robot in config.robots if robot not in models or robot.name in names]
@@ -51,7 +51,7 @@ def _placed(
         free = np.flatnonzero(~grid.occupied)
         if not len(free):
             raise config.source.error(
-                "robots", f"found room for {number} of {len(names)} more robots like {model.name}"
+                "robots", f"expected room for {len(names)} more robots like {model.name}, got room for {number}"
             )
         row, column = divmod(int(random.choice(free)), grid.occupied.shape[1])
         at = tuple(

@@ -150,7 +150,7 @@ class World:
     def fault(self, robot: str, kind: str) -> None:
         """Break something of a robot, now and for good. Raises ConfigError for a robot or a fault there is not."""
         if robot not in self.robots:
-            raise ConfigError(f"found the robot {robot!r} to be at fault; {suggestion(robot, self.robots)}")
+            raise ConfigError(f"unknown robot {robot!r} to be at fault; {suggestion(robot, self.robots)}")
         self.robots[robot].fault(kind)
         self.faults.setdefault(robot, []).append(kind)
 
@@ -202,7 +202,7 @@ class World:
             for shape in robot.body.shapes:
                 touched = sorted(self._names[hit.shape] for hit in self.space.shape_query(shape) if hit.shape)
                 if touched:
-                    text = f"{config.name} stands in {touched[0]}, a free place would be right"
+                    text = f"expected a free place; {config.name} stands in {touched[0]}"
                     raise self.config.source.error(config.path, text)
                 self._names[shape] = config.name
         self.space.on_collision(ROBOT, None, begin=self._on_touch)

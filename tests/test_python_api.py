@@ -61,7 +61,7 @@ NOT_THERE = {
     "nope.yaml: cannot be read": lambda: fame.Scenario.load("nope.yaml"),
     "nope: is not a folder": lambda: dingo(library="nope"),
     "has no process or pool 'TURTLE'; it has Process_REX, Process_DINGO": lambda: fame.Simulation(MODEL, "TURTLE"),
-    "found no robot 'TURTLE' to be at fault; the robots are REX, DINGO": lambda: fame.Scenario.load(
+    "unknown robot 'TURTLE' in --fault; robots are: REX, DINGO": lambda: fame.Scenario.load(
         SCENARIO, faults=[Fault("TURTLE", 1.0, "engine")]
     ),
 }

@@ -87,11 +87,11 @@ def test_a_model_without_a_world_has_as_many_engines(tmp_path: Path, capsys: pyt
 
 
 def test_what_cannot_be_is_refused() -> None:
-    assert refused(robots={"Plough": 2}) == "found no pool 'Plough' for Plough=2; the pools are Drone, Tractor"
-    text = "found Drone=2, but pool 'Drone' is a single robot; a multi-instance one would be right"
+    assert refused(robots={"Plough": 2}) == "unknown pool 'Plough' in Plough=2; pools are: Drone, Tractor"
+    text = "expected a multi-instance pool in Drone=2, got pool 'Drone', which is a single robot"
     assert refused(robots={"Drone": 2}) == text
-    assert "found room for" in refused(robots={"Tractor": 2000})
-    assert refused(robots={"Tractor": 10**12}) == f"found Tractor={10**12}, at most 100000 robots would be right"
+    assert "got room for" in refused(robots={"Tractor": 2000})
+    assert refused(robots={"Tractor": 10**12}) == f"expected at most 100000 robots, got Tractor={10**12}"
 
 
 # ---- faults ----------------------------------------------------------------------------------------------------------
@@ -139,9 +139,9 @@ def test_a_fault_is_repeatable() -> None:
 
 
 def test_a_fault_that_cannot_be_is_refused_before_anything_moves() -> None:
-    text = "found no robot 'Tractor_9' to be at fault; the robots are Drone, Tractor_1, Tractor_2, Tractor_3"
+    text = "unknown robot 'Tractor_9' in --fault; robots are: Drone, Tractor_1, Tractor_2, Tractor_3"
     assert refused(faults=[Fault("Tractor_9", 1.0, "engine")]) == text
-    text = "found the fault 'legs' for Tractor_1; known are: engine, range, wheels"
+    text = "unknown fault 'legs' of Tractor_1; known are: engine, range, wheels"
     assert refused(faults=[Fault("Tractor_1", 1.0, "legs")]) == text
     for time in (-1.0, math.nan, math.inf):
         assert "at a second from 0 on" in refused(faults=[Fault("Tractor_1", time, "range")])

@@ -175,7 +175,7 @@ def test_a_model_alone_has_as_many_robots_as_its_multiplicity_has_at_least(tmp_p
 def test_how_many_robots_there_are_is_for_who_runs_it_to_say_up_to_the_maximum(tmp_path):
     path = many(tmp_path, 'minimum="2" maximum="3"')
     assert [len(Scenario.load(path, robots={"Ant": number}).cast) for number in (0, 1, 3)] == [0, 1, 3]
-    with pytest.raises(fame.ConfigError, match=r"found 4 robots for pool 'Ant'; its .* has maximum=3"):
+    with pytest.raises(fame.ConfigError, match=r"expected at most 3 robots for pool 'Ant' .*, got 4"):
         Scenario.load(path, robots={"Ant": 4})
 
 
@@ -235,4 +235,4 @@ def test_a_run_without_a_world_is_over_when_its_last_element_is(tmp_path):
 def test_a_topic_that_nobody_hears_is_told_with_the_one_that_was_meant(tmp_path):
     path = changed(tmp_path, model=(('robot.publish("led"', 'robot.publish("Led"'),))
     told = [(event.robot, event.detail) for event in run(path).reports]
-    assert told == [("DINGO", "publishes on /DINGO/Led, which nobody hears; did you mean /DINGO/led?")]
+    assert told == [("DINGO", "publishes on /DINGO/Led, which has no subscriber; did you mean /DINGO/led?")]

@@ -93,9 +93,11 @@ def test_places_are_those_of_the_seed_and_do_not_depend_on_how_many_follow():
 
 
 def test_a_kind_that_is_not_in_the_file_and_ground_that_is_full_are_refused():
-    with pytest.raises(ConfigError, match="no robot named Plough_1 to copy for Plough=2; known are: Drone, Tractor_1"):
+    with pytest.raises(
+        ConfigError, match="expected a robot Plough_1 to copy for Plough=2; robots are: Drone, Tractor_1"
+    ):
         place(config(), "Plough", 2, seed=1)
-    with pytest.raises(ConfigError, match=r"found room for \d+ of 998 more robots like Tractor_2"):
+    with pytest.raises(ConfigError, match=r"expected room for 998 more robots like Tractor_2, got room for \d+"):
         place(config(), "Tractor", 1000, seed=1)
 
 

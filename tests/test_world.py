@@ -203,7 +203,7 @@ def test_an_alias_that_contains_itself_is_refused_without_end_of_memory(tmp_path
 def test_a_robot_that_stands_in_something_is_refused(tmp_path, place, thing):
     robots = "  DINGO: {type: car, at: [0.5, 3.5]}\n" + f"  REX: {{type: car, at: {place}}}\n"
     config = read(tmp_path, WORLD.partition("  REX:")[0] + robots)
-    with pytest.raises(ConfigError, match=f"world.yaml:10: robots.REX: REX {thing}, a free place would be right"):
+    with pytest.raises(ConfigError, match=f"world.yaml:10: robots.REX: expected a free place; REX {thing}"):
         Ground(config)
 
 
@@ -296,9 +296,9 @@ def test_a_robot_is_broken_by_name_and_the_summary_says_so():
     g.run(2)
     assert g.world.summary()["robots"]["REX"]["faults"] == ["wheels"]
     assert g.world.robots["REX"].pose == (1, 2, 0)
-    with pytest.raises(ConfigError, match="found the fault 'wings' for REX, a car; known are: range, wheels"):
+    with pytest.raises(ConfigError, match="unknown fault 'wings' of REX, a car; known are: range, wheels"):
         g.world.fault("REX", "wings")
-    with pytest.raises(ConfigError, match="found the robot 'RIX' to be at fault; did you mean 'REX'"):
+    with pytest.raises(ConfigError, match="unknown robot 'RIX' to be at fault; did you mean 'REX'"):
         g.world.fault("RIX", "wheels")
 
 

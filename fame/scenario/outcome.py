@@ -46,7 +46,7 @@ def at_rest(robots: Sequence[RobotResult]) -> bool:
 
 
 def status_of(robots: Sequence[RobotResult], unstarted: Sequence[str]) -> Status:
-    """What a run comes to that nobody has interrupted."""
+    """The status of a run that was not interrupted."""
     if any(robot.failed for robot in robots):
         return "failed"
     if not at_rest(robots):
@@ -127,4 +127,4 @@ def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:
         for similar in difflib.get_close_matches(name.lower(), heard[namespace], 1, 0.85):
             for node in dict.fromkeys(info.publishers):
                 right = f"{namespace}/{heard[namespace][similar]}"
-                yield node, f"publishes on {info.name}, which nobody hears; did you mean {right}?"
+                yield node, f"publishes on {info.name}, which has no subscriber; did you mean {right}?"

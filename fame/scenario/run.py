@@ -101,7 +101,7 @@ class Run:
             body = self.world.robots.get(fault.robot) if self.world is not None else None
             kinds = ("engine", *(body.FAULTS if body is not None else ()))
             if fault.kind not in kinds:
-                text = f"found the fault {fault.kind!r} for {fault.robot}; known are: {', '.join(kinds)}"
+                text = f"unknown fault {fault.kind!r} of {fault.robot}; known are: {', '.join(kinds)}"
                 raise ConfigError(text, file=self.scenario.file)
 
     def _build_world(self, record: bool) -> tuple[World | None, Any]:

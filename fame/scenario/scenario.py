@@ -122,7 +122,7 @@ class Scenario(Plan):
 
 
 def _expect_arguments(path: object, seed: object, duration: object, robots: object, faults: Sequence[object]) -> None:
-    """Raises ConfigError for an argument of `Scenario.load` that is none."""
+    """Raise ConfigError for an argument of `Scenario.load` of the wrong kind."""
     expect(isinstance(path, str | PathLike), "path", path, "that of a scenario or model")
     expect(seed is None or (isinstance(seed, Integral) and int(seed) >= 0), "seed", seed, "a whole number from 0 on")
     seconds = duration is None or (isinstance(duration, Real) and 0 < float(duration) <= _LATEST)
@@ -143,20 +143,18 @@ def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict
         pool = next((pool for pool in pools if pool.name.casefold() == name.casefold()), None)
         if pool is None:
             known = ", ".join(pool.name for pool in pools)
-            raise ConfigError(f"found no pool {name!r} for {name}={count}; the pools are {known}", file=file)
+            raise ConfigError(f"unknown pool {name!r} in {name}={count}; pools are: {known}", file=file)
         if not pool.multi_instance:
-            text = (
-                f"found {name}={count}, but pool {pool.name!r} is a single robot; a multi-instance one would be right"
-            )
+            text = f"expected a multi-instance pool in {name}={count}, got pool {pool.name!r}, which is a single robot"
             raise ConfigError(text, file=file)
         if count > _MOST:
-            raise ConfigError(f"found {name}={count}, at most {_MOST} robots would be right", file=file)
+            raise ConfigError(f"expected at most {_MOST} robots, got {name}={count}", file=file)
         counts[pool.name] = count
     return counts
 
 
 def _populated(world: WorldConfig, counts: Mapping[str, int], seed: int) -> WorldConfig:
-    """The world with so many robots for each of these pools. Raises ConfigError if there is no room for them."""
+    """The world with `counts` robots for each of these pools. Raises ConfigError if there is no room for them."""
     from sim2d.placement import place
 
     for name, count in counts.items():
@@ -188,17 +186,18 @@ def _check_faults(faults: Sequence[Fault], cast: Mapping[str, Pool], file: str) 
     """Raise ConfigError for a fault of a robot that is not there."""
     for fault in faults:
         if fault.robot not in cast:
-            text = f"found no robot {fault.robot!r} to be at fault; the robots are {', '.join(cast)}"
+            text = f"unknown robot {fault.robot!r} in --fault; robots are: {', '.join(cast)}"
             raise ConfigError(text, file=file)
 
 
 def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -> None:
-    """Raises ConfigError for more robots of a multi-instance pool than its model allows."""
+    """Raise ConfigError for more robots of a multi-instance pool than its model allows."""
     for pool in pools:
         found = sum(played.name == pool.name for played in cast.values())
         if pool.multi_instance and pool.maximum is not None and found > pool.maximum:
             text = (
-                f"found {found} robots for pool {pool.name!r}; its participantMultiplicity has maximum={pool.maximum}"
+                f"expected at most {pool.maximum} robots for pool {pool.name!r} (its participantMultiplicity), "
+                f"got {found}"
             )
             raise ConfigError(text, file=file)
 
@@ -212,13 +211,13 @@ def _tasks(library: Library, definitions: Definitions, process: Process) -> Iter
 
 
 def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], file: str, line: int) -> None:
-    """Raises ConfigError for a robot that there is not, and an element that nobody completes."""
+    """Raise ConfigError for an unknown robot, and for an element that is no task to complete."""
     if done.robot not in tasks:
-        text = f"found no robot {done.robot!r} to complete {done.element} of; the robots are {', '.join(tasks)}"
+        text = f"unknown robot {done.robot!r}, to complete {done.element} of; robots are: {', '.join(tasks)}"
         raise ConfigError(text, file=file, line=line)
     if done.element not in tasks[done.robot]:
         known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
-        text = f"found {done.element!r}, which is no user, manual or receive task of {done.robot}; {known}"
+        text = f"expected a user, manual or receive task of {done.robot}, got {done.element!r}; {known}"
         raise ConfigError(text, file=file, line=line)
 
 

@@ -188,5 +188,5 @@ def programmed(program: str, rate: float) -> Floats:
     except ValueError:
         amount = math.nan
     if kind not in MODIFICATIONS or not 0 < amount < 20:
-        raise ConfigError(f"found the program {program!r}; nominal, or a kind and how many mm, would be right")
+        raise ConfigError(f"expected nominal, or a kind of modification and mm, got {program!r}")
     return alter(run, knots(kind, amount)).values

@@ -207,15 +207,15 @@ def points(message: Message, joints: list[str]) -> tuple[Floats, Floats]:
     """Times (points,), s, and positions (points, joints), rad, in the arm's order. Raises MissionError."""
     names = list(message.joint_names)
     if sorted(names) != sorted(joints):
-        raise MissionError(f"found the joints {', '.join(names) or 'none'}; {', '.join(joints)} would be right")
+        raise MissionError(f"expected the joints {', '.join(joints)}, got {', '.join(names) or 'none'}")
     order = [names.index(joint) for joint in joints]
     for number, point in enumerate(message.points):
         if len(point.positions) != len(joints):
-            raise MissionError(f"point {number} has {len(point.positions)} positions; {len(joints)} would be right")
+            raise MissionError(f"expected {len(joints)} positions in point {number}, got {len(point.positions)}")
     times = np.array([p.time_from_start.sec + p.time_from_start.nanosec / SECOND for p in message.points])
     positions = np.array([list(point.positions) for point in message.points])[:, order]
     if not np.isfinite(positions).all():
-        raise MissionError("found positions that are not finite")
+        raise MissionError("expected finite positions")
     if times[0] <= 0 or (np.diff(times) <= 0).any():
         raise MissionError("the times of the points do not grow from above 0")
     return times, positions
@@ -226,4 +226,4 @@ def check_speed(times: Floats, positions: Floats, here: Floats) -> None:
     steps = np.abs(np.diff(np.vstack([here, positions]), axis=0)) / np.diff(times, prepend=0.0)[:, None]
     if steps.max() > FASTEST:
         joint = UR5E.chain.joints[int(steps.max(axis=0).argmax())]
-        raise MissionError(f"{joint} would turn at {steps.max():.1f} rad/s; at most {FASTEST:.1f} would be right")
+        raise MissionError(f"expected at most {FASTEST:.1f} rad/s, got {steps.max():.1f} rad/s for {joint}")

@@ -104,5 +104,5 @@ def straight(chain: Chain, posture: Floats, place: Floats) -> Way:
         positions.append(now[0])
     steps = np.abs(np.diff(np.vstack([posture, positions]), axis=0)).max() * count / duration
     if steps > np.pi:
-        raise MissionError(f"the way would turn a joint at {steps:.1f} rad/s; at most {np.pi:.1f} would be right")
+        raise MissionError(f"expected joints that turn at most at {np.pi:.1f} rad/s, got {steps:.1f} rad/s on the way")
     return Way(part * duration, np.array(positions))

@@ -68,7 +68,7 @@ class Altered(NamedTuple):
 def knots(kind: str, millimetres: float, polygon: Polygon = TRIANGLE) -> list[Knot]:
     """The displacement of one kind: ``a`` to ``g``, ``rotated`` (mm at the farthest corner), ``none``."""
     if kind not in _KINDS:
-        raise ConfigError(f"found the modification {kind!r}; one of {', '.join(_KINDS)} would be right")
+        raise ConfigError(f"expected one of {', '.join(_KINDS)}, got {kind!r}")
     return _KINDS[kind](millimetres / 1000, polygon)
 
 
@@ -230,9 +230,7 @@ def envelope(benign: Recording, polygon: Polygon, tolerance: float, chain: Chain
     for sign in (-1, 1):
         shift = polygon.offset(np.full(len(polygon.corners), sign * tolerance)) - polygon.corners
         if tolerance <= 0 or _turned(polygon.corners, polygon.corners + shift):
-            text = (
-                f"a tolerance of {1000 * tolerance:g} mm leaves nothing of the part; more than 0, less would be right"
-            )
+            text = f"expected a tolerance above 0 that leaves something of the part, got {1000 * tolerance:g} mm"
             raise ConfigError(text)
         closed = [*shift, shift[0]]
         knots = [Knot(number, 0.0, float(x), float(y)) for number, (x, y) in enumerate(closed)]
