@@ -128,7 +128,7 @@ def test_the_launch_file_has_the_published_arguments_and_starts_what_there_is(ca
     assert {arg.get("name") for arg in root.findall("arg")} == {"mode_arg", "other_args", "pkg_name", "file_name"}
     modes = {group.get("if").split("-")[1].split("\\")[0]: group[0] for group in root.findall("group")}
     assert list(modes) == ["collect", "learn", "train", "operate"]
-    expected = {"collect": "1 arguments by place", "learn": "gone.yaml", "operate": "1 arguments by place"}
+    expected = {"collect": "1 positional arguments", "learn": "gone.yaml", "operate": "1 positional arguments"}
     for mode, given in {"collect": "/joint_states", "learn": "gone.yaml", "operate": "/joint_states"}.items():
         started = modes[mode]
         words = started.get("cmd").partition(" $(var ")[0].split()

@@ -56,7 +56,7 @@ BAD = {
     "no height": ("corners: [[0, 0], [1, 1], [1, 2]]\n", "1", ("task.yaml", "height")),
     "a corner that is none": ("corners: [[0], [1, 1], [1, 2]]\nheight: 0\n", "1", ("task.yaml:1", "[x, y]")),
     "a part that is elsewhere": (TASK.replace("0.0882", "3"), "1", ("never cuts",)),
-    "a tolerance that leaves nothing": (TASK, "200", ("200 mm", "leaves nothing")),
+    "a tolerance that leaves nothing": (TASK, "200", ("200 mm", "leaves something of the part")),
     "a tolerance that is none": (TASK, "0", ("--tolerance", "above 0")),
 }
 

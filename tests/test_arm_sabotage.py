@@ -110,7 +110,7 @@ def test_the_envelope_lies_outside_by_the_tolerance():
 
 def test_a_tolerance_larger_than_the_part_is_refused():
     run = of_runs([np.zeros((5, 6))], 1, MH5.joints)
-    with pytest.raises(ConfigError, match="a tolerance of 100 mm leaves nothing"):
+    with pytest.raises(ConfigError, match="leaves something of the part, got 100 mm"):
         envelope(run, TRIANGLE, 0.1, MH5)
 
 

@@ -54,7 +54,7 @@ MODELS = {
         2,
         ("mission.bpmn:3", "b", "gone"),
     ),
-    "a process that calls itself": Bad(task("", "callActivity", 'calledElement="P"'), 2, ("t", "without end")),
+    "a process that calls itself": Bad(task("", "callActivity", 'calledElement="P"'), 2, ("t", "endlessly")),
     "a called process that is not there": Bad(
         task("", "callActivity", 'calledElement="Fly"'), 2, ("mission.bpmn:3", "t", "Fly", "library")
     ),

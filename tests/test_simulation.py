@@ -75,7 +75,7 @@ def test_a_user_task_waits_until_somebody_completes_it():
 
 def test_completing_what_does_not_wait_says_what_does():
     simulation = fame.Simulation(WEED).run()
-    with pytest.raises(fame.MissionError, match=r"nobody.*c"):
+    with pytest.raises(fame.MissionError, match=r"currently waiting: c"):
         simulation.complete("nothing")
 
 

@@ -187,19 +187,19 @@ def test_every_file_is_run_or_refused() -> None:
 
 # ---- what is said of them --------------------------------------------------------------------------------------------
 
-ROS = "letters, digits and _ would be right, not beginning with a digit"
+ROS = "expected letters, digits and _, not starting with a digit"
 WARNINGS = {
     "aris.bpmn": [],
     "bizagi.bpmn": [
         "always takes it: give it one, or mark it as the default",
         "always takes it: give it one, or mark it as the default",
-        f"ROS 2 refuses the namespace /Proceso principal: {ROS}",
+        f"/Proceso principal is not a valid ROS 2 namespace: {ROS}",
     ],
     "choreography.bpmn": ["<choreography> has no effect"],
     "flowable.bpmn": ["flowable:executionListener is not run: FAME has no listeners"],
     "signavio.bpmn": [
-        f"ROS 2 refuses the namespace /Mäher: {ROS}",
-        f"ROS 2 refuses the topic /Auftrag erhalten: {ROS}",
+        f"/Mäher is not a valid ROS 2 namespace: {ROS}",
+        f"/Auftrag erhalten is not a valid ROS 2 topic name: {ROS}",
     ],
 }  # fmt: skip
 

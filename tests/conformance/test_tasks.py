@@ -25,7 +25,7 @@ def test_user_and_manual_tasks_wait_for_somebody(play: Play, tag: str) -> None:
 
 def test_nobody_can_complete_what_does_not_wait(play: Play) -> None:
     run = play(start() + user("u") + path("s u")).run()
-    with pytest.raises(MissionError, match="what waits: u"):
+    with pytest.raises(MissionError, match="currently waiting: u"):
         run.complete("v")
 
 
