@@ -13,6 +13,7 @@ one effort.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -65,7 +66,7 @@ def _are_default_names(joints: Sequence[str]) -> bool:
     return all(joint.startswith("joint_") and joint.removeprefix("joint_").isdecimal() for joint in joints)
 
 
-class _JointStateNode:
+class _JointStateNode(ABC):
     """A node that reads joint states, and reports what it cannot use and when they stop."""
 
     scheduler: Scheduler
@@ -93,17 +94,18 @@ class _JointStateNode:
             scheduler, self.topic, silence, report, lambda received: f"; run {self.current_run()} waits for it"
         )
 
+    @abstractmethod
     def current_run(self) -> int:
         """Give the number of the run that goes on."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """Close all endpoints."""
         self._watch.close()
         self.node.close()
 
+    @abstractmethod
     def _on_message(self, message: Any) -> None:
-        raise NotImplementedError
+        """Take a joint state."""
 
     def _point_of(self, message: Any, joints: Sequence[str]) -> tuple[float, list[float]] | None:
         """Give stamp (s) and values of a message, None if it cannot be used, which is reported."""
