@@ -4,7 +4,7 @@ A duration is a number of months and a number of nanoseconds, the value space of
 years and months depend on the calendar, weeks and days do not (a day is 24 h). Durations are exact integers and, being
 those of timers, never negative. Dates are `datetime` objects, always with a time zone; they have microseconds.
 
-Every parser takes text and raises ValueError with one line that says what was found and what would be right.
+Every parser takes text and raises ValueError with one line: what was expected and what was found.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ def printable(text: str) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """What would be right instead of `word`: the closest of the known words, else all of them."""
+    """What to use instead of `word`: the closest of the known words, else all of them."""
     words = list(known)
     close = get_close_matches(word, words, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"

@@ -115,7 +115,7 @@ def test_windows_across_a_gap_and_of_another_rate_are_left_out_and_reported() ->
     stamps = np.concatenate((np.arange(30) / 100, 5 + np.arange(30) / 100, 9 + np.arange(30) / 200))
     out = run([rms], {"x": Samples(np.ones(90), stamps)})["x"]
     assert len(out) == 2 * 21
-    assert said == ["windows left out: samples at 200 Hz, or a gap; 100 Hz would be right"]
+    assert said == ["windows left out: expected samples at 100 Hz without a gap, got 200 Hz"]
 
 
 def losses(*rows: list[float]) -> Samples:

@@ -204,7 +204,7 @@ def test_a_bag_without_the_topic_or_with_another_type_is_refused_before_a_file_i
     ros1_bag(tmp_path / "old.bag")
     for inputs, reason in (
         ({"Force": FORCE}, "has no topic /force; it has /joint_states"),
-        ({"X": {**FORCE, "Topic": "joint_states"}}, "/joint_states carries sensor_msgs/msg/JointState; std_msgs"),
+        ({"X": {**FORCE, "Topic": "joint_states"}}, "expected std_msgs/msg/Float64 on /joint_states, got sensor_msgs"),
     ):
         with pytest.raises(ConfigError, match=reason):
             record_bag(tmp_path / "old.bag", configuration(tmp_path, **inputs), [tmp_path / "x.csv"])

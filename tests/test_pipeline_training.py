@@ -175,7 +175,7 @@ def test_a_rate_twice_that_of_the_training_gives_no_loss_and_says_so(model: Trai
     autoencoder = Autoencoder(model)
     autoencoder.report = said.append
     assert run([autoencoder], {"efforts": motion(3, rate=400.0)}) == {}
-    assert said == ["windows left out: samples at 400 Hz, or a gap; 200 Hz would be right"]
+    assert said == ["windows left out: expected samples at 200 Hz without a gap, got 400 Hz"]
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------

@@ -86,7 +86,7 @@ def read_request(text: str) -> TaskRequest:
     except (ValueError, TypeError, AttributeError, RecursionError):
         request = None
     if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
-        raise DeploymentError(f'no task: {text[:60]!r}; {{"id": ..., "element": ..., "values": {{}}}} would be right')
+        raise DeploymentError(f'no task: expected {{"id": ..., "element": ..., "values": {{}}}}, got {text[:60]!r}')
     return request
 
 

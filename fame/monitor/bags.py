@@ -32,7 +32,7 @@ def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[floa
                     has = ", ".join(sorted({item.topic for item in reader.connections})) or "none"
                     raise ConfigError(f"has no topic {topic}; it has {has}", file=file)
                 if found[0] != type:
-                    raise ConfigError(f"{topic} carries {found[0]}; {type} would be right", file=file)
+                    raise ConfigError(f"expected {type} on {topic}, got {found[0]}", file=file)
             for connection, time, data in reader.messages(connections=connections):
                 yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
     except (AnyReaderError, OSError) as error:

@@ -58,7 +58,7 @@ class Scenario(Plan):
         the minimum of its multiplicity):
         more than the file has are copies of its last one, placed by the seed; `faults` break what they name;
         `completions` are done besides those of the file.
-        Raises ConfigError and ModelError: file, line, what was found, what would be right.
+        Raises ConfigError and ModelError: file, line, what was expected and what was found.
         """
         from fame.bpmn.reader import read
 

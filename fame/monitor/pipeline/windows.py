@@ -67,7 +67,7 @@ def _of_rate(ends: Whole, stamps: Floats, size: int, rate: float, report: Callab
     fits = np.abs(lasted - length) <= TOLERANCE * length
     if not fits.all():
         found = (size - 1) / float(lasted[~fits][-1])
-        report(f"windows left out: samples at {found:.3g} Hz, or a gap; {rate:g} Hz would be right")
+        report(f"windows left out: expected samples at {rate:g} Hz without a gap, got {found:.3g} Hz")
     return ends[fits]
 
 
