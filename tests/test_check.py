@@ -33,7 +33,7 @@ from fame.bpmn import read, read_text
 from fame.bpmn.model import Definitions
 from fame.bpmn.split import split
 from fame.check import Finding, check, parts_of_one_mission, summary
-from fame.check.findings import arranged
+from fame.check.scope import arranged
 from fame.cli import main
 
 

@@ -277,7 +277,7 @@ def test_a_language_that_is_not_installed_is_a_warning(monkeypatch: pytest.Monke
     def compile_script(*arguments: object, **named: object) -> object:
         raise UnavailableError("t: JavaScript is not installed: pip install it")
 
-    monkeypatch.setattr("fame.check.compilation.compile_script", compile_script)
+    monkeypatch.setattr("fame.check.gate.compile_script", compile_script)
     expected = "t: cannot be checked: JavaScript is not installed: pip install it"
     assert told(alone(row(script("next()", format="javascript")))) == [expected]
 

@@ -3,15 +3,11 @@
 ::
 
     checker          run all checks: the table `CHECKS`; which files are one mission
-    findings         the results
-    scope            what a check looks at: the processes of a file and all that they call
-    gate             refuse to run or deploy a model with errors
+    scope            what checks work on (the processes of a file and all that they call) and their findings
+    gate             refuse to run or deploy a model with errors; all errors of the compiler
 
-    compilation      all errors of the compiler
-    control_flow     unreachable elements, gateways without a way out, joins
-    loops            endless loops and endless recursion
-    error_handling   errors that are caught where nothing throws them
-    timers           times that are not ISO 8601
+    control_flow     unreachable elements, gateways without a way out, joins, endless loops and recursion
+    events           times that are not ISO 8601, errors that are caught where nothing throws them
     elements         pools, properties, data objects
     scripts          requests without await, unknown methods, JavaScript without next()
     topics           types, payloads, publishers and subscribers
@@ -20,7 +16,7 @@
     value_kinds      variables that are set to different kinds of values
     guidelines       the guidelines of the FaMe paper
 
-    graph, coverage, reachability, endpoints, expressions, payloads    what checks build on
+    graph, endpoints, expressions    what checks build on
 
     explain          how a foreign file was read
     library          the behaviours of a library path
@@ -38,12 +34,12 @@ from fame.lazy import attach
 
 if TYPE_CHECKING:
     from fame.check.checker import check as check, parts_of_one_mission as parts_of_one_mission
-    from fame.check.findings import Finding as Finding, Level as Level, summary as summary
+    from fame.check.scope import Finding as Finding, Level as Level, summary as summary
 else:
     __getattr__, __dir__, __all__ = attach(
         __name__,
         {
             "checker": ["check", "parts_of_one_mission"],
-            "findings": ["Finding", "Level", "summary"],
+            "scope": ["Finding", "Level", "summary"],
         },
     )

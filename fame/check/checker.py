@@ -11,17 +11,14 @@ from pathlib import Path
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions
-from fame.check.compilation import check_compilation
-from fame.check.control_flow import check_flow, check_joins, check_start_and_end_events
+from fame.check.control_flow import check_flow, check_joins, check_loops, check_recursion, check_start_and_end_events
 from fame.check.elements import check_data_objects, check_names, check_pools, check_reader_notes
-from fame.check.error_handling import check_error_handling
-from fame.check.findings import Finding, arranged
+from fame.check.events import check_error_handling, check_timers
+from fame.check.gate import check_compilation
 from fame.check.guidelines import check_guidelines
-from fame.check.loops import check_loops, check_recursion
-from fame.check.scope import CheckScope, find_scope
+from fame.check.scope import CheckScope, Finding, arranged, find_scope
 from fame.check.scripts import check_scripts
 from fame.check.signals import check_signal_delivery, check_signal_order
-from fame.check.timers import check_timers
 from fame.check.topics import check_addressing, check_topic_partners, check_topic_types
 from fame.check.value_kinds import check_value_kinds
 from fame.check.variables import check_variables

@@ -96,7 +96,7 @@ def _scope() -> Template:
 
 
 def _qos() -> Iterator[Template]:
-    """As signals have them, if nobody says otherwise."""
+    """The QoS of signals unless the model sets another."""
     for policy, value in (("reliability", "reliable"), ("durability", "volatile")):
         entry = _property(f"qos.{policy}", "Dropdown", value, label=policy.capitalize())
         yield entry | {"choices": _choices(QOS_CHOICES[policy]), "group": _QOS}

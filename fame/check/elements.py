@@ -20,8 +20,7 @@ from fame.bpmn.pools import pools_of
 from fame.bpmn.ros_names import NAMES, is_ros_name
 from fame.bpmn.topics import topics_of
 from fame.check.expressions import expressions_in
-from fame.check.findings import Finding, of_error
-from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
 from fame.check.variables import sets_something
 from fame.errors import ModelError
 

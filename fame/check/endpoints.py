@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 from fame.bpmn.model import Expression, FlowNode, Task, Topic
 from fame.bpmn.topics import topics_of
-from fame.check.findings import Finding, Level
-from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine.data import match, match_prefix, unfilled, variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages

@@ -1,9 +1,19 @@
-"""The scripts and expressions of a process, and the variables that each of them reads and writes."""
+"""The scripts and expressions of a process: the variables that they use, and conditions of which one is always true.
+
+`cover_all` recognises ``x`` and ``not x``, ``x > 3`` and ``x <= 3``, three ranges of a number. Conditions of all
+languages are read as Python expressions, as far as they can be. Their parts (a variable, a call, a comparison) get
+every value that makes a difference, each independently of the others: if some condition is true whatever the values
+are, the conditions cover all cases. A wrong "no" costs a warning, a wrong "yes" hides one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import ast
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 from fame.bpmn.model import (
@@ -27,6 +37,7 @@ from fame.bpmn.model import (
 from fame.bpmn.topics import topics_of
 from fame.errors import ModelError
 from fame.scripting import code_names, script_names
+from fame.scripting.python import called_name
 
 Use = Literal["script", "condition", "payload", "timer", "mapping", "value"]
 Found = tuple[Expression | None, Use]
@@ -128,3 +139,174 @@ def _of_activity(activity: Activity) -> Iterator[Found]:
         loop = activity.loop
         yield from ((one, "mapping") for one in (loop.cardinality, loop.collection, loop.output_element))
         yield loop.completion, "condition"
+
+
+# ---- conditions of which one is always true --------------------------------------------------------------------------
+
+
+_MOST = 4096
+"""Combinations of values that are tried."""
+
+_LARGEST = 1e300
+"""Larger numbers are not considered."""
+
+_SPELLINGS = (
+    (r"!==", "!="), (r"===", "=="), (r"&&", " and "), (r"\|\|", " or "), (r"!(?!=)", " not "),
+    (r"(?<![<>=!])=(?!=)", "=="), (r"\bempty\s+", "~"), (r"\bgt\b", ">"), (r"\bge\b", ">="), (r"\blt\b", "<"),
+    (r"\ble\b", "<="), (r"\beq\b", "=="), (r"\bne\b", "!="), (r"\btrue\b", "True"), (r"\bfalse\b", "False"),
+    (r"\bnull\b", "None"),
+)  # fmt: skip
+"""Spelling in other languages -> in Python; ``empty x`` becomes an operator of the same precedence."""
+
+_HOLDS = {
+    ast.Lt: {-1}, ast.LtE: {-1, 0}, ast.Eq: {0}, ast.Is: {0}, ast.NotEq: {-1, 1}, ast.IsNot: {-1, 1},
+    ast.GtE: {0, 1}, ast.Gt: {1},
+}  # fmt: skip
+"""Operator -> the orders of its operands (left less, equal, greater) in which it holds."""
+
+Value = bool | float
+
+
+def cover_all(conditions: Sequence[Expression]) -> bool:
+    """Whether one of the conditions is true whatever the variables are; False if that is unknown."""
+    trees = [_tree(condition) for condition in conditions]
+    try:
+        return _cover_all([tree for tree in trees if tree is not None]) if None not in trees else False
+    except RecursionError:  # nested too deeply
+        return False
+
+
+def _cover_all(trees: Sequence[ast.expr]) -> bool:
+    made = _Parts()
+    for tree in trees:
+        made.collect(tree)
+    values = made.values()
+    if math.prod(map(len, values.values())) > _MOST:
+        return False
+    cases = (dict(zip(values, case, strict=True)) for case in itertools.product(*values.values()))
+    return all(any(_is_true(tree, case) for tree in trees) for case in cases)
+
+
+def python_tree(expression: Expression) -> ast.expr | None:
+    """An expression of any language as a Python syntax tree, None if it cannot be read as Python."""
+    text = expression.text.strip()
+    if expression.language != "python":
+        text = text[2:-1] if text[:2] in ("${", "#{") and text[-1:] == "}" else text
+        for pattern, spelling in _SPELLINGS:
+            text = re.sub(pattern, spelling, text)
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _tree(condition: Expression) -> ast.expr | None:
+    """The tree of a condition that always gives the same result for the same variables, else None."""
+    tree = python_tree(condition)
+    if isinstance(tree, ast.Call) and called_name(tree) == "next" and len(tree.args) == 2:
+        tree = tree.args[1]  # next(null, x > 3), the condition of the original FaMe
+    return None if tree is None or "random" in condition.text else tree
+
+
+@dataclass(slots=True)
+class _Parts:
+    """The parts of conditions: truth values, numbers compared with constants, pairs compared with each other."""
+
+    truths: set[str] = field(default_factory=set)
+    numbers: dict[str, set[float]] = field(default_factory=dict)
+    pairs: set[str] = field(default_factory=set)
+
+    def collect(self, tree: ast.expr) -> None:
+        """Add those of one condition."""
+        if isinstance(tree, ast.BoolOp):
+            for value in tree.values:
+                self.collect(value)
+        elif isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not):
+            self.collect(tree.operand)
+        elif isinstance(tree, ast.Compare):
+            for left, _, right in _comparisons(tree):
+                self._compare(left, right)
+        elif not isinstance(tree, ast.Constant):
+            self.truths.add(ast.dump(tree))
+
+    def _compare(self, left: ast.expr, right: ast.expr) -> None:
+        constant = _number(right)
+        if isinstance(right, ast.Constant) and isinstance(right.value, bool):
+            self.collect(left)
+        elif constant is not None:
+            self.numbers.setdefault(ast.dump(left), set()).add(constant)
+        else:
+            self.pairs.add(_pair(left, right))
+
+    def values(self) -> Mapping[str, Sequence[Value]]:
+        """The values of each part that make a difference."""
+        found: dict[str, Sequence[Value]] = dict.fromkeys(sorted(self.truths), (False, True))
+        found |= dict.fromkeys(sorted(self.pairs), (-1.0, 0.0, 1.0))
+        return found | {f"number {name}": _around(sorted(constants)) for name, constants in self.numbers.items()}
+
+
+def _around(constants: Sequence[float]) -> list[float]:
+    """The constants and numbers below, between and above them."""
+    between = [(low + high) / 2 for low, high in itertools.pairwise(constants)]
+    return sorted({constants[0] - 1, *constants, *between, constants[-1] + 1})
+
+
+def _comparisons(tree: ast.Compare) -> list[tuple[ast.expr, ast.cmpop, ast.expr]]:
+    """The comparisons of a chain such as ``0 <= x < 10``, constants on the right, else in a fixed order."""
+    operands = [tree.left, *tree.comparators]
+    found = []
+    for left, operator, right in zip(operands, tree.ops, operands[1:], strict=False):
+        turned = (_is_constant(left), ast.dump(left)) > (_is_constant(right), ast.dump(right))
+        found.append((right, _turned(operator), left) if turned else (left, operator, right))
+    return found
+
+
+def _turned(operator: ast.cmpop) -> ast.cmpop:
+    """The operator for swapped operands."""
+    others: dict[type[ast.cmpop], type[ast.cmpop]] = {
+        ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE,
+    }  # fmt: skip
+    return others.get(type(operator), type(operator))()
+
+
+def _is_constant(tree: ast.expr) -> bool:
+    return isinstance(tree, ast.Constant) or _number(tree) is not None
+
+
+def _number(tree: ast.expr) -> float | None:
+    sign = -1 if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub) else 1
+    inner = tree.operand if isinstance(tree, ast.UnaryOp) and sign < 0 else tree
+    value = inner.value if isinstance(inner, ast.Constant) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > _LARGEST:
+        return None
+    return sign * float(value)
+
+
+def _pair(left: ast.expr, right: ast.expr) -> str:
+    return f"{ast.dump(left)} ? {ast.dump(right)}"
+
+
+def _is_true(tree: ast.expr, case: Mapping[str, Value]) -> bool:
+    """The value of a condition in one case."""
+    if isinstance(tree, ast.BoolOp):
+        found = [_is_true(value, case) for value in tree.values]
+        return all(found) if isinstance(tree.op, ast.And) else any(found)
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not):
+        return not _is_true(tree.operand, case)
+    if isinstance(tree, ast.Compare):
+        return all(_holds(left, operator, right, case) for left, operator, right in _comparisons(tree))
+    return bool(tree.value) if isinstance(tree, ast.Constant) else bool(case[ast.dump(tree)])
+
+
+def _holds(left: ast.expr, operator: ast.cmpop, right: ast.expr, case: Mapping[str, Value]) -> bool:
+    constant = _number(right)
+    if isinstance(right, ast.Constant) and isinstance(right.value, bool):
+        order = 0 if _is_true(left, case) == right.value else 1
+    elif constant is not None:
+        number = case[f"number {ast.dump(left)}"]
+        order = (number > constant) - (number < constant)
+    else:
+        order = int(case[_pair(left, right)])
+    if isinstance(operator, ast.In | ast.NotIn):
+        return (order == 0) == isinstance(operator, ast.In)
+    return order in _HOLDS[type(operator)]

@@ -28,8 +28,7 @@ from fame.bpmn.model import (
 )
 from fame.bpmn.topics import topics_of
 from fame.check.expressions import expressions_in
-from fame.check.findings import Finding
-from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.engine import joins, loops
 from fame.monitor.services import SERVICES
 

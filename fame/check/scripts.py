@@ -9,9 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from fame.bpmn.model import Activity, Body, Element, Expression, SubProcess
 from fame.check.expressions import ExpressionUse, expressions_in
-from fame.check.findings import Finding
 from fame.check.graph import graph_of
-from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.errors import ModelError
 from fame.scripting.interface import Log, Robot
 from fame.scripting.javascript.identifiers import identifiers_of

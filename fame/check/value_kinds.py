@@ -16,12 +16,10 @@ from typing import Any
 
 from fame.bpmn.model import Activity, Element, Expression, FlowNode
 from fame.bpmn.topics import EMPTY_TYPE, topics_of
-from fame.check.coverage import python_tree
 from fame.check.endpoints import TopicEndpoint, by_topic, message_fields, types_of
-from fame.check.expressions import ExpressionUse, expressions_in, names_of
-from fame.check.findings import Finding
-from fame.check.payloads import misfit
-from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.expressions import ExpressionUse, expressions_in, names_of, python_tree
+from fame.check.scope import CheckedProcess, CheckScope, Finding
+from fame.check.topics import misfit
 from fame.check.variables import assigned_objects, named_by, sharing, uses_of
 from fame.engine.data import variable_name
 from fame.errors import MessageError, ModelError

@@ -31,8 +31,7 @@ from fame.bpmn.model import (
 from fame.bpmn.topics import topics_of
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in, names_of
-from fame.check.findings import Finding, Level
-from fame.check.scope import CheckedProcess, CheckScope
+from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine import joins, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES

@@ -94,7 +94,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
     """A model, or a scenario with its model; that it is neither is a finding. Raises ConfigError where no file is."""
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read
-    from fame.check.findings import of_error
+    from fame.check.scope import of_error
 
     if str(path) != "-":
         _expect_file(path)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
 from fame.bpmn.pools import Pool, assign_pools, pools_of
-from fame.check.findings import Finding, of_error
+from fame.check.scope import Finding, of_error
 from fame.errors import ConfigError, FameError, ModelError, UnavailableError, expect
 from fame.robot import Event
 from fame.scenario.file import Said, read_scenario
