@@ -10,7 +10,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from fame.errors import MessageError
-from fame.middleware import builtin_types, codec, typesystem
+from fame.middleware import codec, typesystem
 from fame.middleware.messages import create
 
 pytest.importorskip("cyclonedds")
@@ -27,11 +27,11 @@ def by_rosbags(message: Any) -> bytes:
 
 
 def test_the_definitions_are_those_of_jazzy() -> None:
-    assert {name: typesystem._of_jazzy()[name] for name in builtin_types.DEFINITIONS} == builtin_types.DEFINITIONS
+    assert {name: typesystem._of_jazzy()[name] for name in typesystem.BUILTIN} == typesystem.BUILTIN
 
 
 def test_the_hashes_are_those_of_the_definitions() -> None:
-    for name, known in builtin_types.HASHES.items():
+    for name, known in typesystem.HASHES.items():
         store = Typestore()
         codec._describe(store, name, {})
         assert store.hash_rihs01(name) == known
@@ -39,30 +39,30 @@ def test_the_hashes_are_those_of_the_definitions() -> None:
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_a_text_is_packed_as_rosbags_does(text: str) -> None:
-    data = builtin_types.pack_text(text)
-    assert data == by_rosbags(create(builtin_types.STRING, text))
-    assert builtin_types.unpack_text(data) == builtin_types.unpack_text(data + bytes(-len(data) % 4)) == text
-    assert builtin_types.unpack_text(bytes(codec.typestore(builtin_types.STRING).serialize_cdr(
-        create(builtin_types.STRING, text), builtin_types.STRING, little_endian=False
+    data = codec.pack_text(text)
+    assert data == by_rosbags(create(typesystem.STRING, text))
+    assert codec.unpack_text(data) == codec.unpack_text(data + bytes(-len(data) % 4)) == text
+    assert codec.unpack_text(bytes(codec.typestore(typesystem.STRING).serialize_cdr(
+        create(typesystem.STRING, text), typesystem.STRING, little_endian=False
     ))) == text  # fmt: skip
 
 
 def test_what_is_no_text_is_refused_as_rosbags_does() -> None:
-    chance, store = random.Random(1), codec.typestore(builtin_types.STRING)
+    chance, store = random.Random(1), codec.typestore(typesystem.STRING)
     refused = 0
     for _ in range(2000):
-        data = bytearray(builtin_types.pack_text(chance.choice(TEXTS[:5])))
+        data = bytearray(codec.pack_text(chance.choice(TEXTS[:5])))
         data = data[: chance.randrange(len(data) + 1)] if chance.random() < 0.3 else data + bytes(chance.randrange(6))
         for _ in range(chance.randrange(3) if data else 0):
             data[chance.randrange(len(data))] = chance.randrange(256)
         try:
-            message: Any = store.deserialize_cdr(bytes(data), builtin_types.STRING)
+            message: Any = store.deserialize_cdr(bytes(data), typesystem.STRING)
         except SerdeError:
             refused += 1
             with pytest.raises(MessageError, match="cannot read"):
-                builtin_types.unpack_text(bytes(data))
+                codec.unpack_text(bytes(data))
         else:
-            assert builtin_types.unpack_text(bytes(data)) == message.data
+            assert codec.unpack_text(bytes(data)) == message.data
     assert 500 < refused < 1900
 
 
@@ -77,9 +77,7 @@ def described(participant: bytes, nodes: list[NodeEntry]) -> bytes:
         }
         for node in nodes
     ]
-    return by_rosbags(
-        create(builtin_types.PARTICIPANT, {"gid": {"data": participant}, "node_entities_info_seq": entries})
-    )
+    return by_rosbags(create(typesystem.PARTICIPANT, {"gid": {"data": participant}, "node_entities_info_seq": entries}))
 
 
 def some_nodes(chance: random.Random) -> list[NodeEntry]:
@@ -110,7 +108,7 @@ def test_bytes_that_tell_of_no_nodes_are_refused() -> None:
 
 
 def test_the_descriptions_of_basic_types_are_what_cyclone_computes() -> None:
-    for name in builtin_types.HASHES:
+    for name in typesystem.HASHES:
         given = wire.declared(name, False).__idl__._xt_bytedata
         computed = wire.declared.__wrapped__(name, False).__idl__
         computed._xt_data = (None, None)

@@ -14,12 +14,10 @@
     wire_base         base classes of the backends between processes
     self_echo_filter  drops the messages that come back to the node that sent them
 
-    messages          messages from mappings and values, and plain data from messages
+    messages          the class of each message type; messages from mappings and values, and plain data from messages
     codec             messages as CDR, and type hashes
-    classes           the class of each message type
     typesystem        the table of message types
     definitions       the definition of a type, and reading `.msg`, `.srv` and `.action` texts
-    builtin_types     the few types that are known without rosbags
     primitives        the values of primitive fields
 
 To add a backend, derive a middleware, a node, a publisher, a subscription, a service and a client from `wire_base`.

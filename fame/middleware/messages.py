@@ -1,24 +1,30 @@
-"""Messages: made from mappings and bare values, and turned back into them.
+"""Messages: their classes, and how they are made from mappings and bare values and turned back into them.
 
 Types are named ``geometry_msgs/msg/Twist``, or ``geometry_msgs/Twist`` for short: those of ROS 2 Jazzy's common
 interfaces, and those that `register` and `register_files` add. A message is an object with one attribute per field; it
 must not be changed once it was published. The functions that fill messages are made once per type and kept.
+
+The class of a type is a dataclass with slots, made when first asked for. ``Vector3()`` has the defaults of ROS,
+``Vector3(x=1.0)`` takes values as they are (`create` converts and checks). Messages compare by value and show
+themselves in one short line. Constants of the type are attributes of the class (``Range.ULTRASOUND``). Fields of
+several numbers are numpy arrays of one dimension; those of several texts or messages are lists.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import threading
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from fame.clock import SECOND
 from fame.errors import MessageError
 from fame.middleware import typesystem
-from fame.middleware.classes import Message, message_class
-from fame.middleware.definitions import Definition, Field
-from fame.middleware.primitives import Converter, Misfit, converter, describe, expected, listed
+from fame.middleware.definitions import EMPTY_FIELD, Definition, Field
+from fame.middleware.primitives import Converter, Misfit, converter, describe, expected, listed, zero
 from fame.middleware.typesystem import action, register, register_files, service
 
 __all__ = [
@@ -41,6 +47,29 @@ __all__ = [
 ]
 
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+_lock = threading.RLock()
+
+
+class Message:
+    """What all messages have in common. ``__msgtype__`` is the full name of the type."""
+
+    __slots__: tuple[str, ...] = ()
+    __msgtype__: ClassVar[str]
+    __hash__: ClassVar[None] = None  # type: ignore[assignment]
+
+    if TYPE_CHECKING:  # the fields are known at run time only
+
+        def __getattr__(self, name: str) -> Any: ...
+        def __setattr__(self, name: str, value: Any) -> None: ...
+
+    def __eq__(self, other: object) -> bool:
+        if other.__class__ is not self.__class__:
+            return NotImplemented
+        return all(_same(getattr(self, name), getattr(other, name)) for name in self.__slots__)
+
+    def __repr__(self) -> str:
+        """Every field of the message; of messages inside it, those that differ from their defaults."""
+        return _show(self, whole=True)
 
 
 def create(type: str, value: Any = None) -> Message:
@@ -52,7 +81,7 @@ def create(type: str, value: Any = None) -> Message:
     integer. Raises MessageError with the path of the field for a value that does not fit, and for an unknown field.
     """
     try:
-        return _class(type)() if value is None else cast(Message, _filler(type)(value))
+        return message_type(type)() if value is None else cast(Message, _filler(type)(value))
     except Misfit as misfit:
         raise MessageError(misfit.text, type=typesystem.definition(type).name, field=misfit.path) from None
 
@@ -73,9 +102,13 @@ def default_payload(type: str) -> Any:
     return data["data"] if is_wrapper(type) else data
 
 
+@cache
 def message_type(name: str) -> type[Message]:
-    """The class of a type. Raises MessageError for an unknown one, with similar names."""
-    return _class(name)
+    """The class of a type. Raises MessageError for a type that is not known (with similar names), or holds one."""
+    content = typesystem.definition(name)
+    typesystem.check_references(content)
+    with _lock:  # one class per type, whichever thread asks first
+        return _class(content.name)
 
 
 def type_name(message: Message) -> str:
@@ -112,16 +145,85 @@ def is_wrapper(type: str) -> bool:
     return typesystem.definition(type).is_wrapper
 
 
-# ---- from values to messages -----------------------------------------------------------------------------------------
+# ---- the classes of messages -----------------------------------------------------------------------------------------
 
-_class = cache(message_class)
+
+@cache
+def _class(name: str) -> type[Message]:
+    content = typesystem.definition(name)
+    fields = [(field.attribute, str(field), _with_default(field, content)) for field in content.fields]
+    return dataclasses.make_dataclass(
+        name.rpartition("/")[2],
+        fields or [(EMPTY_FIELD, "uint8", dataclasses.field(default=0))],
+        bases=(Message,),
+        namespace={**content.constants, "__msgtype__": name, "__module__": __name__, "__doc__": f"``{name}``."},
+        eq=False,
+        repr=False,
+        slots=True,
+    )
+
+
+def _with_default(field: Field, content: Definition) -> Any:
+    """The dataclass field with the default that `content` gives it, or that of ROS: zeros, messages of defaults."""
+    factory: Callable[[], Any]
+    if not field.is_message:
+        default = content.defaults.get(field.name, zero(field))
+        try:
+            value = converter(field)(default)
+        except Misfit as misfit:
+            text = f"its default does not fit: {misfit.text}"
+            raise MessageError(text, type=content.name, field=field.name) from None
+        if field.shape == "single":
+            return dataclasses.field(default=value)
+        factory = value.copy
+    elif field.shape == "single":
+        factory = _class(field.base)
+    else:
+        factory = partial(_several, _class(field.base), field.size if field.shape == "array" else 0)
+    return dataclasses.field(default_factory=factory)
+
+
+def _several(make: Callable[[], Message], number: int) -> list[Message]:
+    return [make() for _ in range(number)]
+
+
+def _same(one: Any, other: Any) -> bool:
+    if hasattr(one, "dtype") or hasattr(other, "dtype"):
+        import numpy
+
+        return numpy.array_equal(one, other)
+    return bool(one == other)
+
+
+def _show(message: Message, *, whole: bool = False) -> str:
+    default = type(message)()
+    shown = (
+        f"{name}={_show_value(getattr(message, name))}"
+        for name in message.__slots__
+        if name != EMPTY_FIELD and (whole or not _same(getattr(message, name), getattr(default, name)))
+    )
+    return f"{type(message).__name__}({', '.join(shown)})"
+
+
+def _show_value(value: Any) -> str:
+    if isinstance(value, Message):
+        return _show(value)
+    if not isinstance(value, str) and hasattr(value, "__len__"):
+        first = [value[number] for number in range(min(len(value), 4))]
+        items = [_show_value(item.item() if hasattr(item, "item") else item) for item in first]
+        return f"[{', '.join(items)}{f', ... {len(value)} in all' if len(value) > 4 else ''}]"
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+# ---- from values to messages -----------------------------------------------------------------------------------------
 
 
 @cache
 def _filler(name: str) -> Converter:
     """The function that makes a message of the type from any value. It raises Misfit."""
     content = typesystem.definition(name)
-    cls = _class(name)
+    cls = message_type(name)
     convert = {field.name: _converter(field) for field in content.fields}
     attributes = {field.name: field.attribute for field in content.fields if field.name != field.attribute}
     from_other = _from_other(content, cls, convert)

@@ -156,7 +156,7 @@ def _integer(base: str) -> Converter:
 
 
 def _to_int(value: Any) -> int | None:
-    """The integer that a value is or denotes; None if there is none."""
+    """The integer that a value is or denotes; None for other values."""
     if isinstance(value, bool):
         return None
     if isinstance(value, numbers.Integral):

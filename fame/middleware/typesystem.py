@@ -2,6 +2,10 @@
 
 Types belong to the process, as they do in ROS: one table, which only grows; a type in it never changes. The
 table is filled from the type store of rosbags, which is imported when the first type is asked for.
+
+To import rosbags and numpy and to read that table takes a third of the start of an engine, which needs them only for
+the first process that it gets. So the few types that every process needs from its start are defined here: that of
+texts, in which processes and statuses are sent, and the one that announces nodes (`fame.middleware.dds.discovery`).
 """
 
 from __future__ import annotations
@@ -11,11 +15,46 @@ import os
 import threading
 from collections.abc import Iterable
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from fame.errors import MessageError
-from fame.middleware import builtin_types
-from fame.middleware.definitions import Definition, from_rosbags, from_text
+from fame.middleware.definitions import Definition, Field, from_rosbags, from_text
+
+STRING = "std_msgs/msg/String"
+GID, NODE = "rmw_dds_common/msg/Gid", "rmw_dds_common/msg/NodeEntitiesInfo"
+PARTICIPANT = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+
+def _definition(name: str, *fields: Field) -> Definition:
+    return Definition(name, fields, MappingProxyType({}), MappingProxyType({}))
+
+
+BUILTIN = {
+    content.name: content
+    for content in (
+        _definition(STRING, Field("data", "data", "string", "single")),
+        _definition(GID, Field("data", "data", "uint8", "array", 16)),
+        _definition(
+            NODE,
+            Field("node_namespace", "node_namespace", "string", "single", bound=256),
+            Field("node_name", "node_name", "string", "single", bound=256),
+            Field("reader_gid_seq", "reader_gid_seq", GID, "sequence"),
+            Field("writer_gid_seq", "writer_gid_seq", GID, "sequence"),
+        ),
+        _definition(
+            PARTICIPANT,
+            Field("gid", "gid", GID, "single"),
+            Field("node_entities_info_seq", "node_entities_info_seq", NODE, "sequence"),
+        ),
+    )
+}
+"""The types that are known without rosbags and numpy. They equal those of rosbags."""
+HASHES = {
+    STRING: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
+    PARTICIPANT: "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e",
+}
+"""As `fame.middleware.codec.type_hash` would compute them."""
 
 _DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
 """Type -> field -> default other than zero: all of those in the common interfaces."""
@@ -39,8 +78,8 @@ def definition(name: str) -> Definition:
     full = name.strip()
     if full.count("/") == 1:
         full = full.replace("/", "/msg/")
-    if full in builtin_types.DEFINITIONS:
-        return builtin_types.DEFINITIONS[full]
+    if full in BUILTIN:
+        return BUILTIN[full]
     known = _table()
     if full in known or _sourced(full):
         return known[full]

@@ -394,7 +394,7 @@ class WireClient(ServiceEndpoint):
         self._waiting[self.send(messages.create(self.request_type, request))] = callback
 
     def on_response(self, key: Hashable, response: Message) -> None:
-        """Pass on a response, unless nobody waits for it."""
+        """Pass on a response. One that was given up is dropped."""
         callback = self._waiting.pop(key, None)
         if callback is not None:
             callback(response)

@@ -6,14 +6,12 @@ the package raises UnavailableError where Cyclone is not installed.
 ::
 
     middleware   the backend: nodes, the graph, lockstep
-    endpoints    publishers and subscriptions
-    services     services and clients, as rmw_cyclonedds writes them
+    endpoints    publishers, subscriptions, services and clients
     participant  the participant: discovery, warnings, waiting for data
     discovery    who is there: endpoints, and the nodes that they belong to
     waitset      waiting for data; the wall clock that does so itself
-    entities     writers and readers, their topics and quality of service
+    wire         writers and readers: names, types and quality of service as ROS 2 writes them in DDS
     domain       which domain and network interface; sockets bound to loopback
-    wire         types, names and hashes as ROS 2 writes them in DDS
 """
 
 from __future__ import annotations

@@ -24,11 +24,12 @@ from cyclonedds.core import InstanceState
 from cyclonedds.sub import DataReader
 
 from fame.errors import MessageError
-from fame.middleware.builtin_types import LITTLE, ORDERS, PARTICIPANT
+from fame.middleware.codec import LITTLE, ORDERS
 from fame.middleware.dds import wire
-from fame.middleware.dds.entities import Entities, from_dds
 from fame.middleware.dds.waitset import DataWaiter, delete
+from fame.middleware.dds.wire import Entities, from_dds
 from fame.middleware.interface import QoS, resolve
+from fame.middleware.typesystem import PARTICIPANT
 
 _INFO_TOPIC = "ros_discovery_info"
 _ANNOUNCED = QoS(durability="transient_local", depth=1)

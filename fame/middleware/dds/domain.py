@@ -90,7 +90,7 @@ def configuration(network: str | None) -> str:
 def open_domain(number: int, network: str | None) -> Domain:
     """The domain, made with the configuration of `network` if this process has it not yet.
 
-    It closes when nobody holds it. Raises ConfigError if it is open on another network, or if there is no such one.
+    It closes with its last user. Raises ConfigError if it is open on another network, or does not exist.
     """
     wanted = configuration(network)
     domain = _open.get(number)

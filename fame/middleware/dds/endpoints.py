@@ -1,18 +1,31 @@
-"""Publishers and subscriptions."""
+"""Publishers and subscriptions, services and clients.
+
+A service is two topics, and two numbers before each message, as rmw_cyclonedds writes it. A request to ``/grip`` goes
+to DDS topic ``rq/gripRequest``, its response to ``rr/gripReply``, which all clients of the service receive. Both carry
+the instance handle of the client's writer and a number of the client's own, by which it recognises its response.
+USER_DATA of both endpoints of a client or service holds one id, which shows that they belong together.
+"""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
+from functools import partial
+from itertools import count
+from typing import Any, Literal
 
 from cyclonedds.core import DDSException
+from cyclonedds.qos import Policy
 
+from fame.clock import SECOND
 from fame.errors import MessageError
+from fame.middleware import codec, messages
 from fame.middleware.dds import wire
-from fame.middleware.dds.entities import matched, samples_lost
 from fame.middleware.dds.participant import Participant
+from fame.middleware.dds.wire import matched, samples_lost, user_data
 from fame.middleware.interface import Message, QoS
 from fame.middleware.qos import one_deeper
-from fame.middleware.wire_base import WireNode, WirePublisher, WireSubscription
+from fame.middleware.wire_base import Warnings, WireClient, WireNode, WirePublisher, WireService, WireSubscription
 
 _BATCH = 16
 """How many samples are taken from Cyclone at a time."""
@@ -138,3 +151,167 @@ class DdsSubscription(WireSubscription):
             end = self._reader.get_matched_publication_data(handle)
             self._senders[handle] = self._participant.owner(end.key.bytes) if end is not None else ""
         return self._senders[handle]
+
+
+# ---- services and clients --------------------------------------------------------------------------------------------
+
+_QOS = QoS(depth=10)
+"""The quality of service of services in ROS: reliable, volatile, keep last 10."""
+
+_NUMBERS = struct.Struct("<Qq")
+_START = wire.HEADER + _NUMBERS.size
+_RETRY = SECOND // 200
+_PATIENCE = SECOND
+"""How often a service checks whether it has discovered the reader of a client, and for how long (ns)."""
+
+_ids = count(1)
+Numbers = tuple[int, int]
+
+
+class _Exchange:
+    """The two DDS endpoints of a service or client. `on_message` gets each message, its numbers and its sender."""
+
+    participant: Participant
+    name: str
+    writer: Any
+    reader: Any
+    writer_gid: bytes
+    reader_gid: bytes
+    closed: bool
+
+    def __init__(
+        self,
+        participant: Participant,
+        warn: Warnings,
+        name: str,
+        type: str,
+        role: Literal["service", "client"],
+        on_message: Callable[[Message, Numbers, int], object],
+    ) -> None:
+        request_type, response_type = messages.service(type)
+        request = wire.dds_topic(name, wire.REQUEST, "Request"), request_type
+        reply = wire.dds_topic(name, wire.REPLY, "Reply"), response_type
+        received, sent = (request, reply) if role == "service" else (reply, request)
+        self.participant, self.name, self.closed = participant, name, False
+        self._warn, self._on_message, self._received_type = warn, on_message, received[1]
+        identity = participant.discovery.participant[:12] + next(_ids).to_bytes(4)
+        data = f"{role}id={'.'.join(f'{byte:x}' for byte in identity)};"
+        self.writer = participant.entities.writer(*sent, _QOS, data, header=True)
+        self.reader = participant.entities.reader(*received, _QOS, data, header=True)
+        participant.data.add(self.reader, partial(participant.scheduler.soon, self.take))
+        self.writer_gid, self.reader_gid = self.writer.guid.bytes, self.reader.guid.bytes
+
+    def write(self, message: Message, numbers: Numbers) -> None:
+        data = codec.serialize(message)
+        self.writer.write(self.writer.data_type(data[: wire.HEADER] + _NUMBERS.pack(*numbers) + data[wire.HEADER :]))
+
+    def take(self) -> None:
+        """Enter what has come in the scheduler, each message by itself."""
+        for sample in () if self.closed else self.reader.take(_QOS.depth):
+            if sample.sample_info.valid_data:
+                action = partial(self._read, sample.data, sample.sample_info.publication_handle)
+                self.participant.scheduler.soon(action)
+
+    def close(self) -> None:
+        self.closed = True
+        self.participant.delete(self.writer)
+        self.participant.delete(self.reader)
+
+    def _read(self, data: bytes, sender: int) -> None:
+        try:
+            message = codec.deserialize(data[: wire.HEADER] + data[_START:], self._received_type)
+        except MessageError as error:
+            self._warn(f"{self.name}: dropped a message: {error}")
+        else:
+            if not self.closed:
+                self._on_message(message, _NUMBERS.unpack_from(data, wire.HEADER), sender)
+
+
+class DdsService(WireService):
+    """A service. See `fame.middleware.interface.Service`."""
+
+    exchange: _Exchange
+
+    def __init__(
+        self, node: WireNode, participant: Participant, name: str, type: str, handler: Callable[[Message], Any]
+    ) -> None:
+        super().__init__(node, name, type, handler)
+        self.exchange = _Exchange(participant, node.middleware.warn, name, type, "service", self._on_request)
+        self._reachable: set[int] = set()
+
+    def release(self) -> None:
+        self.exchange.close()
+        self.node.middleware.on_endpoints_changed()
+
+    def _on_request(self, request: Message, numbers: Numbers, client: int) -> None:
+        def send(response: Message) -> None:
+            self._respond(response, numbers, client, self.node.middleware.scheduler.now + _PATIENCE)
+
+        self.handle(request, send)
+
+    def _respond(self, response: Message, numbers: Numbers, client: int, deadline: int) -> None:
+        """Respond as soon as the reader of the client is discovered: before that, it would not get the response."""
+        scheduler = self.node.middleware.scheduler
+        if self.exchange.closed or client not in map(wire.handle, matched(self.exchange.reader)):
+            return  # one of the two has closed
+        if client in self._reachable or self._reaches(client):
+            self.exchange.write(response, numbers)
+        elif scheduler.now < deadline:
+            scheduler.after(_RETRY, partial(self._respond, response, numbers, client, deadline))
+        else:
+            self.node.middleware.warn(f"{self.name}: a client does not listen to the response to its request")
+
+    def _reaches(self, client: int) -> bool:
+        reader, writer = self.exchange.reader, self.exchange.writer
+        wanted = _identity(reader.get_matched_publication_data(client))
+        found = map(writer.get_matched_subscription_data, matched(writer))
+        if wanted not in map(_identity, found):
+            return False
+        self._reachable.intersection_update(map(wire.handle, matched(reader)))
+        self._reachable.add(client)
+        return True
+
+
+class DdsClient(WireClient):
+    """A client. See `fame.middleware.interface.Client`."""
+
+    exchange: _Exchange
+
+    def __init__(self, node: WireNode, participant: Participant, name: str, type: str) -> None:
+        super().__init__(node, name, type)
+        self.exchange = _Exchange(participant, node.middleware.warn, name, type, "client", self._on_message)
+        self._guid = wire.handle(self.exchange.writer.get_instance_handle())
+        self._numbers = count(1)
+
+    @property
+    def available(self) -> bool:
+        """Whether a node offers the service now, and both topics are matched."""
+        ends = self.exchange
+        return not ends.closed and bool(matched(ends.writer) and matched(ends.reader))
+
+    def send(self, request: Message) -> int:
+        number = next(self._numbers)
+        self.exchange.write(request, (self._guid, number))
+        return number
+
+    def release(self) -> None:
+        self.exchange.close()
+        self.node.middleware.on_endpoints_changed()
+
+    def on_service_gone(self) -> None:
+        """Some service has left. If it was the one of this client, give up what waits for it."""
+        self.exchange.take()  # its last responses
+        self.node.middleware.scheduler.soon(self.give_up)
+
+    def _on_message(self, response: Message, numbers: Numbers, service: int) -> None:
+        guid, number = numbers
+        if guid == self._guid:
+            self.on_response(number, response)
+
+
+def _identity(endpoint: Any) -> str:
+    """What the endpoints of one client have in common: its id or, where there is none, the participant."""
+    if endpoint is None:
+        return ""  # it has left
+    policy = endpoint.qos[Policy.Userdata]
+    return user_data(policy.data if policy else b"").get("clientid") or str(endpoint.participant_key)

@@ -20,9 +20,8 @@ from fame.clock import SECOND, WallScheduler
 from fame.middleware.dds import wire
 from fame.middleware.dds.discovery import Endpoint, NodeEntry
 from fame.middleware.dds.domain import domain_id
-from fame.middleware.dds.endpoints import DdsPublisher, DdsSubscription
+from fame.middleware.dds.endpoints import DdsClient, DdsPublisher, DdsService, DdsSubscription
 from fame.middleware.dds.participant import Participant
-from fame.middleware.dds.services import DdsClient, DdsService
 from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, TopicInfo
 from fame.middleware.wire_base import WireMiddleware, WireNode
 

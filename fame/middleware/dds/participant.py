@@ -25,8 +25,8 @@ from fame.errors import ConfigError
 from fame.middleware.dds import wire
 from fame.middleware.dds.discovery import Discovery, Endpoint, NodeEntry
 from fame.middleware.dds.domain import confined, open_domain
-from fame.middleware.dds.entities import Entities
 from fame.middleware.dds.waitset import DataWaiter, DdsScheduler, delete
+from fame.middleware.dds.wire import Entities
 from fame.middleware.errors import mismatch_text
 from fame.middleware.interface import UNKNOWN_NODE, QoS
 from fame.middleware.qos import compatible

@@ -84,7 +84,7 @@ class DataWaiter:
             delete(entity)
 
     def _attach(self, entity: Entity, key: int) -> None:
-        # `WaitSet.attach` and `wait` of cyclonedds would not tell which of the entities it is.
+        # `WaitSet.attach` and `wait` of cyclonedds do not return which of the entities it is.
         self._waitset._waitset_attach(self._waitset._ref, entity._ref, key)
 
     def _work(self) -> None:

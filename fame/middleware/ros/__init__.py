@@ -6,8 +6,7 @@ brings. Needed are Jazzy or newer and this Python.
 ::
 
     middleware   the backend: a context, its nodes, its executor in a thread, the graph, warnings
-    endpoints    publishers, subscriptions, services and clients
-    translation  types, messages and quality of service in the words of rclpy, and back
+    endpoints    publishers, subscriptions, services and clients; types, messages and quality of service of rclpy
 """
 
 from __future__ import annotations

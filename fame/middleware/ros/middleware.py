@@ -23,8 +23,15 @@ from fame.errors import ConfigError
 from fame.middleware.errors import mismatch_text
 from fame.middleware.interface import Message, QoS, TopicInfo, resolve
 from fame.middleware.qos import compatible
-from fame.middleware.ros.endpoints import RosClient, RosHandle, RosPublisher, RosService, RosSubscription
-from fame.middleware.ros.translation import from_profile, owner
+from fame.middleware.ros.endpoints import (
+    RosClient,
+    RosHandle,
+    RosPublisher,
+    RosService,
+    RosSubscription,
+    from_profile,
+    owner,
+)
 from fame.middleware.wire_base import NAMING_DELAY, WireMiddleware, WireNode
 
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"

@@ -140,7 +140,7 @@ class ParameterServer:
         """Declare the parameters to rclpy, whose command line or parameter file may set them at the start."""
         from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
-        from fame.middleware.ros.translation import to_ros
+        from fame.middleware.ros.endpoints import to_ros
 
         def check(parameters: Any) -> Any:
             try:
