@@ -16,7 +16,7 @@ from typing import Any
 
 from fame.bpmn.model import Expression, Language
 from fame.clock import Scheduler
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.middleware.local import LocalMiddleware
 from fame.scripting import Runner, compile_expression, compile_script, interface
 

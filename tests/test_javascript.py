@@ -15,7 +15,7 @@ from javascript_models import chain, definitions, error_of, flows, run, simulate
 
 import fame
 from fame.bpmn.model import Expression
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.errors import ModelError, UnavailableError
 from fame.middleware import messages
 from fame.scripting import compile_expression, compile_script

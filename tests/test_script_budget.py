@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from fame.bpmn.model import Expression
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.scripting import BudgetExceeded, compile_expression, compile_script, error_line, heartbeat, interface
 
 ROOT = Path(__file__).parent.parent

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from fame.bpmn.model import Expression
-from fame.engine.variables import Variables, plain
+from fame.engine.data import Variables, plain
 from fame.scripting import compile_script, interface
 
 

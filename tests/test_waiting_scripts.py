@@ -8,7 +8,7 @@ import pytest
 
 from fame.bpmn.model import Expression
 from fame.clock import SECOND, Kind, Scheduler
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware

@@ -30,7 +30,7 @@ from fame.bpmn.model import (
 from fame.check.expressions import cover_all
 from fame.check.graph import Graph, ends_all, graph_of, is_event, link_of, may_stop, passes_at_once, passes_in_time
 from fame.check.scope import CheckedProcess, CheckScope, Finding
-from fame.engine.structure import is_handler
+from fame.engine.scope_compiler import is_handler
 
 Passes = Callable[[FlowNode], bool]
 """Whether a token certainly passes a node."""

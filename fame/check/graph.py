@@ -19,7 +19,7 @@ from fame.bpmn.model import (
     Task,
     TerminateDefinition,
 )
-from fame.engine.structure import begins, instantiates
+from fame.engine.scope_compiler import begins, instantiates
 
 
 @dataclass(frozen=True, slots=True)

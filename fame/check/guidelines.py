@@ -29,7 +29,7 @@ from fame.bpmn.model import (
 from fame.bpmn.topics import topics_of
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding
-from fame.engine import joins, loops
+from fame.engine import gateways, loops
 from fame.monitor.services import SERVICES
 
 _SELECTED_EVENTS = (SignalDefinition, TimerDefinition, ConditionalDefinition, ErrorDefinition, TerminateDefinition)
@@ -153,7 +153,7 @@ def _undeclared(process: CheckedProcess) -> Iterator[Finding]:
     for body in process.bodies():
         for text in expressions_in(body):
             if text.use in ("condition", "payload"):
-                for name in sorted(text.reads - declared - {*loops.NAMES, *joins.NAMES}):
+                for name in sorted(text.reads - declared - {*loops.NAMES, *gateways.NAMES}):
                     does = "decides by" if text.use == "condition" else "sends"
                     found = f"{does} `{name}`, which no data object declares (G4)"
                     yield process.finding("note", found, text.element, text.expression.line)

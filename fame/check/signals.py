@@ -31,7 +31,7 @@ from fame.bpmn.topics import topics_of
 from fame.check.endpoints import TopicEndpoint, Topics, by_topic, level_of, public_topics
 from fame.check.graph import Graph, graph_of, is_event, passes_at_once
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
-from fame.engine.structure import is_handler
+from fame.engine.scope_compiler import is_handler
 from fame.errors import MessageError
 from fame.iso8601 import parse_duration
 from fame.middleware.interface import SIGNAL

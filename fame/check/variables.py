@@ -32,7 +32,7 @@ from fame.bpmn.topics import topics_of
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in, names_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
-from fame.engine import joins, loops
+from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES
 from fame.scripting.interface import NAMES
@@ -113,7 +113,7 @@ def named_by(node: FlowNode) -> Iterator[str]:
     if isinstance(node, Event) and node.io is not None:
         yield from (item.target for item in (*node.io.inputs, *node.io.outputs))
     if isinstance(node, Gateway) and node.kind == "complex":
-        yield from joins.NAMES
+        yield from gateways.NAMES
     if isinstance(node, Activity):
         if node.loop is not None:
             yield from loops.NAMES

@@ -19,13 +19,13 @@ end     the instance ended; the detail is its status
 """
 
 from fame.engine.compiler import compile_program
+from fame.engine.data import UNDEFINED, Variables, plain
 from fame.engine.host import BpmnError, Cancelled, Host
 from fame.engine.interpreter import MOVES, Engine
 from fame.engine.program import Program
 from fame.engine.scope_compiler import Library
 from fame.engine.snapshot import restore, snapshot
 from fame.engine.state import DEPTH, Instance
-from fame.engine.variables import UNDEFINED, Variables, plain
 
 __all__ = [
     "DEPTH", "MOVES", "UNDEFINED", "BpmnError", "Cancelled", "Engine", "Host", "Instance", "Library", "Program",

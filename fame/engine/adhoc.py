@@ -21,8 +21,7 @@ from typing import Any
 from fame.bpmn import model
 from fame.engine import faults, scopes, steps, subprocesses
 from fame.engine.engine_state import EngineState
-from fame.engine.host import Compiled
-from fame.engine.program import Node
+from fame.engine.program import Compiled, Node
 from fame.engine.scope_compiler import ScopeCompiler
 from fame.engine.state import Scope, Wait, scopes_of
 from fame.errors import MissionError

@@ -5,19 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from fame.bpmn import model
-from fame.engine import (
-    adhoc,
-    boundary_events,
-    event_gateways,
-    event_subprocesses,
-    events,
-    gateways,
-    loops,
-    starts,
-    steps,
-    subprocesses,
-    tasks,
-)
+from fame.engine import adhoc, event_gateways, events, gateways, loops, starts, steps, subprocesses, tasks
 from fame.engine.host import Host
 from fame.engine.program import Node, Program
 from fame.engine.scope_compiler import Compiler, Library, ScopeCompiler
@@ -27,7 +15,7 @@ _EVENTS = {
     "catch": events.catch,
     "throw": events.throwing,
     "end": events.throwing,
-    "boundary": boundary_events.make,
+    "boundary": events.boundary,
 }
 
 
@@ -58,7 +46,7 @@ def make(context: ScopeCompiler, element: model.FlowNode) -> None:
         make_gateway = event_gateways.make if element.kind == "event" else gateways.make
         make_gateway(context, element)
     elif isinstance(element, model.SubProcess) and element.triggered_by_event:
-        event_subprocesses.make(context, element)
+        subprocesses.make_handler(context, element)
     elif isinstance(element, model.Activity):
         _activity(context, element)
 

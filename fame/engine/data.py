@@ -1,21 +1,119 @@
-"""What a caught message does to the variables (DESIGN section 3, "A caught message").
+"""Variables of scopes, and how a caught message sets them.
 
-An explicit mapping decides alone; else the data objects at the event's output association; else one variable named like
-the topic takes the message, or its bare value if it is a wrapper (one field ``data``). In that last case, in a model of
-the original FaMe, variables that a data object declares and nothing else fills take the fields that they begin like.
+The variables of a process are one plain dict, used as the globals of its scripts; those of an inner scope are a dict
+chained to it (`Variables`).
+
+Of a caught message an explicit mapping decides alone; else the data objects at the event's output association; else one
+variable named like the topic takes the message, or its bare value if it is a wrapper (one field ``data``). In that last
+case, in a model of the original FaMe, variables that a data object declares and nothing else fills take the fields that
+they begin like.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from enum import Enum
 from functools import cache
 from operator import attrgetter
+from types import ModuleType
 from typing import Any
 
 from fame.bpmn.model import DataObject, Process, SubProcess, Topic
-from fame.engine.host import Compiled
-from fame.engine.variables import UNDEFINED, Variables
+from fame.engine.program import Compiled
+
+BUILTINS = "__builtins__"
+
+
+class Undefined(Enum):
+    """The type of `UNDEFINED`."""
+
+    UNDEFINED = "UNDEFINED"
+
+
+UNDEFINED = Undefined.UNDEFINED
+"""What a property or payload evaluates to when a name in it is not set: no assignment, no field."""
+
+
+class Variables(dict[str, Any]):
+    """Variables of a scope with variables of its own (a multi-instance activity, a mapping).
+
+    `outer` is the dict outside, itself perhaps a `Variables`; `own` are its first names. What is known inside or new is
+    written inside; what is known outside only is written there. Scripts run with it as globals, and CPython then calls
+    the methods here:
+
+    ====================================  =================================================
+    compiled to                           calls
+    ====================================  =================================================
+    LOAD_NAME, LOAD_GLOBAL                `__getitem__`, then `__missing__`
+    STORE_NAME, DELETE_NAME               `__setitem__`, `__delitem__`
+    STORE_GLOBAL (`global x` in a         nothing: it writes into the underlying dict, past
+    function, ``:=`` in a comprehension)  all methods; `settle` corrects that afterwards
+    LOAD_NAME in the body of a class      the underlying dict alone, before CPython 3.13: outer
+                                          variables are out of sight there (not in its methods)
+    ====================================  =================================================
+
+    Invariant while no script runs in it: a name is in the underlying dict if and only if it is the scope's own.
+    Iteration, `len` and `dict.items` show the own names alone; `in`, `get` and `[]` see through. `plain` shows all.
+    """
+
+    __slots__ = ("_own", "outer")
+
+    def __init__(self, outer: dict[str, Any], own: Mapping[str, Any] | None = None) -> None:
+        super().__init__(own or {})
+        self.outer: dict[str, Any] = outer
+        if BUILTINS in outer:
+            super().__setitem__(BUILTINS, outer[BUILTINS])
+        self._own = set(self)
+
+    def __missing__(self, name: str) -> Any:
+        return self.outer[name]
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or name in self.outer
+
+    def get(self, name: str, default: Any = None) -> Any:
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        if super().__contains__(name) or name not in self.outer:
+            self.define(name, value)
+        else:
+            self.outer[name] = value
+
+    def __delitem__(self, name: str) -> None:
+        if super().__contains__(name):
+            super().__delitem__(name)
+            self._own.discard(name)
+        else:
+            del self.outer[name]
+
+    def define(self, name: str, value: Any) -> None:
+        """Set the scope's own variable `name`, whatever is outside."""
+        super().__setitem__(name, value)
+        self._own.add(name)
+
+    def settle(self) -> None:
+        """Move what STORE_GLOBAL wrote past `__setitem__` to where it belongs."""
+        for name in [name for name in self if name not in self._own]:
+            value = super().__getitem__(name)
+            super().__delitem__(name)
+            self[name] = value
+
+
+def plain(variables: Mapping[str, Any]) -> dict[str, Any]:
+    """All variables that are data, inner ones before outer ones, as a new plain dict.
+
+    Names with two leading underscores, modules, classes and whatever can be called are code, not data: never shown,
+    logged or stored.
+    """
+    shown = plain(variables.outer) if isinstance(variables, Variables) else {}
+    shown.update((name, value) for name, value in variables.items() if not name.startswith("__"))
+    return {name: value for name, value in shown.items() if not (callable(value) or isinstance(value, ModuleType))}
+
 
 Take = Callable[[dict[str, Any], Any], None]
 Match = Callable[[Sequence[str], str, Any], dict[str, tuple[str, ...]]]

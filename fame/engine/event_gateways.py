@@ -7,11 +7,11 @@ from functools import partial
 
 from fame.bpmn import model
 from fame.engine import scopes, steps, triggers, waiting
-from fame.engine.branching import Branch, fork
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Node, Start
 from fame.engine.scope_compiler import ScopeCompiler
 from fame.engine.state import Scope, Wait
+from fame.engine.steps import Branch, fork
 
 
 @dataclass(slots=True)

@@ -1,4 +1,7 @@
-"""Start, intermediate and end events: what they wait for is in `triggers`, what they throw is here."""
+"""Start, intermediate, boundary and end events: what they throw, and what a boundary event does to its activity.
+
+What they wait for is in `triggers`.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn import model
-from fame.engine import compensation, data, event_gateways, faults, steps, triggers
+from fame.engine import compensation, data, event_gateways, faults, handlers, steps, triggers
+from fame.engine.data import UNDEFINED
 from fame.engine.engine_state import EngineState
-from fame.engine.host import BpmnError, Compiled
-from fame.engine.program import Node, Step
-from fame.engine.scope_compiler import ScopeCompiler
-from fame.engine.state import Scope
-from fame.engine.structure import links_of
-from fame.engine.variables import UNDEFINED
+from fame.engine.host import BpmnError
+from fame.engine.program import Compiled, FaultCatch, Node, Step
+from fame.engine.scope_compiler import ScopeCompiler, links_of
+from fame.engine.state import Scope, Wait
 
 # ---- steps ---------------------------------------------------------------------------------------
 
@@ -104,6 +106,11 @@ def escalate(engine: EngineState, scope: Scope, node: Node) -> None:
     faults.escalate(engine, scope, node, code)
 
 
+def fire_boundary(engine: EngineState, wait: Wait) -> None:
+    """A boundary event has occurred."""
+    handlers.take_boundary(engine, wait.scope, wait.node, wait.catch, wait.owner)
+
+
 _ENDING = (steps.end, steps.terminate, raise_error, compensation.cancel)
 """Steps at which a token ends, whatever follows."""
 
@@ -141,6 +148,31 @@ def catch(context: ScopeCompiler, event: model.Event) -> None:
         context.watch(node)
         context.place(event, node)
         triggers.keep_queue(context, node)
+
+
+def boundary(context: ScopeCompiler, event: model.Event) -> None:
+    """A boundary event: one node for each of its definitions, known to its activity once that is made."""
+    if not event.definitions:
+        context.refuse("a boundary event needs a trigger", event)
+    if isinstance(event.definitions[0], model.CompensateDefinition):
+        compensation.compensable(context, event)
+        return
+    nodes = triggers.triggers_of(context, event, fire_boundary)
+    _check_cancels(context, event, nodes)
+    slot = context.slot(event.id)
+    for node in nodes:
+        node.slot = slot
+        context.watch_event(node)
+    context.place(event, nodes[0], nodes)
+    context.boundaries.setdefault(event.attached_to, []).extend(nodes)
+
+
+def _check_cancels(context: ScopeCompiler, event: model.Event, nodes: list[Node]) -> None:
+    """Refuse a cancel event at anything but a transaction."""
+    host = context.model[event.attached_to]
+    cancels = any(isinstance(node.spec, FaultCatch) and node.spec.kind == "cancel" for node in nodes)
+    if cancels and getattr(host, "kind", "") != "transaction":
+        context.refuse(f"expected a transaction for the cancel event, got {host.id}", event)
 
 
 def throwing(context: ScopeCompiler, event: model.Event) -> None:

@@ -1,20 +1,251 @@
-"""Exclusive, parallel, inclusive and complex gateways, compiled. Their steps: `branching` and `joins`."""
+"""Exclusive, parallel, inclusive and complex gateways (standard 13.4): their joins and how they are compiled.
+
+A split is a step that other elements have as well: see `fame.engine.steps`.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 from fame.bpmn import model
-from fame.engine import branching, joins, steps
-from fame.engine.branching import Branch
-from fame.engine.joins import Port
-from fame.engine.program import Node, Step
-from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine import faults, scopes, steps
+from fame.engine.data import Variables
+from fame.engine.engine_state import EngineState
+from fame.engine.program import Handler, Node, Step
+from fame.engine.scope_compiler import ScopeCompiler, jumping_to
+from fame.engine.state import Scope, Wait
+from fame.engine.steps import Branch
+
+NAMES = ("activationCount", "waitingForStart")
+"""The variables that the conditions of complex gateways see besides those of their scope."""
+
+
+@dataclass(slots=True)
+class Port:
+    """Spec of one incoming flow of a join; `number` is its place among the `need` of them."""
+
+    join: Node
+    number: int
+    need: int
+
+
+# ---- parallel ------------------------------------------------------------------------------------
+
+
+def arrive(engine: EngineState, scope: Scope, port: Node) -> Node | None:
+    """A token at one incoming flow of a parallel join. Counts per flow; the last number is that of the empty flows."""
+    joins = scope.joins
+    if joins is None:
+        joins = scope.joins = {}
+    spec: Port = port.spec
+    join, need = spec.join, spec.need
+    counts = joins.get(join)
+    if counts is None:
+        counts = joins[join] = [0] * need + [need]
+    slot = spec.number
+    counts[slot] += 1
+    if counts[slot] == 1:
+        counts[need] -= 1
+        if not counts[need]:
+            counts.pop()
+            if max(counts) == 1:
+                del joins[join]
+            else:
+                left = [count - 1 for count in counts]
+                joins[join] = [*left, left.count(0)]
+            scope.tokens -= need - 1
+            return join
+    return None
+
+
+# ---- inclusive -----------------------------------------------------------------------------------
+
+
+def arrive_inclusive(engine: EngineState, scope: Scope, port: Node) -> None:
+    """A token at one incoming flow of an inclusive join: it is decided when nothing else can move."""
+    if scope.joins is None:
+        scope.joins = {}
+    spec: Port = port.spec
+    scope.joins.setdefault(spec.join, [0] * spec.need)[spec.number] += 1
+    engine.inclusive[scope] = None
+
+
+def decide_inclusive(engine: EngineState) -> bool:
+    """Let the inclusive joins through that wait for no other token (standard 13.4.3). Whether there was one."""
+    passed = False
+    for scope in tuple(engine.inclusive):
+        joins = [join for join, held in (scope.joins or {}).items() if _is_undecided(join, held)]
+        if not joins:
+            del engine.inclusive[scope]
+        elif not scope.state:
+            for join in joins:
+                if _may_pass(engine, scope, join):
+                    (_pass_through if join.spec.activation is None else _reset)(engine, scope, join)
+                    passed = True
+                    break
+    return passed
+
+
+def _is_undecided(join: Node, held: list[int]) -> bool:
+    """Whether it is an inclusive join, or a complex gateway before its reset."""
+    spec: Branch = join.spec
+    return bool(spec.masks) and (spec.activation is None or any(held[spec.need :]))
+
+
+def _may_pass(engine: EngineState, scope: Scope, join: Node) -> bool:
+    """No token elsewhere in the scope reaches an empty flow of the join, but such as reach a filled one too."""
+    counts = (scope.joins or {})[join]
+    filled = 0
+    for number, count in enumerate(counts):
+        filled |= bool(count) << number % join.spec.need
+    tokens: list[Node] = [child.node for child in scope.children if child.node is not None and _holds_token(child)]
+    tokens += [engine.cancelling[key].node for key in scope.cancelling]
+    if scope.body is not None and scope.body.adhoc is not None:  # tokens that wait for their turn
+        tokens += [engine.program.by_key[key] for key in scope.items["todo"]]
+    tokens += [
+        other for other, held in (scope.joins or {}).items() if other is not join and any(held[: other.spec.need])
+    ]
+    return all(not (reached := _reach(join, node)) & ~filled or reached & filled for node in tokens)
+
+
+def _reach(join: Node, node: Node) -> int:
+    """The incoming flows of a join that a token at a node reaches; at a port of the join it is on one already."""
+    if isinstance(node.spec, Port) and node.spec.join is join:
+        return 1 << node.spec.number
+    spec: Branch = join.spec
+    return spec.masks.get(node.id, 0)
+
+
+def _holds_token(child: Scope | Wait) -> bool:
+    """Whether it stands for a token of its scope that can go on in it."""
+    if isinstance(child, Wait):
+        return child.token
+    return child.node is not None and not isinstance(child.node.spec, Handler)
+
+
+def _pass_through(engine: EngineState, scope: Scope, join: Node) -> None:
+    """One token of each filled flow goes on as one."""
+    joins = scope.joins
+    assert joins is not None
+    counts = joins.pop(join)
+    left = [max(0, count - 1) for count in counts]
+    if any(left):
+        joins[join] = left
+    scope.tokens -= sum(1 for count in counts if count) - 1
+    engine.ready.append((join, scope))
+
+
+def masks(content: model.Body, join: model.Gateway) -> dict[str, int]:
+    """For each element and sequence flow of a body: the incoming flows of a join that it reaches without passing it."""
+    before: dict[str, list[str]] = {}
+    for flow in content.flows:
+        before.setdefault(flow.target, []).append(flow.id)
+        before[flow.id] = [flow.source]
+    for node in content.nodes:
+        if isinstance(node, model.Event) and node.place == "boundary":
+            before.setdefault(node.id, []).append(node.attached_to)
+        elif isinstance(node, model.Event) and node.place == "catch":
+            before.setdefault(node.id, []).extend(jumping_to(content, node))
+    found: dict[str, int] = {"": 0}
+    for number, flow_id in enumerate(join.incoming):
+        pending, seen = [flow_id], {join.id}
+        while pending:
+            id = pending.pop()
+            if id not in seen:
+                seen.add(id)
+                found[id] = found.get(id, 0) | 1 << number
+                pending.extend(before.get(id, ()))
+    return found
+
+
+# ---- complex -------------------------------------------------------------------------------------
+
+
+def arrive_complex(engine: EngineState, scope: Scope, port: Node) -> Node | None:
+    """A token at one incoming flow of a complex gateway (standard 13.4.5).
+
+    It passes when its activation condition is true, of ``activationCount``: how many flows have a token. One token of
+    each of these is consumed. Then it waits for its reset: for a token of each other flow from which one can still
+    come, as an inclusive join does. Numbers: tokens per flow, then whether one was consumed, 0 for all before that.
+    """
+    if scope.joins is None:
+        scope.joins = {}
+    spec: Port = port.spec
+    counts = scope.joins.setdefault(spec.join, [0] * (2 * spec.need))
+    counts[spec.number] += 1
+    if any(counts[spec.need :]):
+        engine.inclusive[scope] = None
+        return None
+    return _activate(engine, scope, spec.join)
+
+
+def _activate(engine: EngineState, scope: Scope, join: Node) -> Node | None:
+    """The complex gateway itself, if its activation condition is true."""
+    assert scope.joins is not None
+    spec: Branch = join.spec
+    assert spec.activation is not None
+    counts, need = scope.joins[join], spec.need
+    filled = [slot for slot in range(need) if counts[slot]]
+    known = {"activationCount": len(filled), "waitingForStart": True}
+    try:
+        passes = bool(filled) and spec.activation(Variables(scope.variables, known))
+    except BaseException as error:
+        faults.fail(engine, scope, join, error)
+        return None
+    if not passes:
+        return None
+    for slot in filled:
+        counts[slot] -= 1
+        counts[need + slot] = 1
+    scope.tokens -= len(filled) - 1
+    if len(filled) == need:
+        _reset(engine, scope, join)
+    else:
+        engine.inclusive[scope] = None
+    return join
+
+
+def _reset(engine: EngineState, scope: Scope, join: Node) -> None:
+    """What came late is dropped, and the gateway waits anew; what is left may activate it at once.
+
+    Flows whose condition names ``waitingForStart`` are asked again, now that it is false; the others are taken when the
+    gateway is activated alone.
+    """
+    assert scope.joins is not None
+    spec: Branch = join.spec
+    counts, need = scope.joins[join], spec.need
+    late = [slot for slot in range(need) if counts[slot] and not counts[need + slot]]
+    for slot in late:
+        counts[slot] -= 1
+    counts[need:] = [0] * need
+    if not any(counts):
+        del scope.joins[join]
+    variables = Variables(scope.variables, {"waitingForStart": False})
+    try:
+        chosen = [target for condition, target in spec.resets if condition is not None and condition(variables)]
+    except BaseException as error:
+        faults.fail(engine, scope, join, error)
+        return
+    engine.ready.extend((target, scope) for target in chosen)
+    scope.tokens += len(chosen) - len(late)
+    if join in scope.joins and _activate(engine, scope, join) is not None:
+        engine.ready.append((join, scope))
+    if not scope.tokens:
+        scopes.finish(engine, scope)
+
+
+def part(engine: EngineState, scope: Scope, node: Node) -> Node | None:
+    """The flows of a complex gateway with conditions that name ``waitingForStart``: one for each that is true."""
+    return steps.take_all(engine, scope, node, Variables(scope.variables, {"waitingForStart": True}))
+
+
+# ---- compiling -----------------------------------------------------------------------------------
 
 _ARRIVALS: dict[str, Step] = {
-    "parallel": joins.arrive,
-    "inclusive": joins.arrive_inclusive,
-    "complex": joins.arrive_complex,
+    "parallel": arrive,
+    "inclusive": arrive_inclusive,
+    "complex": arrive_complex,
 }
 
 
@@ -34,7 +265,7 @@ def make(context: ScopeCompiler, gateway: model.Gateway) -> None:
             port = Port(node, number, spec.need)
             context.ports[flow] = context.node(gateway, _ARRIVALS[gateway.kind], f"/{number}", port)
     if gateway.kind in ("inclusive", "complex"):
-        spec.masks = joins.masks(context.content, gateway)
+        spec.masks = masks(context.content, gateway)
 
 
 def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: list[model.SequenceFlow]) -> None:
@@ -44,16 +275,16 @@ def _lead_on(context: ScopeCompiler, gateway: model.Gateway, node: Node, flows: 
         node.next = context.node(gateway, steps.end, "/end")
     elif gateway.kind == "parallel":
         spec.targets, node.next = tuple(context.target(flow) for flow in flows), context.target(flows[0])
-        node.step = branching.fork if len(flows) > 1 else steps.pass_on
+        node.step = steps.fork if len(flows) > 1 else steps.pass_on
     elif len(flows) == 1 and flows[0].condition is None:
         node.next = context.target(flows[0])
     else:
-        node.step = branching.exclusive if gateway.kind == "exclusive" else branching.inclusive
+        node.step = steps.exclusive if gateway.kind == "exclusive" else steps.inclusive
         context.branch(spec, gateway, flows, gateway.default)
         if gateway.kind == "complex":
             asked = [flow for flow in flows if flow.id != gateway.default]
             spec.resets = tuple(way for way, flow in zip(spec.ways, asked, strict=True) if _asks_for_phase(flow))
-            node.step = joins.part if spec.resets else node.step
+            node.step = part if spec.resets else node.step
     context.watch(node)
 
 

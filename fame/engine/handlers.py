@@ -1,8 +1,19 @@
-"""What catches: boundary events, which leave their activity, and event sub-processes, which handle their scope."""
+"""Take boundary events, begin event sub-processes, and suspend and resume what they interrupt.
+
+An event sub-process with ``resume=true`` suspends its scope instead of cancelling it. `suspend` holds everything that
+goes on in the scope when its handler begins, at any depth: scopes count the suspensions that hold them in `state`,
+waits in `paused`. Tasks are cancelled, to be started again; catching events do not listen; timers run on and leave a
+mark in `due`. What begins in the scope while the handler runs (other event sub-processes) is younger than the handler,
+and so not held.
+
+`hold` does the same from outside to all that runs, whatever is suspended in it already, until `release`.
+"""
 
 from __future__ import annotations
 
-from fame.engine import scopes, state, suspension
+from operator import attrgetter
+
+from fame.engine import scopes, state, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Catch, FaultCatch, Node
 from fame.engine.scopes import Cancelling
@@ -41,7 +52,7 @@ def begin_handler(engine: EngineState, scope: Scope, start: Node, how: Catch | F
         raise scopes.too_many()
     scope.tokens += 1
     inner = scopes.open_child(engine, scope, start.part_of, None, scope.variables)
-    open_handler(engine, start, inner, suspension.suspend(engine, scope, inner) if how.resume else ())
+    open_handler(engine, start, inner, suspend(engine, scope, inner) if how.resume else ())
 
 
 def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Cancelling) -> None:
@@ -54,3 +65,103 @@ def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Can
     assert start.next is not None
     scopes.proceed(engine, start.next, scope, cancelling)
     scopes.arm_scope(engine, scope)
+
+
+# ---- suspension ----------------------------------------------------------------------------------
+
+
+def suspend(engine: EngineState, scope: Scope, handler: Scope) -> Cancelling:
+    """Hold all that goes on in a scope, but for `handler` and the other event sub-processes that wait there."""
+    scope.suspender, scope.mark = handler, handler.key
+    scope.state += 1
+    for inner in _held_scopes(scope):
+        inner.state += 1
+    cancelling: Cancelling = ()
+    for wait in _held_waits(scope):
+        cancelling += _pause(engine, wait)
+    engine.host.make_safe("suspended")
+    return cancelling
+
+
+def resume(engine: EngineState, scope: Scope) -> None:
+    """The handler has ended normally: all goes on."""
+    scope.suspender = None
+    _go_on(engine, [scope, *_held_scopes(scope)], _held_waits(scope))
+
+
+def hold(engine: EngineState) -> None:
+    """Hold all instances, and let none begin, until `release`. Nothing follows when cancelled scripts have ended."""
+    held = [inner for instance in engine.instances.values() for inner in scopes.subtree(instance.root)]
+    waits = _in_order([wait for scope in held for wait in (*scope.arms, *_waits_in(scope))])
+    for scope in held:
+        scope.state += 1
+    for wait in waits:
+        _pause(engine, wait)
+    engine.held = held, waits
+    engine.host.make_safe("suspended")
+
+
+def release(engine: EngineState) -> None:
+    """What was held goes on. Its scripts must have ended."""
+    if engine.held is not None:
+        (held, waits), engine.held = engine.held, None
+        _go_on(engine, [scope for scope in held if scope.alive], [wait for wait in waits if wait.alive])
+
+
+def _go_on(engine: EngineState, released: list[Scope], awake: list[Wait]) -> None:
+    """Undo one suspension of these scopes and waits."""
+    for inner in released:
+        inner.state -= 1
+        if not inner.state and inner.held:
+            engine.ready.extend((node, inner) for node in inner.held)
+            inner.held = ()
+    for wait in awake:
+        wait.paused -= 1
+    _fire_due(engine, awake)
+    for wait in awake:
+        if wait.alive and not wait.paused:
+            wait.catch.trigger.resume(engine, wait)
+
+
+def _held_scopes(scope: Scope) -> list[Scope]:
+    """The scopes in it, at any depth, that its suspension holds."""
+    older = [inner for inner in scope.children if isinstance(inner, Scope) and inner.key < scope.mark]
+    return [inner for outer in older for inner in scopes.subtree(outer)]
+
+
+def _held_waits(scope: Scope) -> list[Wait]:
+    """The waits that its suspension holds, and what is armed because of them, in the order of arming."""
+    found = [inner for inner in scope.children if isinstance(inner, Wait) and (inner.token or inner.catch.resume)]
+    for inner in _held_scopes(scope):
+        found += inner.arms
+        found += _waits_in(inner)
+    return _in_order(found)
+
+
+def _waits_in(scope: Scope) -> list[Wait]:
+    """The waits of a scope itself."""
+    return [inner for inner in scope.children if isinstance(inner, Wait)]
+
+
+def _in_order(found: list[Wait]) -> list[Wait]:
+    """These waits and what is armed because of them, in the order of arming."""
+    for wait in found:  # which grows
+        found += wait.arms
+    return sorted(found, key=attrgetter("key"))
+
+
+def _pause(engine: EngineState, wait: Wait) -> Cancelling:
+    """It stops listening (its queue does not); a running task is cancelled, to be started again."""
+    wait.paused += 1
+    if wait.paused > 1:
+        return ()
+    wait.catch.trigger.suspend(engine, wait)
+    return scopes.cancel_script(engine, wait) if wait.started else ()
+
+
+def _fire_due(engine: EngineState, waits: list[Wait]) -> None:
+    """Let those fire that came due while they were held, in due order."""
+    due = [wait for wait in waits if wait.due and not wait.paused]
+    for wait in sorted(due, key=attrgetter("due")):
+        wait.due = 0
+        waiting.fire(engine, wait)

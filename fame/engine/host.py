@@ -8,15 +8,11 @@ part of the engine's state.
 from __future__ import annotations
 
 import dis
-from collections.abc import Callable
 from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
+from fame.engine.program import Compiled
 from fame.engine.state import Instance, Trail
-
-Variables = dict[str, Any]
-Compiled = Callable[[Variables], Any]
-"""A compiled text: a script gives None, or a suspended script (a coroutine) if it waits; an expression its value."""
 
 
 class BpmnError(Exception):

@@ -11,11 +11,13 @@ from itertools import repeat
 from operator import attrgetter
 from typing import Any
 
-from fame.engine import adhoc, delivery, faults, joins, scopes, starts, steps, suspension, tasks, waiting
+from fame.engine import adhoc, faults, gateways, handlers, scopes, starts, steps, tasks, waiting
+from fame.engine.data import correlates
 from fame.engine.engine_state import EngineState
 from fame.engine.host import Host
 from fame.engine.program import USER, Node, Program
-from fame.engine.state import Instance, Scope, scopes_of
+from fame.engine.state import Instance, Listener, Mailbox, Scope, Wait, scopes_of
+from fame.engine.waiting import MESSAGE, catch
 from fame.errors import MissionError
 
 MOVES = 10_000_000
@@ -75,7 +77,7 @@ class Engine(EngineState):
     def deliver(self, topic: str, message: Any) -> None:
         """A signal, or a message for this process, came from outside; unless somebody waits, little is done."""
         if topic in self.listeners or topic in self.program.starts:
-            delivery.deliver(self, topic, message)
+            deliver(self, topic, message)
             self.run()
 
     def post(self, topic: str, message: Any) -> None:
@@ -152,12 +154,12 @@ class Engine(EngineState):
     def hold(self) -> None:
         """Suspend all instances and bring the robot to its safe state; nothing begins. `release` undoes it."""
         if self.held is None:
-            suspension.hold(self)
+            handlers.hold(self)
             self.run()
 
     def release(self) -> None:
         """Go on after `hold`, whose scripts must have ended."""
-        suspension.release(self)
+        handlers.release(self)
         self.run()
 
     def stop(self) -> None:
@@ -185,7 +187,7 @@ class Engine(EngineState):
             while ready:
                 node, scope = pop()
                 if node is None:
-                    delivery.deliver(self, *scope)
+                    deliver(self, *scope)
                     continue
                 if scope.state:
                     if scope.state > 0:
@@ -206,7 +208,7 @@ class Engine(EngineState):
                     else:
                         self._fail_livelock(node, scope)
                         left = self.limit
-            if not (self.inclusive and joins.decide_inclusive(self)):
+            if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
         self.observe()
 
@@ -220,7 +222,7 @@ class Engine(EngineState):
                 break
             follower, place = ready.popleft()
             if follower is None:
-                delivery.deliver(self, *place)
+                deliver(self, *place)
             elif place.state > 0:
                 place.held += (follower,)
             elif not place.state:
@@ -252,3 +254,47 @@ class Engine(EngineState):
         """Whether these are the variables of a scope that has not ended."""
         found = (scope for instance in self.instances.values() for scope in scopes_of(instance.root))
         return any(scope.variables is variables for scope in found)
+
+
+def deliver(engine: EngineState, topic: str, message: Any) -> None:
+    """One delivery reaches every catcher armed at its beginning once, in the order of arming; start events last.
+
+    Of those that wait for a BPMN message only the first that correlates gets it (standard 8.3.2).
+    """
+    taken = False
+    listeners = tuple(engine.listeners.get(topic, ()))
+    if listeners:
+        for listener in listeners:
+            if listener.catch.trigger is MESSAGE:
+                if taken or not _is_for(listener, message):
+                    continue
+                taken = True
+            if isinstance(listener, Mailbox):
+                _put(engine, listener, message)
+            elif listener.alive and not listener.paused:
+                catch(engine, listener, message)
+    for node in engine.program.starts.get(topic, ()):
+        if not (
+            taken if node.catch is not None and node.catch.trigger is MESSAGE else starts.is_awaited(node, listeners)
+        ):
+            starts.trigger(engine, node, message)
+
+
+def _is_for(listener: Listener, message: Any) -> bool:
+    """Whether a BPMN message correlates with a listener that has not been disarmed or suspended meanwhile."""
+    if not listener.alive or (isinstance(listener, Wait) and listener.paused):
+        return False
+    return correlates(listener.catch.keys, listener.scope.variables, message)
+
+
+def _put(engine: EngineState, box: Mailbox, message: Any) -> None:
+    """A message for those that wait at a queue, else into it."""
+    if not box.alive:
+        return
+    if not box.waits:
+        box.messages.append((engine.new_key(), message))
+        return
+    waits = tuple(box.waits)
+    for wait in waits[:1] if box.catch.trigger is MESSAGE else waits:
+        if wait.alive and not wait.paused:
+            catch(engine, wait, message)

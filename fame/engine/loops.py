@@ -18,12 +18,11 @@ from typing import Any
 
 from fame.bpmn import model
 from fame.engine import compensation, faults, scopes, state, steps, subprocesses, waiting
+from fame.engine.data import UNDEFINED, Variables
 from fame.engine.engine_state import EngineState
-from fame.engine.host import Compiled
-from fame.engine.program import Body, LoopInstance, Node
+from fame.engine.program import Body, Compiled, LoopInstance, Node
 from fame.engine.scope_compiler import ScopeCompiler
 from fame.engine.state import Record, Scope
-from fame.engine.variables import UNDEFINED, Variables
 
 _COUNTERS = (("nrOf", "numberOf"), ("Instances", "ActiveInstances", "CompletedInstances"))
 NAMES = ("loopCounter", *(prefix + name for prefix in _COUNTERS[0] for name in _COUNTERS[1]))

@@ -18,6 +18,9 @@ Step = Callable[[Any, Any, Any], "Node | None"]
 """A function of (`EngineState`, `Scope`, `Node`): gives the node that the token moves to at once, or None if the token
 waits or is gone."""
 
+Compiled = Callable[[dict[str, Any]], Any]
+"""A compiled text: a script gives None, or a suspended script (a coroutine) if it waits; an expression its value."""
+
 Mark = tuple[str, str, Any]
 """Something that happened, for observers: (element, what, detail), with the words listed in `fame.engine`."""
 

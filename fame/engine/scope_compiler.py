@@ -15,13 +15,11 @@ from collections.abc import Callable, Iterable
 from typing import Any, NoReturn
 
 from fame.bpmn import model
-from fame.engine import branching, steps
-from fame.engine.branching import Branch
+from fame.engine import steps
 from fame.engine.data import unfilled
-from fame.engine.host import Compiled, Host
-from fame.engine.program import Body, Boundary, FaultCatch, Node, Program, Step
-from fame.engine.steps import Assignments
-from fame.engine.structure import begins, is_reached
+from fame.engine.host import Host
+from fame.engine.program import Body, Boundary, Compiled, FaultCatch, Node, Program, Step
+from fame.engine.steps import Assignments, Branch
 from fame.errors import ModelError
 
 Library = Callable[[str, str, model.CallActivity], tuple[model.Process, str]]
@@ -247,9 +245,9 @@ class ScopeCompiler:
         elif len(flows) == 1 and flows[0].condition is None:
             self.link(exits, self.target(flows[0]))
         else:
-            split = self.node(element, branching.fork, "/fork", spec := Branch())
+            split = self.node(element, steps.fork, "/fork", spec := Branch())
             if any(flow.condition is not None for flow in flows):
-                split.step, split.part_of = branching.inclusive, self.main[element.id]
+                split.step, split.part_of = steps.inclusive, self.main[element.id]
                 self.branch(spec, element, flows, getattr(element, "default", ""))
             else:
                 spec.targets = tuple(self.target(flow) for flow in flows)
@@ -299,7 +297,7 @@ class ScopeCompiler:
         if len(first) == 1:
             return self.entries[first[0].id]
         targets = tuple(self.entries[node.id] for node in first)
-        return self.node(first[0], branching.fork, "/begin", Branch(targets=targets))
+        return self.node(first[0], steps.fork, "/begin", Branch(targets=targets))
 
     def without_start(self, refusal: str) -> list[model.FlowNode]:
         """All that begins by itself in a body that must have no start event."""
@@ -341,3 +339,38 @@ def boundary_of(activity: Node) -> Boundary:
     if activity.boundary is None:
         activity.boundary = Boundary()
     return activity.boundary
+
+
+def instantiates(node: model.FlowNode) -> bool:
+    """Whether it is a gateway or receive task that starts a process."""
+    return isinstance(node, model.Gateway | model.Task) and node.instantiate and not node.incoming
+
+
+def begins(node: model.FlowNode) -> bool:
+    """Whether an element starts by itself in a body without start event (standard 13.2)."""
+    if node.incoming or (isinstance(node, model.Event) and node.place == "boundary"):
+        return False
+    if isinstance(node, model.Event) and node.definitions and isinstance(node.definitions[0], model.LinkDefinition):
+        return node.place != "catch"
+    return is_reached(node)
+
+
+def is_reached(node: model.FlowNode) -> bool:
+    """Whether tokens of the flow around it get to an element."""
+    return not (isinstance(node, model.Activity) and (node.for_compensation or is_handler(node)))
+
+
+def is_handler(node: model.FlowNode) -> bool:
+    """Whether it is an event sub-process."""
+    return isinstance(node, model.SubProcess) and node.triggered_by_event
+
+
+def links_of(event: model.Event) -> set[str]:
+    """The names of the links that an event throws or catches."""
+    return {each.name for each in event.definitions if isinstance(each, model.LinkDefinition)}
+
+
+def jumping_to(content: model.Body, event: model.Event) -> list[str]:
+    """The ids of the events that jump to a catching one."""
+    others = (other for other in content.nodes if isinstance(other, model.Event) and other.place == "throw")
+    return [other.id for other in others if links_of(event) & links_of(other)]

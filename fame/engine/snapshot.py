@@ -18,13 +18,13 @@ from typing import Any
 
 from fame.engine.adhoc import NEXT, SWEEP
 from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
+from fame.engine.data import Variables
 from fame.engine.faults import FAILED
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
 from fame.engine.program import Body, Node, Program
 from fame.engine.state import Continuation, Gathered, Instance, Mailbox, Record, Scope, Wait, scopes_of
 from fame.engine.steps import FINISH
-from fame.engine.variables import Variables
 from fame.errors import MissionError
 
 Data = dict[str, Any]
@@ -113,7 +113,7 @@ class _Dicts:
 
 
 def is_data(name: str, value: Any) -> bool:
-    """Whether a variable is data, as `fame.engine.variables.plain` has it."""
+    """Whether a variable is data, as `fame.engine.data.plain` has it."""
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 

@@ -17,9 +17,8 @@ from fame.engine import event_gateways, faults, scopes, tasks, waiting
 from fame.engine.data import correlates
 from fame.engine.engine_state import EngineState
 from fame.engine.program import Catch, Node, Start
-from fame.engine.scope_compiler import ScopeCompiler
+from fame.engine.scope_compiler import ScopeCompiler, instantiates
 from fame.engine.state import Arrived, Gathered, Instance, Listener, Scope
-from fame.engine.structure import instantiates
 
 # ---- stimuli -------------------------------------------------------------------------------------
 

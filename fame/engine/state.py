@@ -9,8 +9,8 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
+from fame.engine.data import plain
 from fame.engine.program import Body, Catch, Mark, Node, Program
-from fame.engine.variables import plain
 from fame.errors import MissionError
 
 RUNNING, DEAD = 0, -1

@@ -1,4 +1,4 @@
-"""Sub-processes and call activities, and tasks with variables of their own: what opens a scope."""
+"""Sub-processes, event sub-processes, call activities, and tasks with variables of their own: what opens a scope."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from fame.bpmn import model
-from fame.engine import compensation, faults, scopes, state, steps, waiting
+from fame.engine import compensation, faults, handlers, scopes, state, steps, waiting
+from fame.engine.data import UNDEFINED, Variables, plain
 from fame.engine.engine_state import EngineState
-from fame.engine.host import Compiled
-from fame.engine.program import Body, Node
+from fame.engine.program import UNCOUNTED, Body, Compiled, FaultCatch, Handler, Node
 from fame.engine.scope_compiler import ScopeCompiler
-from fame.engine.state import DEPTH, Record, Scope
-from fame.engine.variables import UNDEFINED, Variables, plain
+from fame.engine.state import DEPTH, Record, Scope, Wait
 
 
 @dataclass(slots=True)
@@ -98,6 +97,27 @@ def leave_with(engine: EngineState, scope: Scope, inner: Scope, results: Sequenc
         waiting.check_conditions(engine)
 
 
+def fire_handler(engine: EngineState, wait: Wait) -> None:
+    """The start of an event sub-process was triggered."""
+    try:
+        handlers.begin_handler(engine, wait.scope, wait.node, wait.catch)
+    except RecursionError as error:
+        faults.fail(engine, wait.scope, wait.node, error)
+
+
+def end_handler(engine: EngineState, scope: Scope, handler: Scope) -> Scope | None:
+    """The last token of a handler is gone: what it suspended goes on; if that has no token left, it ends too."""
+    node = handler.node
+    assert node is not None
+    scopes.count(engine, handler, node)
+    if handler.done:
+        compensation.remember(scope, Record(node, handler.variables, handler.done))
+    scope.tokens -= 1
+    if scope.suspender is handler:
+        handlers.resume(engine, scope)
+    return None if scope.tokens else scope
+
+
 # ---- compiling -----------------------------------------------------------------------------------
 
 
@@ -115,6 +135,30 @@ def make(context: ScopeCompiler, element: model.SubProcess) -> Node:
     node.body = inner.compile()
     inner.open_with(inner.begin())
     return node
+
+
+def make_handler(context: ScopeCompiler, element: model.SubProcess) -> None:
+    """An event sub-process."""
+    handler = context.node(element, steps.pass_on, spec=Handler())
+    handler.slot, handler.ended = context.slot(element.id), end_handler
+    context.watch_event(handler)
+    inner = ScopeCompiler(context.compiler, element, context.file, context)
+    handler.body = inner.compile()
+    starts = [item for item in element.body.nodes if isinstance(item, model.Event) and item.place == "start"]
+    nodes = [(event, node) for event in starts for node in inner.triggers.get(event.id, ())]
+    if not nodes:
+        context.refuse("an event sub-process needs a start event with a trigger", element)
+    for event, node in nodes:
+        node.part_of = handler
+        if isinstance(node.spec, FaultCatch) and node.spec.kind == "compensate":
+            context.compensation = node
+            continue
+        node.index, node.step = UNCOUNTED, steps.pass_on
+        how = node.catch or node.spec
+        how.resume = (element.resume or context.compiler.original) and event.interrupting
+        if node.catch is not None:
+            node.catch.fire = fire_handler
+        context.handlers.append(node)
 
 
 def make_call(context: ScopeCompiler, element: model.CallActivity) -> Node:

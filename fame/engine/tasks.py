@@ -8,8 +8,7 @@ from typing import Any
 from fame.bpmn import model
 from fame.engine import events, faults, scopes, steps, triggers, waiting
 from fame.engine.engine_state import EngineState
-from fame.engine.host import Compiled
-from fame.engine.program import USER, Node, Start, Step, Trigger, nothing
+from fame.engine.program import USER, Compiled, Node, Start, Step, Trigger, nothing
 from fame.engine.scope_compiler import ScopeCompiler
 from fame.engine.state import Scope, Wait
 from fame.errors import ModelError

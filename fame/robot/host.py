@@ -16,7 +16,7 @@ from typing import Any
 from fame.bpmn.model import Expression
 from fame.clock import Scheduler, date_at, date_text
 from fame.engine import Engine, Instance
-from fame.engine.host import Compiled
+from fame.engine.program import Compiled
 from fame.engine.state import Trail
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages

@@ -16,9 +16,9 @@ from functools import partial
 from typing import Any
 
 from fame.bpmn.model import DataObject, Process, SubProcess, Task, Topic
-from fame.engine.data import match, variable_name
-from fame.engine.host import BpmnError, Compiled
-from fame.engine.variables import UNDEFINED
+from fame.engine.data import UNDEFINED, match, variable_name
+from fame.engine.host import BpmnError
+from fame.engine.program import Compiled
 from fame.errors import MessageError, ModelError
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 from fame.clock import SECOND, Entry, Scheduler, WallScheduler
-from fame.engine.host import Compiled
+from fame.engine.program import Compiled
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware
 from fame.scripting.requests import Until

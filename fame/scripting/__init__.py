@@ -11,8 +11,8 @@ code_names        the functions, classes and modules that a script leaves for la
 ================  =======================================================================
 """
 
+from fame.engine.data import UNDEFINED, Variables, plain
 from fame.engine.host import BpmnError, Cancelled
-from fame.engine.variables import UNDEFINED, Variables, plain
 from fame.heartbeat import BudgetExceeded, heartbeat
 from fame.scripting.analysis import ScriptTopic, code_names, script_names, script_topics
 from fame.scripting.inbox import Inbox

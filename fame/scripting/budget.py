@@ -24,7 +24,7 @@ from itertools import repeat
 from types import FrameType
 from typing import Any
 
-from fame.engine.variables import BUILTINS
+from fame.engine.data import BUILTINS
 from fame.heartbeat import BUDGET, BudgetExceeded, script_frame
 from fame.scripting.data import Evaluate
 

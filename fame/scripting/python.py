@@ -18,7 +18,7 @@ from types import CodeType, CoroutineType, FrameType
 from typing import Any, Literal
 
 from fame.bpmn.model import Expression
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.errors import ModelError
 from fame.scripting.budget import count_steps
 
@@ -200,7 +200,7 @@ def _dropped_request(tree: ast.AST) -> tuple[str, int] | None:
 
 
 def _writes_past_methods(code: CodeType) -> bool:
-    """Whether it, or a function in it, stores by STORE_GLOBAL (see `fame.engine.variables`)."""
+    """Whether it, or a function in it, stores by STORE_GLOBAL (see `fame.engine.data.Variables`)."""
     return not _PAST_METHODS.isdisjoint(code.co_code[::2]) or any(
         _writes_past_methods(inner) for inner in code.co_consts if isinstance(inner, CodeType)
     )

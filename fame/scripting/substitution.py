@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
 from typing import Any
 
-from fame.engine.variables import UNDEFINED
+from fame.engine.data import UNDEFINED
 from fame.scripting.data import Evaluate, Undefined, to_text
 from fame.scripting.feel import FEEL
 from fame.scripting.grammar import Parser, constant

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.scripting.budget import spend
 from fame.scripting.data import Evaluate, fields_of, is_list, is_number, plain
 from fame.scripting.feel.values import Range

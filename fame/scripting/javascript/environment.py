@@ -17,7 +17,7 @@ from operator import is_
 from types import ModuleType
 from typing import Any, Protocol
 
-from fame.engine.variables import Variables
+from fame.engine.data import Variables
 from fame.scripting.javascript.values import ATOMS, encode
 
 _NEW = object()

@@ -28,7 +28,7 @@ from functools import cache, partial
 from importlib.resources import files
 from typing import Any
 
-from fame.engine.variables import BUILTINS
+from fame.engine.data import BUILTINS
 from fame.errors import UnavailableError
 from fame.scripting.javascript import limits
 from fame.scripting.javascript.commands import execute
