@@ -21,9 +21,8 @@ from fame.monitor.anomaly.learn import fold_numbers
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs, read_csv
 from fame.monitor.arrays import Floats
-from robots.arm.mh5 import MH5
 from robots.arm.sabotage import KINDS, alter, knots
-from robots.arm.task import TRIANGLE, find_cut
+from robots.arm.task import MH5, TRIANGLE, find_cut
 
 FOLDS = 5
 REPEATABILITY = 57e-6

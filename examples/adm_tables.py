@@ -23,10 +23,8 @@ from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
 from fame.monitor.plots import deviations, joint_space, matrices
-from robots.arm.mh5 import FILE, MH5
-from robots.arm.program import simulated_runs
 from robots.arm.sabotage import KINDS, alter, envelope, knots, knots_of_slope
-from robots.arm.task import TRIANGLE
+from robots.arm.task import FILE, MH5, TRIANGLE, simulated_runs
 
 HELD_OUT = range(24, 30)
 """Benign runs that nothing is learned from in the tables of attacks and of simulated sets."""

@@ -24,8 +24,8 @@ from fame.monitor.pipeline.filters import LowPass
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses
 from fame.monitor.pipeline.trained_model import TrainedModel
+from robots.arm.dynamics import UR5E
 from robots.arm.reassembly import SCENARIOS, Scenario, recorded
-from robots.arm.ur5e import UR5E
 
 MODEL = Path(__file__).resolve().parent.parent / "models" / "reassembly.skops"
 TRAINING = Training(before=20.0, cutoff=5.0, held_back=1 / 3, margin=2.0)

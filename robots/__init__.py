@@ -1,12 +1,12 @@
-"""The robots that come with FAME: what each publishes and obeys, and how it moves.
+"""The robots that come with FAME: their topics, and how they move.
 
-Each type is a class with the members of `sim2d.robot.SimulatedRobot`; `sim2d.registry` finds it by the `type:` of a
-world file.
+Each type is a class with the members of `sim2d.robot.SimulatedRobot`; a world file names it by `type:`.
 
-    vehicles   car and tractor; drive, odometer and planner are theirs
-    drone      a quadrotor; flight is its motion
+    vehicles   car and tractor
+    drone      a quadrotor
     arm        two arms, the MH5 and the UR5e
-    sensors    range sensor and camera
+    planner    path planners of vehicles and drone
+    sensors    range sensor, camera, odometry
     equipment  battery, blade, LED
-    gazebo     topics that a robot in Gazebo lacks
+    gazebo     topics that robots in Gazebo lack
 """

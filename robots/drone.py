@@ -1,9 +1,14 @@
 """The drone: a quadrotor that finds weeds with a camera that looks down.
 
-Obeys `takeoff`, `land` (topics, and commands of its service `tello_action`) and `cmd_vel`, publishes `odom`,
-`camera/weeds` while it flies, and `battery_state`. With an empty battery it lands. Its planner answers `goal_pose` with
-a `plan`, the straight line: it flies over everything. Where the sourced ROS does not have the type of the service, the
-drone is there without it, and the middleware warns.
+It subscribes to `takeoff`, `land` (also commands of its service `tello_action`) and `cmd_vel`, and publishes `odom`,
+`battery_state` and, while it flies, `camera/weeds`. With an empty battery it lands. Its planner answers `goal_pose`
+with a `plan` that is a straight line, because it flies over everything. If the sourced ROS lacks the type of the
+service, the drone runs without the service and the middleware warns.
+
+The rotors have a limited acceleration, horizontally and vertically, so the braking distance is v²/(2 a). On the ground
+the motors are off. `takeoff` starts them and the drone climbs to its take-off height; from then on it obeys `cmd_vel`
+between `floor` and `ceiling`; `land` lets it sink to the ground and stops the motors. Without a command for `watchdog`
+seconds it hovers. Above `CLEAR` it collides with nothing.
 """
 
 from __future__ import annotations
@@ -11,30 +16,171 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from fame.clock import SECOND
+from fame.config.parameters import parameter
+from fame.config.values import Point
 from fame.errors import MissingTypeError
+from fame.middleware.interface import Message
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters
-from robots.flight import Flight, FlightParameters
-from robots.odometer import Odometer, OdometerParameters
 from robots.planner import DirectPlanner
-from robots.sensors import Camera, CameraParameters
-from robots.vehicles import STOP, check_fault
-from sim2d.robot import Appearance, Pose, TopicCommand, period
+from robots.sensors import Camera, CameraParameters, Motion, Odometer, OdometerParameters
+from robots.vehicles import GRAVITY, STOP, check_fault, towards, within
+from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectangle
 
 if TYPE_CHECKING:
+    import pymunk
+
     from fame.middleware.interface import Message
     from sim2d.robot import RobotConfig, RobotWorld
 
 
+CLEAR = 0.3
+"""Above this height (m) a drone flies over everything, and no sensor on the ground sees it."""
+_SKIDS = 0.5
+"""Friction of its skids on the ground."""
+
+Phase = Literal["landed", "taking off", "flying", "landing"]
+
+
+@dataclass(frozen=True, slots=True)
+class FlightParameters:
+    """A drone's size (m), mass (kg) and limits."""
+
+    length: float = parameter(0.4, "m", above=0, maximum=20)
+    width: float = parameter(0.4, "m", above=0, maximum=20)
+    mass: float = parameter(1.5, "kg", above=0)
+    max_speed: float = parameter(2.0, "m/s", above=0)
+    max_climb: float = parameter(1.0, "m/s", above=0)
+    max_turn_rate: float = parameter(1.5, "rad/s", above=0)
+    acceleration: float = parameter(2.0, "m/s²", above=0)
+    climb_acceleration: float = parameter(2.0, "m/s²", above=0)
+    turn_acceleration: float = parameter(6.0, "rad/s²", above=0)
+    height: float = parameter(1.5, "m, of the take-off", minimum=0.5)
+    floor: float = parameter(0.5, "m", minimum=CLEAR, up_to="ceiling")
+    ceiling: float = parameter(10.0, "m", minimum=0.5)
+    watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
+
+
+class Flight:
+    """A flying body. `altitude` is in m, `climb` in m/s; with `dead` rotors it lands and does not start again."""
+
+    def __init__(self, space: pymunk.Space, start: Pose, parameters: FlightParameters) -> None:
+        import pymunk
+
+        p = self._parameters = parameters
+        self.outline: tuple[Point, ...] = rectangle(p.length, p.width)
+        self.body, self._shape = body_of(space, start, self.outline, p.mass)
+        self._solid, self._clear = self._shape.filter, pymunk.ShapeFilter(mask=0)
+        self.phase: Phase = "landed"
+        self.altitude = self.climb = 0.0
+        self.dead = self._is_clear = False
+        self._ahead = self._left = self._up = self._turn_rate = 0.0
+        self._valid_until = 0
+
+    @property
+    def airborne(self) -> bool:
+        return self.phase != "landed"
+
+    @property
+    def pose(self) -> Pose:
+        x, y = self.body.position
+        return Pose(x, y, self.body.angle)
+
+    @property
+    def motion(self) -> Motion:
+        body = self.body
+        if body.is_sleeping:  # the physics engine knows nothing of height
+            return Motion(up=self.climb)
+        (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
+        return Motion(vx * cos + vy * sin, vy * cos - vx * sin, self.climb, body.angular_velocity)
+
+    def command(self, twist: Message, now: int) -> None:
+        """Obey a geometry_msgs/msg/Twist in the body frame, clipped to the limits; NaN stops."""
+        p = self._parameters
+        ahead, left = within(twist.linear.x, math.inf), within(twist.linear.y, math.inf)
+        share = min(1.0, p.max_speed / (math.hypot(ahead, left) or 1.0))
+        self._ahead, self._left = ahead * share, left * share
+        self._up = within(twist.linear.z, p.max_climb)
+        self._turn_rate = within(twist.angular.z, p.max_turn_rate)
+        self._valid_until = now + round(p.watchdog * SECOND)
+
+    def take_off(self) -> None:
+        """Start the motors and climb; no effect in flight."""
+        if self.phase != "flying" and not self.dead:
+            self.phase = "taking off"
+
+    def land(self) -> None:
+        """Sink, and stop the motors on the ground; no effect on the ground."""
+        if self.airborne:
+            self.phase = "landing"
+
+    def move(self, now: int, duration: float) -> None:
+        """Apply the forces of the rotors for a step of `duration` s."""
+        p, body = self._parameters, self.body
+        if self.dead:
+            self.land()
+        if self.phase == "landed":
+            if not body.is_sleeping:
+                self._push(0.0, 0.0, 0.0, _SKIDS * GRAVITY, duration)
+            return
+        if self.phase != "flying" or (p.watchdog and now > self._valid_until):
+            self._ahead = self._left = self._up = self._turn_rate = 0.0
+        cos, sin = body.rotation_vector
+        wanted = self._ahead * cos - self._left * sin, self._ahead * sin + self._left * cos
+        self._push(*wanted, self._turn_rate, p.acceleration, duration)
+        self._rise(duration)
+
+    def _push(self, vx: float, vy: float, turn_rate: float, acceleration: float, duration: float) -> None:
+        """Push the body towards a velocity in the world frame (m/s, rad/s), with a limited acceleration (m/s²)."""
+        body = self.body
+        now_x, now_y = body.velocity
+        x, y = vx - now_x, vy - now_y
+        change = math.hypot(x, y)
+        if change > 0:
+            push = body.mass / duration * min(1.0, acceleration * duration / change)
+            body.force = x * push, y * push
+        turning = body.angular_velocity
+        if turning != turn_rate:
+            following = towards(turning, turn_rate, self._parameters.turn_acceleration * duration)
+            body.torque = (following - turning) * body.moment / duration
+
+    def _rise(self, duration: float) -> None:
+        p = self._parameters
+        if self.phase == "flying":
+            wanted = max(self._arriving(p.floor), min(self._up, self._arriving(p.ceiling)))
+        else:
+            wanted = self._arriving(min(p.height, p.ceiling) if self.phase == "taking off" else 0.0)
+        self.climb = towards(self.climb, wanted, p.climb_acceleration * duration)
+        self.altitude = max(0.0, self.altitude + self.climb * duration)
+        self._arrive()
+        if (self.altitude > CLEAR) != self._is_clear:
+            self._is_clear = not self._is_clear
+            self._shape.filter = self._clear if self._is_clear else self._solid
+
+    def _arriving(self, height: float) -> float:
+        """The climb rate (m/s) that reaches a height without overshoot: half of the acceleration is for braking."""
+        p, left = self._parameters, height - self.altitude
+        speed = min(p.max_climb, math.sqrt(p.climb_acceleration * abs(left)), 5 * abs(left))
+        return math.copysign(speed, left)
+
+    def _arrive(self) -> None:
+        p = self._parameters
+        if self.phase == "taking off" and abs(min(p.height, p.ceiling) - self.altitude) < 0.02:
+            self.phase = "flying"
+        elif self.phase == "landing" and self.altitude < 0.01:
+            self.phase, self.altitude, self.climb = "landed", 0.0, 0.0
+
+
 UNKNOWN, OK, NOT_CONNECTED, BUSY = 0, 1, 2, 3
-"""What tello_msgs/srv/TelloAction answers: begun; rotors that turn no more; taking off or landing already; and 0, which
-the real one does not have, for a command that there is not."""
+"""Return codes of tello_msgs/srv/TelloAction: 1 started, 2 the rotors are dead, 3 already taking off or landing; 0,
+which the real drone does not have, for an unknown command."""
 
 
 @dataclass(frozen=True, slots=True)
 class DroneParameters(FlightParameters):
-    """What a world file may say of a drone."""
+    """The parameters of a drone in a world file."""
 
     odom: OdometerParameters = field(
         default=OdometerParameters(position_noise=0.02, heading_noise=0.01, speed_noise=0.02)
@@ -74,11 +220,11 @@ class Drone:
         node.subscription("land", "std_msgs/msg/Empty", lambda _: flight.land())
         try:
             node.service("tello_action", "tello_msgs/srv/TelloAction", self._act)
-        except MissingTypeError as error:  # topics do the same
+        except MissingTypeError as error:  # topics of unknown types are left out with a warning too
             world.middleware.warn(f"{config.name} offers no service tello_action: {error}")
 
     def _act(self, request: Message) -> Mapping[str, int]:
-        """A command of a Tello, begun but not yet done when the response comes."""
+        """Start a command of a Tello; the response does not wait until it is done."""
         flight, command = self._flight, request.cmd.strip().lower()
         if command not in ("takeoff", "land"):
             return {"rc": UNKNOWN}
@@ -110,7 +256,7 @@ class Drone:
         }
 
     def start(self) -> None:
-        """Nothing is said once."""
+        """Do nothing: a drone has no latched topics."""
 
     def move(self, now: int, duration: float) -> None:
         self._flight.move(now, duration)
@@ -130,7 +276,7 @@ class Drone:
             self._battery.measure(now)
 
     def fault(self, kind: str) -> None:
-        """`camera` says nothing more; `rotors` are weak: it lands where it is and does not start again."""
+        """`camera`: it stops publishing. `rotors`: the drone lands where it is and does not start again."""
         check_fault(self.name, self.type, kind, self.FAULTS)
         if kind == "camera":
             self._camera.fails = True

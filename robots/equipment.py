@@ -1,8 +1,7 @@
-"""What a robot carries besides its sensors: a battery, a blade, an LED.
+"""Equipment besides sensors: a battery, a blade, an LED.
 
-A battery drains with what the robot does. Power is what the robot always takes (`idle`), what it takes for its speed
-(`motion`), and what it takes for its work (`work`: a tractor's blade, a drone's hovering). A charger gives some back.
-What an empty battery drives stands still.
+A battery supplies a constant power (`idle`), a power per speed (`motion`), and the power of work (`work`: a tractor's
+blade, a drone's rotors). A charger recharges it. With an empty battery the equipment stops.
 """
 
 from __future__ import annotations
@@ -26,15 +25,15 @@ if TYPE_CHECKING:
 BATTERY = "sensor_msgs/msg/BatteryState"
 _HOUR = 3600.0
 DRAIN_RATE = 20.0
-"""How often it is reckoned what a robot took, Hz."""
+"""Rate at which the consumed energy is integrated, Hz."""
 _CHARGING, _DISCHARGING, _FULL = 1, 2, 4  # as sensor_msgs/msg/BatteryState has them
 _SAG = 0.1
-"""By what part of itself the voltage of an empty battery is lower than that of a full one."""
+"""Relative voltage drop of an empty battery."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryParameters:
-    """`charge` is what part of the capacity it has at the beginning."""
+    """`charge` is the initial state of charge, 0 to 1."""
 
     rate: float = parameter(1.0, "Hz", above=0)
     capacity: float = parameter(100.0, "Wh", above=0)
@@ -77,14 +76,14 @@ class Battery:
         return self._left <= 0
 
     def drain(self, duration: float, speed: float, works: bool, charging: float = 0.0) -> None:
-        """Give power for `duration` s at a speed (m/s), and get what a charger has (W)."""
+        """Integrate the consumption over `duration` s at a speed (m/s), minus the power of a charger (W)."""
         p = self._parameters
         self._power = p.idle + p.motion * abs(speed) + (p.work if works else 0.0) - charging
         left = min(max(0.0, self._left - self._power * duration), self._full)
         self._flow, self._left = (left - self._left) / duration, left
 
     def measure(self, now: int) -> None:
-        """Publish what is left."""
+        """Publish the state of charge."""
         charge, p = self.charge, self._parameters
         voltage = p.voltage * (1 - _SAG * (1 - charge))
         state = self._make(
@@ -100,7 +99,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class BladeParameters:
-    """`radius` is that of its disc, `ahead` how far in front of the vehicle's middle its axis is, both in m."""
+    """`radius` of the disc and distance `ahead` of the vehicle's centre, both in m."""
 
     radius: float = parameter(0.3, "m", above=0)
     ahead: float = parameter(0.0, "m")
@@ -121,13 +120,13 @@ class Blade:
         self.turn(wrench.torque.z > 0 and not self.blocked)
 
     def turn(self, turns: bool) -> None:
-        """Begin or end to turn."""
+        """Start or stop the blade."""
         self.turns = turns
         if not turns:
             self._since.clear()
 
     def cut(self, now: int, pose: Pose) -> None:
-        """Cut what it has turned above for long enough, under a vehicle at `pose`. Only while it turns."""
+        """Cut the weeds that the turning blade has covered for long enough, under a vehicle at `pose`."""
         above = [weed for weed in self._weeds.near(pose.ahead(self._ahead), self.radius) if not weed.covered]
         self._since = {weed.name: self._since.get(weed.name, now) for weed in above}
         for weed in above:
@@ -145,11 +144,11 @@ COLOURS: Mapping[tuple[bool, bool, bool], str] = {
     (True, False, True): "magenta",
     (True, True, True): "white",
 }
-"""Names by which of red, green and blue shine."""
+"""Names of colours by which of red, green and blue are on."""
 
 
 class Led:
-    """Obeys `led` (std_msgs/msg/ColorRGBA). `rgb` is 0 to 1 each."""
+    """An LED set by `led` (std_msgs/msg/ColorRGBA). `rgb` is 0 to 1 each."""
 
     def __init__(self, node: Node) -> None:
         self.rgb = (0.0, 0.0, 0.0)
@@ -161,7 +160,7 @@ class Led:
 
     @property
     def colour(self) -> str:
-        """The name of the colour: a part shines if it has at least half the brightness of the strongest."""
+        """The name of the colour. A component counts as on if it has at least half the brightness of the strongest."""
         r, g, b = self.rgb
         half = max(r, g, b) / 2
         return COLOURS[r > 0 and r >= half, g > 0 and g >= half, b > 0 and b >= half]

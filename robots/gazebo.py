@@ -1,7 +1,7 @@
-"""What a robot in Gazebo lacks of the topics that missions use: `range` from a laser scan, and a planner.
+"""Topics that missions use and robots in Gazebo usually lack: `range`, made from a laser scan, and a planner.
 
-Real robots lack the same more often than not. Both are nodes that need nothing of the world but topics: `scan`
-(sensor_msgs/msg/LaserScan), `odom`, and `map` (nav_msgs/msg/OccupancyGrid, latched) as nav2's map server says it.
+Most real robots lack them too. Both need only topics: `scan` (sensor_msgs/msg/LaserScan), `odom`, and `map`
+(nav_msgs/msg/OccupancyGrid, latched) as published by Nav2's map server.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
 
 
 class ScannedRange:
-    """The nearest point of each scan as an ultrasonic sensor tells it: +inf for none, -inf for too near (REP 117)."""
+    """Publishes the nearest point of each scan as `range`: +inf for none, -inf for too near (REP 117)."""
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.publisher("range", RANGE, MEASUREMENT)
@@ -25,18 +25,18 @@ class ScannedRange:
 
     def _on_scan(self, scan: Message) -> None:
         seen = [far for far in scan.ranges if scan.range_min <= far <= scan.range_max or far == -math.inf]
-        said = {
+        fields = {
             "header": scan.header,
             "field_of_view": abs(scan.angle_max - scan.angle_min),
             "min_range": scan.range_min,
             "max_range": scan.range_max,
             "range": min(seen, default=math.inf),
         }
-        self._publisher.publish(messages.create(RANGE, said))
+        self._publisher.publish(messages.create(RANGE, fields))
 
 
 class Supplement:
-    """A robot's planner and range, on a node. `radius` (m) is that of a circle that it fits into; 0: it flies."""
+    """Planner and range of one robot. `radius` (m) is that of a circle around the robot; 0 for one that flies."""
 
     def __init__(self, node: Node, radius: float) -> None:
         self.node = node
@@ -47,9 +47,9 @@ class Supplement:
             self.planner = DirectPlanner(node)
 
     def stop(self) -> bool:
-        """It is over at once."""
+        """End at once: nothing has to be finished."""
         return False
 
     def close(self) -> None:
-        """Leave."""
+        """Close the node."""
         self.node.close()

@@ -1,42 +1,183 @@
-"""The path planner of a ground robot: a node of its own that knows only topics, like Nav2's planner server.
+"""The path planner of a ground robot: a node of its own that uses only topics, like Nav2's planner server.
 
-Takes `map` (nav_msgs/msg/OccupancyGrid, latched) and `odom`; answers each `goal_pose` (geometry_msgs/msg/PoseStamped)
-with a `plan` (nav_msgs/msg/Path) from the latest odometry to the goal. An empty path says that there is no way. A
-goal that comes before map and odometry is answered when they are there; of several the latest.
+It subscribes to `map` (nav_msgs/msg/OccupancyGrid, latched) and `odom`, and answers each `goal_pose`
+(geometry_msgs/msg/PoseStamped) with a `plan` (nav_msgs/msg/Path) from the latest odometry to the goal. An empty path
+means that the goal cannot be reached. A goal that arrives before map and odometry is answered as soon as they are
+known; of several such goals, the latest.
+
+`route` searches a grid that is already inflated by the robot's radius, so the robot is a point: the straight line if
+that is free, else A* over cells with eight neighbours, whose detours are straightened. Ties are resolved in a fixed
+order.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from fame.config.parameters import parameter
 from fame.config.values import Point
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Message, Node
-from robots.route import route
 from sim2d.grid import Grid, from_message, inflate
 from sim2d.robot import MEASUREMENT
+
+_STRAIGHT, _DIAGONAL = 985, 1393
+"""Costs of steps as integers, for exact comparison: 1393 / 985 is the square root of 2 to six digits."""
+
+_UNKNOWN = 1 << 60
+_TRIED = 10_000
+"""Number of free cells that are tried at most to leave a start that is not free."""
+
+
+def route(grid: Grid, start: Point, goal: Point, tolerance: float, ground: Grid | None = None) -> list[Point] | None:
+    """Return the corners of a path from `start` to `goal` (m), both included, or None if there is no path.
+
+    If the goal is not free, the path ends at the nearest free place within `tolerance` (m). A start that is not free,
+    for example too close to a wall, is left by the shortest line; with `ground`, the grid before inflation, that line
+    does not cross the wall.
+    """
+    first, last = nearest_free(grid, start, math.inf, ground), nearest_free(grid, goal, tolerance)
+    if first is None or last is None:
+        return None
+    begin = [start] if _cell(grid, start) == first else [start, _centre(grid, first)]
+    end = goal if _cell(grid, goal) == last else _centre(grid, last)
+    if _in_sight(grid, begin[-1], end):
+        return [*begin, end]
+    cells = _search(grid, first, last)
+    if cells is None:
+        return None
+    between = [_centre(grid, cell) for cell in cells[1:-1]]
+    return begin[:-1] + _straightened(grid, [begin[-1], *between, end])
+
+
+def _cell(grid: Grid, place: Point) -> tuple[int, int]:
+    """Row and column."""
+    (x, y), (x0, y0) = place, grid.origin
+    return math.floor((y - y0) / grid.resolution), math.floor((x - x0) / grid.resolution)
+
+
+def _centre(grid: Grid, cell: tuple[int, int]) -> Point:
+    return grid.origin[0] + (cell[1] + 0.5) * grid.resolution, grid.origin[1] + (cell[0] + 0.5) * grid.resolution
+
+
+def nearest_free(grid: Grid, place: Point, tolerance: float, ground: Grid | None = None) -> tuple[int, int] | None:
+    """Return row and column of the free cell at a place, or of the nearest one within `tolerance` (m), or None.
+
+    With `ground`, cells with a line of sight to the place on that grid are preferred.
+    """
+    row, column = _cell(grid, place)
+    rows, columns = grid.occupied.shape
+    if not (0 <= row < rows and 0 <= column < columns):
+        return None
+    if not grid.occupied[row, column]:
+        return row, column
+    free_rows, free_columns = np.nonzero(~grid.occupied)
+    if not len(free_rows):
+        return None
+    x, y = _centre(grid, (0, 0))
+    squared = (x + free_columns * grid.resolution - place[0]) ** 2 + (y + free_rows * grid.resolution - place[1]) ** 2
+    best = int(np.argmin(squared))
+    if ground is not None and not ground.occupied[row, column]:
+        nearest = np.argsort(squared, kind="stable")[:_TRIED].tolist()
+        cells = ((one, _centre(grid, (int(free_rows[one]), int(free_columns[one])))) for one in nearest)
+        best = next((one for one, centre in cells if _in_sight(ground, place, centre)), best)
+    return (int(free_rows[best]), int(free_columns[best])) if squared[best] <= tolerance**2 else None
+
+
+def _search(grid: Grid, start: tuple[int, int], goal: tuple[int, int]) -> list[tuple[int, int]] | None:
+    """A* over cells numbered row by row in a grid with an occupied rim, so that every cell has eight neighbours."""
+    blocked = np.pad(grid.occupied, 1, constant_values=True)
+    width, count = blocked.shape[1], blocked.size
+    first, last = ((row + 1) * width + column + 1 for row, column in (start, goal))
+    around = [(by, _STRAIGHT) for by in (1, -1, width, -width)]
+    around += [(by, _DIAGONAL) for by in (width + 1, width - 1, 1 - width, -width - 1)]
+    ahead = _estimates(blocked.shape, last)
+    # The least cost of each cell so far; a blocked cell has -1, which no path undercuts.
+    cost: list[int] = np.where(blocked.ravel(), -1, _UNKNOWN).tolist()
+    came = [-1] * count
+    done = bytearray(count)
+    cost[first] = 0
+    # Cost and cell are one integer, because heaps of integers are much faster than heaps of tuples. Of equal estimates
+    # the one closer to the goal comes first, which keeps the search from flooding open ground.
+    far = max(ahead) + 1
+    queue = [(ahead[first] * far + ahead[first]) * count + first]
+    while queue:
+        here = heappop(queue) % count
+        if here == last:
+            return _traced(came, last, width)
+        if done[here]:
+            continue
+        done[here] = 1
+        so_far = cost[here]
+        for by, step in around:
+            there = here + by
+            total = so_far + step
+            if total < cost[there]:
+                cost[there] = total
+                came[there] = here
+                left = ahead[there]
+                heappush(queue, ((total + left) * far + left) * count + there)
+    return None
+
+
+def _estimates(shape: tuple[int, ...], goal: int) -> list[int]:
+    """For each cell the cost of a path to the goal without obstacles."""
+    row, column = divmod(goal, shape[1])
+    rows = np.abs(np.arange(shape[0]) - row)[:, np.newaxis]
+    columns = np.abs(np.arange(shape[1]) - column)[np.newaxis, :]
+    diagonal = np.minimum(rows, columns)
+    estimates: list[int] = (_STRAIGHT * (rows + columns - 2 * diagonal) + _DIAGONAL * diagonal).ravel().tolist()
+    return estimates
+
+
+def _traced(came: list[int], last: int, width: int) -> list[tuple[int, int]]:
+    numbers = [last]
+    while (before := came[numbers[-1]]) >= 0:
+        numbers.append(before)
+    return [(number // width - 1, number % width - 1) for number in reversed(numbers)]
+
+
+def _straightened(grid: Grid, places: Sequence[Point]) -> list[Point]:
+    """Remove the places that a straight line can skip."""
+    kept = [places[0]]
+    for place, following in zip(places[1:], [*places[2:], None], strict=True):
+        if following is None or not _in_sight(grid, kept[-1], following):
+            kept.append(place)
+    return kept
+
+
+def _in_sight(grid: Grid, a: Point, b: Point) -> bool:
+    """Whether the straight line between two places is free, sampled every quarter of a cell."""
+    count = max(2, math.ceil(math.dist(a, b) / grid.resolution * 4))
+    part = np.linspace(0, 1, count)
+    columns = ((a[0] + (b[0] - a[0]) * part - grid.origin[0]) / grid.resolution).astype(np.intp)
+    rows = ((a[1] + (b[1] - a[1]) * part - grid.origin[1]) / grid.resolution).astype(np.intp)
+    return not grid.occupied[rows, columns].any()
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerParameters:
-    """`margin` is kept from obstacles; a goal may be missed by `tolerance` if it is too close to one. Both in m."""
+    """`margin` is the distance kept from obstacles; `tolerance` how far from an occupied goal a path may end (m)."""
 
     margin: float = parameter(0.08, "m", minimum=0)
     tolerance: float = parameter(0.5, "m", minimum=0)
 
 
 class Planner:
-    """Plans for a robot that fits into a circle of `radius` m."""
+    """Plans on the map for a robot that fits into a circle of `radius` m."""
 
     def __init__(self, node: Node, parameters: PlannerParameters, radius: float) -> None:
         self._radius, self._margin, self._tolerance = radius, parameters.margin, parameters.tolerance
         self._map: Message | None = None
         self._ground: Grid | None = None
-        self._grid: Grid | None = None  # inflated; made for the first goal: most of a thousand robots never get one
+        self._grid: Grid | None = None  # inflated; made for the first goal, because many robots never get one
         self._odometry: Message | None = None
         self._goal: Message | None = None
         self._plan = node.publisher("plan", "nav_msgs/msg/Path")
@@ -62,7 +203,7 @@ class Planner:
             return
         if self._grid is None:
             self._ground = from_message(self._map)
-            margin = max(self._margin, self._ground.resolution)  # cells are told from each other by their centres
+            margin = max(self._margin, self._ground.resolution)  # cells are compared by their centres
             self._grid = inflate(self._ground, self._radius + margin)
         goal, self._goal = self._goal, None
         position, target = self._odometry.pose.pose.position, goal.pose.position
@@ -74,7 +215,7 @@ class Planner:
 
 
 class DirectPlanner:
-    """The same for a robot that flies: its way is always the straight line, without a map."""
+    """The planner of a flying robot: always the straight line, without a map."""
 
     def __init__(self, node: Node) -> None:
         self._odometry: Message | None = None
@@ -100,7 +241,7 @@ class DirectPlanner:
 
 
 def _path(places: list[Point], odometry: Message, goal: Message) -> dict[str, Any]:
-    """The fields of a path: each pose looks to the next, the last as the goal does."""
+    """The fields of a nav_msgs/msg/Path: each pose faces the next, the last has the goal's orientation."""
     stamp, last = odometry.header.stamp, goal.pose.orientation
     header = {"frame_id": "map", "stamp": {"sec": stamp.sec, "nanosec": stamp.nanosec}}
     headings = [math.atan2(b[1] - a[1], b[0] - a[0]) for a, b in pairwise(places)]

@@ -1,24 +1,26 @@
-"""Sensors that look at the world: an ultrasonic range sensor, and a camera that finds weeds.
+"""Sensors: an ultrasonic range sensor, a camera that finds weeds, and odometry.
 
-The range sensor gives the distance of the nearest solid thing within a cone, not its direction. It follows REP 117:
-what is farther than `max` reads +inf, what is nearer than `min` reads -inf. It sees obstacles, targets, walls and other
-robots alike, but nothing that flies.
+The range sensor measures the distance of the nearest solid thing within a cone, not its direction. It follows REP 117:
+farther than `max` reads +inf, nearer than `min` reads -inf. It sees obstacles, targets, walls and other robots, but
+nothing that flies.
 
-The camera looks straight down at a circle of the ground: radius = altitude * tan(field of view / 2). It finds where
-weeds are, not which. It misses some of them, anew in each picture, and places the others a little wrongly.
+The camera looks straight down at a circle of the ground: radius = altitude * tan(field of view / 2). It reports the
+positions of weeds, not their identities. In each picture it misses some at random and adds noise to the others.
 
-All sensors share `maker` and `header_maker`: messages that are mostly alike are made from a template, many times
-cheaper than from a mapping. It is the most frequent thing that a world does. A sensor that `fails`
-publishes nothing more.
+The pose error of odometry wanders slowly but does not grow: a first-order Gauss-Markov process about the truth, like
+that of a robot that corrects its odometry by landmarks. Therefore the pose is given in the frame of the map.
+
+Publishing measurements is the most frequent operation of a world. Messages are therefore made from templates by `maker`
+and `header_maker`, which is many times cheaper than from a mapping. A sensor that `fails` stops publishing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND
 from fame.config.parameters import parameter
@@ -35,27 +37,27 @@ if TYPE_CHECKING:
 
 
 def constructor(type: str) -> Callable[..., Message]:
-    """The class of a message type: it takes fields in the order of ROS, and neither converts nor checks."""
+    """Return the class of a message type. It takes fields in the order of ROS, without conversion or checks."""
     kind: Any = messages.message_type(type)
     return kind  # type: ignore[no-any-return]
 
 
 def maker(template: Message, *fields: str) -> Callable[..., Message]:
-    """The constructor of messages like `template` but for these `fields`, which it takes by name."""
+    """Return a constructor of messages like `template`; it takes the given `fields` by name."""
     kept = {name: getattr(template, name) for name in template.__slots__ if name not in fields}
     return partial(template.__class__, **kept)
 
 
 @cache
 def header_maker(frame: str) -> Callable[[int], Message]:
-    """A function of a time (ns) that gives a std_msgs/msg/Header with this stamp and frame."""
+    """Return a function that makes a std_msgs/msg/Header with this frame from a time (ns)."""
     header, time = constructor("std_msgs/msg/Header"), constructor("builtin_interfaces/msg/Time")
     return lambda now: header(time(now // SECOND, now % SECOND), frame)
 
 
 RANGE = "sensor_msgs/msg/Range"
 _RECESS = 0.02
-"""Rays begin this far (m) behind the sensor's face: a ray that begins inside a thing that is touched would miss it."""
+"""Rays begin this far (m) behind the sensor's face: a ray that begins inside a touched obstacle would miss it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +91,14 @@ class Ultrasonic:
         self._ahead, self._length = ahead, _RECESS + p.max + 4 * p.noise
         angles = (self.field_of_view * (ray / (p.rays - 1) - 0.5) for ray in range(p.rays))
         self._rays = [(self._length * math.cos(angle), self._length * math.sin(angle)) for angle in angles]
-        # All rays lie in this circle about a point on their axis: if nothing else is in it, none needs to be followed.
+        # This circle about a point on the axis contains all rays: if it is empty, no ray needs to be followed.
         half, length = self.field_of_view / 2, self._length
         narrow = half <= math.pi / 4
         self._reach = length / (2 * math.cos(half)) if narrow else length * math.sin(half)
         self._middle = self._reach if narrow else length * math.cos(half)
         self._publisher = node.publisher("range", RANGE, MEASUREMENT)
         self._distance = math.inf
-        self._make, self._header = _maker(p), header_maker(f"{node.namespace}/range")
+        self._make, self._header = _range_maker(p), header_maker(f"{node.namespace}/range")
 
     def measure(self, now: int, pose: Pose) -> None:
         """Publish a measurement from a vehicle at `pose`."""
@@ -134,8 +136,8 @@ class Ultrasonic:
 
 
 @cache
-def _maker(parameters: UltrasonicParameters) -> Callable[..., Message]:
-    """The constructor of a measurement of sensors with these parameters, from `header` and `range`."""
+def _range_maker(parameters: UltrasonicParameters) -> Callable[..., Message]:
+    """Return the constructor of range messages of such sensors; it takes `header` and `range`."""
     fields = {
         "radiation_type": 0,
         "field_of_view": math.radians(parameters.field_of_view),
@@ -151,7 +153,7 @@ POSES = "geometry_msgs/msg/PoseArray"
 
 @dataclass(frozen=True, slots=True)
 class CameraParameters:
-    """`missed` is the part of the weeds in sight that a picture misses; `noise` a standard deviation (m)."""
+    """`missed` is the share of visible weeds that a picture misses; `noise` is a standard deviation (m)."""
 
     rate: float = parameter(5.0, "Hz", above=0)
     field_of_view: float = parameter(90.0, "deg", above=0, maximum=170)
@@ -160,7 +162,7 @@ class CameraParameters:
 
 
 class Camera:
-    """Publishes `camera/weeds`: positions in the frame of the robot's body (x ahead, y left, z up), until it fails."""
+    """Publishes `camera/weeds` until it `fails`: positions in the robot's body frame (x forward, y left, z up)."""
 
     def __init__(self, node: Node, parameters: CameraParameters, random: np.random.Generator, weeds: Weeds) -> None:
         self.fails = False
@@ -172,11 +174,11 @@ class Camera:
         self._pose, self._point = maker(pose, "position"), type(pose.position)
 
     def radius(self, altitude: float) -> float:
-        """Of the ground in sight (m)."""
+        """The radius (m) of the visible ground at an altitude (m)."""
         return 0.0 if self.fails else altitude * self._opening
 
     def measure(self, now: int, pose: Pose, altitude: float) -> None:
-        """Publish what is seen from a pose at an altitude (m). All that is in sight draws chance, seen or not."""
+        """Publish the weeds seen from a pose at an altitude (m). Missed weeds draw random numbers too."""
         if self.fails:
             return
         p, cos, sin = self._parameters, math.cos(pose.heading), math.sin(pose.heading)
@@ -188,3 +190,98 @@ class Camera:
                 ahead, left = x * cos + y * sin + p.noise * dx, y * cos - x * sin + p.noise * dy
                 poses.append(self._pose(position=self._point(ahead, left, -altitude)))
         self._publisher.publish(self._make(self._header(now), poses))
+
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+Deviations = tuple[float, float, float, float]
+"""Standard deviations of x, y, z and yaw, or of their rates."""
+Place = tuple[float, float, float]
+"""x, y, z (m)."""
+_CORRELATION = 5.0
+"""Correlation time of the pose error, s."""
+
+
+class Motion(NamedTuple):
+    """A robot's velocity in its own frame: forward, left and up (m/s), and counter-clockwise (rad/s)."""
+
+    ahead: float = 0.0
+    left: float = 0.0
+    up: float = 0.0
+    turn_rate: float = 0.0
+
+
+STILL = Motion()
+
+
+@dataclass(frozen=True, slots=True)
+class OdometerParameters:
+    """`position_noise` (m), `heading_noise` (rad), `speed_noise` (m/s, rad/s) are standard deviations."""
+
+    rate: float = parameter(20.0, "Hz", above=0)
+    position_noise: float = parameter(0.005, "m", minimum=0)
+    heading_noise: float = parameter(0.003, "rad", minimum=0)
+    speed_noise: float = parameter(0.005, "m/s and rad/s", minimum=0)
+
+
+class Odometer:
+    """Publishes `odom` in the frame `map`. If the robot `flies`, height, climb and sideways speed are noisy too."""
+
+    def __init__(
+        self, node: Node, parameters: OdometerParameters, random: np.random.Generator, *, flies: bool = False
+    ) -> None:
+        p, aloft = parameters, float(flies)
+        self._noise = Noise(random, 8)
+        sigma = p.position_noise, p.position_noise, p.position_noise * aloft, p.heading_noise
+        self._speed_sigma = p.speed_noise, p.speed_noise * aloft, p.speed_noise * aloft, p.speed_noise
+        self._keep = math.exp(-1 / (p.rate * _CORRELATION))
+        fresh = math.sqrt(1 - self._keep**2)
+        self._fresh = tuple(fresh * deviation for deviation in sigma)
+        self._error = [deviation * draw for deviation, draw in zip(sigma, self._noise.row(), strict=False)]
+        self._publisher = node.publisher("odom", ODOMETRY, MEASUREMENT)
+        self._frame = f"{node.namespace}/base_link"
+        self._make, self._header = _odometry_maker(sigma, self._speed_sigma), header_maker("map")
+
+    def measure(self, now: int, pose: Pose, motion: Motion, altitude: float = 0.0) -> None:
+        """Publish a measurement of the true pose, altitude (m) and motion."""
+        draws, keep = self._noise.row(), self._keep
+        self._error = [
+            keep * error + fresh * draw for error, fresh, draw in zip(self._error, self._fresh, draws, strict=False)
+        ]
+        measured = [true + sigma * draw for true, sigma, draw in zip(motion, self._speed_sigma, draws[4:], strict=True)]
+        dx, dy, dz, turn = self._error
+        place = pose.x + dx, pose.y + dy, altitude + dz
+        self._publisher.publish(self._make(self._header(now), self._frame, place, pose.heading + turn, measured))
+
+
+@cache
+def _odometry_maker(
+    sigma: Deviations, speed_sigma: Deviations
+) -> Callable[[Message, str, Place, float, Sequence[float]], Message]:
+    """Return a constructor of odometry messages. Robots with equal noise share it, which keeps it in the CPU cache."""
+    covariances = {"pose": {"covariance": _covariance(sigma)}, "twist": {"covariance": _covariance(speed_sigma)}}
+    like = messages.create(ODOMETRY, covariances)
+    sure_of_pose, sure_of_twist = like.pose.covariance, like.twist.covariance
+    odometry: Any = type(like)
+    pose_of, twist_of = type(like.pose), type(like.twist)
+    pose, twist, point = type(like.pose.pose), type(like.twist.twist), type(like.pose.pose.position)
+    quaternion, vector = type(like.pose.pose.orientation), type(like.twist.twist.linear)
+
+    def make(header: Message, frame: str, place: Place, heading: float, motion: Sequence[float]) -> Message:
+        ahead, left, up, turn_rate = motion
+        orientation = quaternion(0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2))
+        velocity = twist(vector(ahead, left, up), vector(0.0, 0.0, turn_rate))
+        return odometry(
+            header,
+            frame,
+            pose_of(pose(point(*place), orientation), sure_of_pose),
+            twist_of(velocity, sure_of_twist),
+        )
+
+    return make
+
+
+def _covariance(sigma: Deviations) -> list[float]:
+    """The 6 x 6 covariance matrix of x, y, z, roll, pitch, yaw, row by row."""
+    x, y, z, yaw = sigma
+    diagonal = [x**2, y**2, z**2, 0.0, 0.0, yaw**2]
+    return [diagonal[row] if row == column else 0.0 for row in range(6) for column in range(6)]

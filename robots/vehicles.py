@@ -1,31 +1,135 @@
-"""Ground vehicles: a drive, odometry, an ultrasonic sensor at the nose, the map, and a path planner.
+"""Ground vehicles: a differential drive on tyres, odometry, an ultrasonic sensor at the nose, the map, a path planner.
 
-All obey `cmd_vel`, publish `odom`, `range` and, once, `map`; their planner answers `goal_pose` with `plan`.
+All vehicles subscribe to `cmd_vel` and publish `odom`, `range` and, once, `map`. Their planner answers `goal_pose` with
+`plan`.
 
-car      small, with an LED: obeys `led` too
-tractor  a field robot with a blade under it and a battery: obeys `blade_force`, publishes `battery_state`. With an
-         empty battery it brakes and its blade stands still
+car      a small vehicle with an LED, set by `led`
+tractor  a field robot with a blade under it, set by `blade_force`, and a battery, published as `battery_state`. With an
+         empty battery it brakes and its blade stops
+
+In each step the motors ask for a change of speed, the tyres oppose sideways slip, and the ground gives at most friction
+times gravity for both together (Kamm's circle). Hence the braking distance is v²/(2 µ g), and a vehicle that is hit
+slides. Without a command for `watchdog` seconds it brakes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from fame.clock import SECOND
 from fame.config.parameters import parameter
+from fame.config.values import Point
 from fame.errors import ConfigError
-from fame.middleware.interface import LATCHED
+from fame.middleware.interface import LATCHED, Message
 from fame.text import suggestion
-from robots.drive import FRICTION, Drive, DriveParameters
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters, Blade, BladeParameters, Led
-from robots.odometer import Odometer, OdometerParameters
 from robots.planner import Planner, PlannerParameters
-from robots.sensors import Ultrasonic, UltrasonicParameters
-from sim2d.robot import Appearance, Pose, TopicCommand, period
+from robots.sensors import STILL, Motion, Odometer, OdometerParameters, Ultrasonic, UltrasonicParameters
+from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectangle
 
 if TYPE_CHECKING:
+    import pymunk
+
     from sim2d.robot import RobotConfig, RobotWorld
+
+
+GRAVITY = 9.81
+"""m/s²."""
+FRICTION: Mapping[str, float] = {"rubber": 0.43, "smooth": 0.12, "grass": 0.35}
+"""Friction of tyres on ground, by name. The first two brake at 4.2 and 1.2 m/s², like the real and the simulated car of
+the FAME paper (section 5.4)."""
+_SLIP = 1e-9
+"""Smaller changes of speed (m/s) are rounding errors and need no force, unless the vehicle has to stop exactly."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveParameters:
+    """A vehicle's size (m), mass (kg), limits and tyres."""
+
+    length: float = parameter(0.25, "m", above=0, maximum=20)
+    width: float = parameter(0.18, "m", above=0, maximum=20)
+    mass: float = parameter(2.0, "kg", above=0)
+    max_speed: float = parameter(1.0, "m/s", above=0)
+    max_turn_rate: float = parameter(2.0, "rad/s", above=0)
+    acceleration: float = parameter(2.0, "m/s²", above=0)
+    turn_acceleration: float = parameter(10.0, "rad/s²", above=0)
+    friction: float = parameter(FRICTION["rubber"], "", above=0, names=FRICTION)
+    watchdog: float = parameter(1.0, "s, 0 for none", minimum=0)
+
+
+class Drive:
+    """A driven body. `speed` and `turn_rate` are the latest command, within the limits; `blocked` wheels ignore it."""
+
+    def __init__(self, space: pymunk.Space, start: Pose, parameters: DriveParameters) -> None:
+        length, width = parameters.length, parameters.width
+        self.outline: tuple[Point, ...] = rectangle(length, width)
+        self.radius = math.hypot(length, width) / 2
+        self.body, shape = body_of(space, start, self.outline, parameters.mass)
+        self.filter = shape.filter
+        self.speed = self.turn_rate = 0.0
+        self.blocked = False
+        self._parameters = parameters
+        self._grip = parameters.friction * GRAVITY
+        self._valid_until = 0
+
+    @property
+    def pose(self) -> Pose:
+        """The true pose of the body."""
+        x, y = self.body.position
+        return Pose(x, y, self.body.angle)
+
+    @property
+    def motion(self) -> Motion:
+        """Forward speed and turn rate. Wheels do not measure sideways slip."""
+        body = self.body
+        if body.is_sleeping:
+            return STILL
+        (vx, vy), (cos, sin) = body.velocity, body.rotation_vector
+        return Motion(ahead=vx * cos + vy * sin, turn_rate=body.angular_velocity)
+
+    def command(self, twist: Message, now: int) -> None:
+        """Obey `linear.x` and `angular.z` of a geometry_msgs/msg/Twist, clipped to the limits; NaN stops."""
+        limits = self._parameters
+        self.speed = within(twist.linear.x, limits.max_speed)
+        self.turn_rate = within(twist.angular.z, limits.max_turn_rate)
+        self._valid_until = now + round(limits.watchdog * SECOND)
+
+    def move(self, now: int, duration: float) -> None:
+        """Apply the forces of motors and tyres for a step of `duration` s."""
+        limits, body = self._parameters, self.body
+        if self.blocked or (limits.watchdog and now > self._valid_until):
+            self.speed = self.turn_rate = 0.0
+        if self.speed == 0 and self.turn_rate == 0 and body.is_sleeping:
+            return
+        vx, vy = body.velocity
+        cos, sin = body.rotation_vector
+        ahead, sideways = vx * cos + vy * sin, vy * cos - vx * sin
+        gains = abs(self.speed) > abs(ahead) and self.speed * ahead >= 0
+        wanted = towards(ahead, self.speed, (limits.acceleration if gains else self._grip) * duration)
+        along, across = wanted - ahead, -sideways
+        change = math.hypot(along, across)
+        if change > (_SLIP if self.speed or self.turn_rate else 0.0):
+            # Forces, not a new velocity: a body pushed against a wall must not creep into it.
+            push = body.mass / duration * min(1.0, self._grip * duration / change)
+            along, across = along * push, across * push
+            body.force = along * cos - across * sin, along * sin + across * cos
+        turning = body.angular_velocity
+        if turning != self.turn_rate:
+            wanted = towards(turning, self.turn_rate, limits.turn_acceleration * duration)
+            body.torque = (wanted - turning) * body.moment / duration
+
+
+def within(value: float, limit: float) -> float:
+    """Clip a commanded value to ± `limit`; NaN and infinity give 0."""
+    return min(max(float(value), -limit), limit) if math.isfinite(value) else 0.0
+
+
+def towards(value: float, goal: float, change: float) -> float:
+    """Move a value towards a goal by at most `change`."""
+    return min(value + change, goal) if goal > value else max(value - change, goal)
 
 
 STOP = TopicCommand("cmd_vel", "geometry_msgs/msg/Twist", {})
@@ -33,7 +137,7 @@ STOP = TopicCommand("cmd_vel", "geometry_msgs/msg/Twist", {})
 
 @dataclass(frozen=True, slots=True)
 class VehicleParameters(DriveParameters):
-    """What a world file may say of a ground vehicle."""
+    """The parameters of a ground vehicle in a world file."""
 
     odom: OdometerParameters = field(default=OdometerParameters())
     range: UltrasonicParameters = field(default=UltrasonicParameters())
@@ -41,7 +145,7 @@ class VehicleParameters(DriveParameters):
 
 
 class Vehicle:
-    """A `sim2d.robot.SimulatedRobot` that drives; types add what else they have."""
+    """A `sim2d.robot.SimulatedRobot` that drives; subclasses add equipment."""
 
     Parameters: ClassVar[type[Any]] = VehicleParameters
     SAFE_STATE: ClassVar[tuple[TopicCommand, ...]] = (STOP,)
@@ -106,7 +210,7 @@ class Vehicle:
 
 
 def check_fault(name: str, type: str, kind: str, known: tuple[str, ...]) -> None:
-    """Raise ConfigError if a robot has no such fault."""
+    """Raise ConfigError for an unknown kind of fault."""
     if kind not in known:
         raise ConfigError(f"unknown fault {kind!r} of {name}, a {type}; {suggestion(kind, known)}")
 
@@ -129,7 +233,7 @@ class Car(Vehicle):
 
 @dataclass(frozen=True, slots=True)
 class TractorParameters(VehicleParameters):
-    """What a world file may say of a tractor."""
+    """The parameters of a tractor in a world file."""
 
     length: float = parameter(0.6, "m", above=0, maximum=20)
     width: float = parameter(0.4, "m", above=0, maximum=20)
@@ -156,7 +260,7 @@ class Tractor(Vehicle):
         p: TractorParameters = config.parameters
         self._blade = Blade(self.node, p.blade, config.name, world.weeds)
         self._battery, self._charging = Battery(self.node, p.battery), world.charging
-        self._tell, self._drain = period(p.battery.rate, world.step), period(DRAIN_RATE, world.step)
+        self._measure, self._drain = period(p.battery.rate, world.step), period(DRAIN_RATE, world.step)
         self._drain_time = self._drain * world.step
 
     @property
@@ -178,5 +282,5 @@ class Tractor(Vehicle):
             if self._battery.empty:
                 self.drive.blocked = self._blade.blocked = True
                 self._blade.turn(False)
-        if count % self._tell == 0:
+        if count % self._measure == 0:
             self._battery.measure(now)

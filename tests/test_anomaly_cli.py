@@ -11,8 +11,8 @@ from fame.cli import parser
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.recording import of_runs, read_csv, write_csv
 from fame.monitor.kinematics import Chain
-from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
+from robots.arm.task import FILE, MH5
 
 LEARNING = """
 Files:

@@ -17,8 +17,8 @@ from fame.monitor.anomaly.live import Collector
 from fame.monitor.anomaly.model import Model
 from fame.monitor.anomaly.nodes import TYPE, CollectNode, OperateNode
 from fame.monitor.anomaly.paths import PathDetector
-from robots.arm.mh5 import MH5
 from robots.arm.sabotage import alter, knots
+from robots.arm.task import MH5
 
 PERIOD = SECOND // 40
 

@@ -12,9 +12,8 @@ from arm_data import BENIGN, needs_data, recording
 
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import Recording, of_runs
-from robots.arm.mh5 import MH5
-from robots.arm.program import simulated_runs
 from robots.arm.sabotage import KINDS, alter, knots
+from robots.arm.task import MH5, simulated_runs
 
 pytestmark = needs_data
 

@@ -15,8 +15,8 @@ from fame.monitor.anomaly.evaluation import ConfusionMatrix
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import of_runs
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, joint_space, matrices
-from robots.arm.mh5 import MH5
 from robots.arm.sabotage import alter, knots
+from robots.arm.task import MH5
 
 
 def pixels(path: Path, colour: str) -> int:

@@ -21,8 +21,8 @@ from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import read_csv, write_csv
 from fame.monitor.services import SERVICES
 from fame.robot.services import ServiceContext
-from robots.arm.mh5 import FILE, MH5
 from robots.arm.sabotage import alter, knots
+from robots.arm.task import FILE, MH5
 
 PERIOD = SECOND // 40
 

@@ -11,8 +11,7 @@ from arm_data import BENIGN, needs_data, recording
 
 from fame.cli import main
 from fame.monitor.anomaly.recording import read_csv, write_csv
-from robots.arm.mh5 import MH5
-from robots.arm.task import TRIANGLE, find_cut
+from robots.arm.task import MH5, TRIANGLE, find_cut
 
 TASK = "corners: [[0.5669, 0], [0.4169, 0.07505], [0.4169, -0.07505]]\nheight: 0.0882\n"
 

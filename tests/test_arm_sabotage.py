@@ -7,10 +7,8 @@ from arm_data import BENIGN, needs_data, recording
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.recording import of_runs
 from robots.arm.kinematics import inverse
-from robots.arm.mh5 import MH5
-from robots.arm.program import simulated_runs
 from robots.arm.sabotage import KINDS, alter, envelope, knots, knots_of_slope
-from robots.arm.task import TRIANGLE, find_cut
+from robots.arm.task import MH5, TRIANGLE, find_cut, simulated_runs
 
 
 def step(values: np.ndarray) -> float:

@@ -11,8 +11,7 @@ from grounds import Ground
 
 from fame.errors import UnavailableError
 from robots.arm.cutter import programmed
-from robots.arm.mh5 import MH5
-from robots.arm.task import TRIANGLE, find_cut
+from robots.arm.task import MH5, TRIANGLE, find_cut
 
 JOINTS, EMPTY, TEXT, NUMBER = (
     "sensor_msgs/msg/JointState", "std_msgs/msg/Empty", "std_msgs/msg/String", "std_msgs/msg/UInt32",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from grounds import ground
 
-from robots.route import nearest_free, route
+from robots.planner import nearest_free, route
 from sim2d.grid import Grid, from_message, inflate, rasterise
 from sim2d.ground import Circle, box
 

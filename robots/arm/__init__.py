@@ -1,20 +1,17 @@
-"""Two arms: a Yaskawa Motoman MH5 that cuts triangles, with what an attacker may do to its task, and a UR5e that takes
-the lid off a motor and puts it back, with what may get in its way.
+"""Two arms: a Yaskawa Motoman MH5 that cuts triangles, with attacks on its task, and a UR5e that takes the lid off a
+motor and puts it back, with disturbances.
 
 ::
 
-    mh5         the arm's kinematics
-    kinematics  inverse kinematics, and straight ways of the tool
-    task        the polygon that is cut, and where a recorded run cuts it
-    program     runs as the arm's program makes them, and as they would be recorded
-    sabotage    the modifications of the task, put into recorded runs; runs just outside a tolerance
-    cutter      the arm as a robot of the world
+    kinematics  inverse kinematics, straight lines of the tool, interpolation of trajectories
 
-    ur5e        the other arm's parameters
-    dynamics    the forces in an arm that moves
-    trajectory  from the points of a trajectory to every control cycle
-    machine     an arm under control, which something may push
-    bench       the motor, its lid, and people: what pushes
-    reassembly  the task, and recorded runs of it
+    task        the MH5, the polygon that it cuts, and runs of its program
+    sabotage    modifications of the task, applied to recorded runs; runs just outside a tolerance
+    cutter      the MH5 as a robot of the world
+
+    dynamics    the UR5e, and the forces in a moving arm
+    machine     an arm under control, which external forces may push
+    bench       the motor, its lid, and people: external forces
+    reassembly  the reassembly program, and simulated recordings of it
     handler     the UR5e as a robot of the world
 """

@@ -1,16 +1,16 @@
 """The bench of the reassembly: a motor with a lid on it, a place on the table, and the forces on the fingertips.
 
-Places are those of the arm's base, m; a lid's height is that of the fingertips when they hold it as they first did.
-The program comes from a digital twin that is slightly off, in two ways, and nothing else makes the press on replacing:
+Places are in the frame of the arm's base (m); the height of a lid is that of the fingertips that first gripped it.
+The program comes from a digital twin with two errors, which alone cause the contact force when the lid is put back:
 
-- the table is `gap` lower than the twin believes. The lid falls by it when it is let go there, is gripped that much
-  higher at its knob, and is pressed onto the motor by it in the end;
-- the motor's axis is off, roughly along the arm's reach. The jaws centre the lid as soon as it is free, so on replacing
-  it meets the bevel of the rim: the force is tilted by `BEVEL`.
+- the table is `gap` lower than in the twin. The lid falls by it when it is released there, is gripped that much higher
+  at its knob, and is finally pressed onto the motor by the same distance;
+- the motor's axis is displaced, roughly along the arm's reach. The jaws centre the lid as soon as it is free, so it
+  touches the bevel of the rim when it is put back: the force is tilted by `BEVEL`.
 
-Every contact is a spring with a damper along one normal, up to a limit at which something gives way. Whoever holds the
-lid down is a spring as well, which the jaws follow until they slip off the knob; from then on they are shut and empty,
-and as the fingers reach `DEPTH` down beside the knob, they hit its bevelled top where they come to put the lid back.
+Every contact is a spring with a damper along one normal, up to a force at which something yields. A person who holds
+the lid down is a spring too, which the jaws follow until they slip off the knob. From then on they are shut and empty,
+and the fingers, which reach `DEPTH` below the top of the knob, hit its bevelled top when the lid should be put back.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from fame.monitor.arrays import Floats
 from robots.arm.dynamics import GRAVITY
 
 MOTOR, TABLE = np.array([0.5, 0.0, 0.18]), np.array([0.32, -0.38, 0.05])
-"""Where the lid is gripped, as the twin has it."""
+"""Where the lid is gripped, according to the twin."""
 NEAR = 0.05
 LID = 0.5
 """kg"""
 STIFFNESS, DAMPING = 4e4, 300.0
-"""Of printed parts on each other: N/m, N s/m."""
+"""Contact of printed parts: N/m, N s/m."""
 BEVEL = math.radians(30)
 DEPTH = 0.015
 HAND = 5e3
-"""N/m of an arm that holds the lid down."""
+"""Stiffness of a person's arm that holds the lid down, N/m."""
 SLIDING = 0.6
-"""The friction of jaws that slip, as a part of that which they hold."""
+"""Friction of slipping jaws relative to static friction."""
 
 
 class Bench:
-    """Its state, and what is different from run to run: `random` draws it. `held_down`: somebody holds the lid."""
+    """The state of the bench. `random` draws what varies from run to run. `held_down`: a person holds the lid down."""
 
     def __init__(self, random: np.random.Generator) -> None:
         self.gap = random.normal(1.2e-3, 0.1e-3)
@@ -59,7 +59,7 @@ class Bench:
         return self.jaws == "holding"
 
     def grip(self, shut: bool, place: Floats) -> bool:
-        """Shut or open the jaws at a place; whether they hold the lid then."""
+        """Shut or open the jaws at a place; return whether they hold the lid then."""
         if shut and self.jaws == "open":
             height = {"motor": MOTOR[2], "table": TABLE[2] - self.gap}.get(self.lid)
             there = MOTOR if self.lid == "motor" else TABLE
@@ -73,13 +73,13 @@ class Bench:
         return self.load
 
     def touches(self, x: float, y: float, z: float) -> bool:
-        """Whether there may be a force at a place: cheap, and true more often than need be."""
+        """Whether there may be a force at a place: a cheap, conservative test."""
         if self.jaws == "open" or (self.jaws == "shut" and self.lid != "motor"):
             return False
         return z < max(MOTOR[2], TABLE[2]) + DEPTH + 0.01 or self.held_down
 
     def force(self, place: Floats, velocity: Floats) -> Floats:
-        """On the fingertips (3,), N. May make the jaws slip."""
+        """Return the force on the fingertips (3,), N. The jaws may slip."""
         if self.jaws == "slipping" and place[2] - MOTOR[2] > DEPTH:
             self.jaws = "shut"  # off the knob
         if self.jaws == "slipping":
@@ -91,7 +91,7 @@ class Bench:
         return np.zeros(3)
 
     def _resting(self, place: Floats, velocity: Floats) -> Floats:
-        """What holds the lid, or holds it back."""
+        """The force of the lid's support, or of the person who holds it."""
         on_motor = _near(place, MOTOR)
         low = place - [0.0, 0.0, self._hang]
         if self.held_down and on_motor and not self._freed:
@@ -118,20 +118,20 @@ def _near(place: Floats, other: Floats) -> bool:
 
 
 class Push:
-    """Somebody who leans against joint 0, then stands in its way: a spring about where it was, up to what a person has.
+    """A person who leans against joint 0 and then blocks it: a spring about its position, with limited strength.
 
     `random` draws the strength, Nm: about 100 N at 0.25 m from the axis. A hand that is pushed back slides.
     """
 
     LASTS = 3.5
-    """s until they go away."""
+    """Duration of the push, s."""
 
     def __init__(self, random: np.random.Generator, sign: float = -1.0) -> None:
         self.strength = random.normal(25.0, 2.5)
         self._sign, self._anchor, self._time = sign, math.nan, 0.0
 
     def torque(self, angle: float, period: float) -> float | None:
-        """On the joint at an angle (rad), one period (s) after the last; None when they are gone."""
+        """Return the torque on the joint at an angle (rad), `period` s after the last call; None when it is over."""
         self._time += period
         if self._time >= self.LASTS:
             return None

@@ -1,10 +1,10 @@
-"""The MH5 as a robot of the world: it cuts a part when told to, and tells its joints all the time.
+"""The MH5 as a robot of the world: it cuts a part on command and publishes its joint states all the time.
 
-Obeys, in its namespace, `cut` (one part, from home and back), `hold` (stay where it is) and `program`: ``nominal``, or
-a modification of `robots.arm.sabotage` and how many mm, as in ``b 0.5``, for the parts from then on; what is none of
-these changes nothing. Publishes `joint_states` at its rate, and `part_cut`, the number of the part, when one is done.
-Every run is another one: sampled at other instants, some samples late, with the jitter of its encoders
-(`robots.arm.program`). An arm that was held goes home first when it is told to cut again.
+In its namespace it subscribes to `cut` (cut one part, from home and back), `hold` (stop) and `program`: ``nominal``, or
+a modification of `robots.arm.sabotage` and its size in mm, as in ``b 0.5``, for all parts from then on; other text is
+ignored. It publishes `joint_states` at its rate, and `part_cut`, the number of the part, when a part is done. Every run
+is different: another phase of sampling, some samples late, jitter of the encoders (`robots.arm.task`). An arm that was
+held moves home first when it has to cut again.
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ import numpy as np
 from fame.config.parameters import parameter
 from fame.errors import ConfigError
 from fame.extras import require
-from robots.arm.mh5 import MH5
-from robots.arm.program import RETURN, cutting_run, movement, simulated
 from robots.arm.sabotage import KINDS, alter, knots
-from robots.arm.task import DEPTH, TRIANGLE
+from robots.arm.task import DEPTH, MH5, RETURN, TRIANGLE, cutting_run, movement, simulated
 from robots.sensors import constructor, header_maker
 from robots.vehicles import check_fault
 from sim2d.robot import MEASUREMENT, Appearance, Pose, TopicCommand, Workpiece, body_of, period, rectangle
@@ -38,15 +36,15 @@ JOINT_STATE, NUMBER, EMPTY, TEXT = (
     "sensor_msgs/msg/JointState", "std_msgs/msg/UInt32", "std_msgs/msg/Empty", "std_msgs/msg/String",
 )  # fmt: skip
 _NONE = np.zeros(0)
-"""What it does not measure: velocities and efforts."""
+"""Velocities and efforts, which it does not measure."""
 MODIFICATIONS = (*KINDS, "rotated")
 SHEET = ((0.38, -0.1), (0.6, -0.1), (0.6, 0.1), (0.38, 0.1))
-"""What parts are cut from, in the arm's frame, m."""
+"""The sheet that parts are cut from, in the arm's frame, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class CutterParameters:
-    """What a world file may say of an MH5."""
+    """The parameters of an MH5 in a world file."""
 
     rate: float = parameter(40.0, "Hz", above=0)
     base: float = parameter(0.3, "m", above=0)
@@ -63,7 +61,7 @@ class Cutter:
 
     def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         p: CutterParameters = config.parameters
-        require("scipy")  # which its runs need: said now, before anything moves
+        require("scipy")  # needed by its runs: fail before anything moves
         self.name, self.type = config.name, config.type
         self.outline = rectangle(p.base, p.base)
         self.body, _ = body_of(world.space, Pose(*config.at, config.heading), self.outline, p.mass)
@@ -98,7 +96,7 @@ class Cutter:
         return Appearance(self._pose, led=led, limb=limb, workpieces=self._workpieces(), note=self._note())
 
     def _workpieces(self) -> list[Workpiece]:
-        """The sheet, and how far its part is cut, or the whole part."""
+        """The sheet, and the cut so far or the finished part."""
         pieces = [Workpiece("fixture", SHEET)]
         if self._cut_off:
             return [*pieces, Workpiece("part", TRIANGLE.corners.tolist())]
@@ -114,21 +112,21 @@ class Cutter:
 
     @property
     def tool(self) -> tuple[float, float]:
-        """Where the tool truly is, in the world (m)."""
+        """The true position of the tool in the world (m)."""
         x, y, _ = MH5.place(self._angles.tolist())
         cos, sin = math.cos(self._pose.heading), math.sin(self._pose.heading)
         return self._pose.x + cos * x - sin * y, self._pose.y + sin * x + cos * y
 
     @property
     def status(self) -> Mapping[str, Any]:
-        """Parts begun after the program was changed, whole or not, are spoiled."""
+        """Parts begun with a modified program count as spoiled, finished or not."""
         return {"parts": self.parts, "spoiled": self.spoiled, "cutting": self._cutting, "program": self._program}
 
     def start(self) -> None:
-        """Nothing is said once."""
+        """Do nothing: an arm has no latched topics."""
 
     def move(self, now: int, duration: float) -> None:
-        """Its joints go from sample to sample, in `sense`."""
+        """Do nothing: the joints move in `sense`, sample by sample."""
 
     def sense(self, now: int, count: int) -> None:
         if count % self._every:
@@ -144,7 +142,7 @@ class Cutter:
             self._cut.publish(self._number(self.parts))
 
     def fault(self, kind: str) -> None:
-        """`encoders` say nothing more."""
+        """`encoders`: no more joint states."""
         check_fault(self.name, self.type, kind, self.FAULTS)
         self._silent = True
 
@@ -178,7 +176,7 @@ class Cutter:
 
 @cache
 def programmed(program: str, rate: float) -> Floats:
-    """The run that a program makes (points, joints), rad. Raises ConfigError for a program that there is not."""
+    """Return the run of a program (points, joints), rad. Raises ConfigError for an unknown program."""
     run = cutting_run(MH5, TRIANGLE, rate)
     if program == "nominal":
         return run

@@ -1,9 +1,9 @@
-"""Forces in a serial arm: inverse dynamics by the recursive Newton-Euler algorithm, for many points at once.
+"""Forces in a serial arm: inverse dynamics by the recursive Newton-Euler algorithm, for many points at once; the UR5e.
 
-Everything is in the frame of the base. From the base outwards go velocities and accelerations, with the base
-accelerated upwards in place of gravity; back inwards go forces and moments; what is along a joint's axis is its effort
-(Luh, Walker and Paul 1980; Featherstone, Rigid Body Dynamics Algorithms, chapter 5). The inertia matrix is that of unit
-accelerations at rest, without gravity.
+All quantities are in the frame of the base. Velocities and accelerations are computed from the base outwards, with an
+upward acceleration of the base instead of gravity; forces and moments are computed back inwards, and the component
+along a joint's axis is its effort (Luh, Walker and Paul 1980; Featherstone, Rigid Body Dynamics Algorithms, chapter 5).
+The columns of the inertia matrix are the efforts of unit accelerations at rest, without gravity.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from robots.arm.kinematics import rotations
 
 GRAVITY = 9.81
 STICTION = 0.01
-"""rad/s: friction grows to its full size within about so much."""
+"""Speed (rad/s) at which friction has reached most of its full value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +35,8 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arm:
-    """A chain with the bodies that its joints move, in the frames of these joints; the rest is one number per joint:
-    `armature` kg m2, `coulomb` Nm, `viscous` Nm s/rad, `noise` of the measured effort Nm."""
+    """A chain with the bodies that its joints move, in the frames of these joints. The other fields have one number per
+    joint: `armature` kg m2, `coulomb` Nm, `viscous` Nm s/rad, `noise` of the measured effort Nm."""
 
     chain: Chain
     bodies: tuple[Body, ...]
@@ -46,13 +46,13 @@ class Arm:
     noise: Floats
 
     def carrying(self, mass: float) -> Arm:
-        """The same with a small load of `mass` kg between its fingertips."""
+        """Return this arm with a point mass of `mass` kg between its fingertips."""
         load = Body(mass, np.array(self.chain.tool), np.zeros((3, 3)))
         return replace(self, bodies=(*self.bodies[:-1], joined(self.bodies[-1], load)))
 
 
 def joined(a: Body, b: Body) -> Body:
-    """Two bodies as one (parallel axes)."""
+    """Return two bodies as one (parallel axis theorem)."""
     mass = a.mass + b.mass
     centre = (a.mass * a.centre + b.mass * b.centre) / mass
     inertia = sum(body.inertia + _shifted(body.mass, body.centre - centre) for body in (a, b))
@@ -64,7 +64,7 @@ def _shifted(mass: float, away: Floats) -> Floats:
 
 
 def load_arm(path: Path) -> Arm:
-    """An arm from a YAML file like ``ur5e.yaml``."""
+    """Load an arm from a YAML file like ``ur5e.yaml``."""
     data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
     joints = data["joints"]
     bodies = [_body(joint) for joint in joints]
@@ -73,14 +73,14 @@ def load_arm(path: Path) -> Arm:
     return Arm(load_chain(path), tuple(bodies), *columns)
 
 
-def _body(said: Any) -> Body:
-    return Body(float(said["mass"]), np.array(said["centre"], float), np.diag(said.get("inertia", (0.0, 0.0, 0.0))))
+def _body(data: Any) -> Body:
+    return Body(float(data["mass"]), np.array(data["centre"], float), np.diag(data.get("inertia", (0.0, 0.0, 0.0))))
 
 
 def inverse_dynamics(
     arm: Arm, angles: Floats, velocities: Floats, accelerations: Floats, gravity: float = GRAVITY
 ) -> Floats:
-    """Efforts (points, joints), Nm, that make the joints move so, without friction. All arguments (points, joints)."""
+    """Return the efforts (points, joints), Nm, of a motion without friction. All arguments (points, joints)."""
     count = len(angles)
     turned: Floats = np.broadcast_to(np.eye(3), (count, 3, 3))
     spin, turning = np.zeros((count, 3)), np.zeros((count, 3))
@@ -104,7 +104,7 @@ def inverse_dynamics(
 
 
 def _carried(turning: Floats, spin: Floats, away: Floats) -> Floats:
-    """The acceleration of a point `away` from another on a body, beyond that of the other."""
+    """The acceleration of a point `away` from another of the same body, relative to it."""
     return np.asarray(np.cross(turning, away) + np.cross(spin, np.cross(spin, away)))
 
 
@@ -113,7 +113,7 @@ def _times(matrices: Floats, vectors: Floats) -> Floats:
 
 
 def _inwards(links: list[tuple[Floats, Floats, Floats, Floats]]) -> Floats:
-    """Forces and moments from the tool to the base: what each joint has to give (points, joints)."""
+    """Sum forces and moments from the tool to the base: the efforts (points, joints)."""
     force = moment = np.zeros_like(links[0][0])
     efforts = []
     for step, direction, own_force, own_moment in reversed(links):
@@ -124,7 +124,7 @@ def _inwards(links: list[tuple[Floats, Floats, Floats, Floats]]) -> Floats:
 
 
 def inertia_matrices(arm: Arm, angles: Floats) -> Floats:
-    """Of the arm in these postures (points, joints): (points, joints, joints), kg m2."""
+    """Return the inertia matrices (points, joints, joints), kg m2, of postures (points, joints)."""
     count, joints = angles.shape
     still = np.zeros((count * joints, joints))
     units = np.tile(np.eye(joints), (count, 1))
@@ -133,5 +133,10 @@ def inertia_matrices(arm: Arm, angles: Floats) -> Floats:
 
 
 def friction(arm: Arm, velocities: Floats) -> Floats:
-    """What joints need (Nm) against friction at these velocities (..., joints), rad/s."""
+    """Return the friction torques (Nm) at velocities (..., joints), rad/s."""
     return np.asarray(arm.coulomb * np.tanh(velocities / STICTION) + arm.viscous * velocities)
+
+
+UR5E = load_arm(Path(__file__).with_name("ur5e.yaml"))
+HOME: Floats = np.array([np.pi, -np.pi / 2, np.pi / 2, -np.pi / 2, -np.pi / 2, np.pi / 2])
+"""Upper arm upright, forearm level, tool down, the bracket to the side (rad)."""

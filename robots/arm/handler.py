@@ -1,11 +1,13 @@
-"""The UR5e as a robot of the world: it handles the lid of a motor, told where to go by trajectories.
+"""The UR5e as a robot of the world: it handles the lid of a motor and follows trajectories.
 
-Obeys, in its namespace, `joint_trajectory` (trajectory_msgs/msg/JointTrajectory: positions of all joints at growing
-times from now; without points it comes to rest) and answers the service `gripper` (std_srvs/srv/SetBool: shut or open;
-success says whether the lid is held then). Its digital twin, a node of its own, answers each `goal_pose`
-(geometry_msgs/msg/PoseStamped, the place of the fingertips in the arm's base, the orientation is kept) with the
-`joint_trajectory` of a straight line, an empty one if there is none. Publishes `joint_states` with efforts, and says on
-`trajectory_refused` (std_msgs/msg/String) why it does not follow one.
+In its namespace it subscribes to `joint_trajectory` (trajectory_msgs/msg/JointTrajectory: positions of all joints at
+increasing times from now; without points it stops) and offers the service `gripper` (std_srvs/srv/SetBool: shut or
+open; `success` says whether the lid is held then). It publishes `joint_states` with efforts, and on
+`trajectory_refused` (std_msgs/msg/String) why it does not follow a trajectory.
+
+Its digital twin, a node of its own, answers each `goal_pose` (geometry_msgs/msg/PoseStamped: position of the fingertips
+in the frame of the arm's base; the orientation is kept) with the `joint_trajectory` of a straight line, or an empty one
+if the position is out of reach.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ from fame.config.values import Point
 from fame.errors import MissionError
 from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench
+from robots.arm.dynamics import HOME, UR5E
 from robots.arm.kinematics import straight
 from robots.arm.machine import Generators, Machine
-from robots.arm.ur5e import HOME, UR5E
 from robots.sensors import constructor, header_maker
 from robots.vehicles import check_fault
 from sim2d.ground import disc
@@ -38,14 +40,14 @@ if TYPE_CHECKING:
 
 JOINT_STATE, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 FASTEST = math.pi
-"""rad/s, of any joint (data sheet)."""
+"""Maximum speed of any joint, rad/s (data sheet)."""
 JAWS = {"open": 0.09, "holding": 0.04, "slipping": 0.02, "shut": 0.0}
-"""How far the gripper is open, m."""
+"""Opening of the gripper, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandlerParameters:
-    """What a world file may say of a UR5e."""
+    """The parameters of a UR5e in a world file."""
 
     rate: float = parameter(500.0, "Hz", above=0)
     base: float = parameter(0.15, "m", above=0)
@@ -68,8 +70,8 @@ class Handler:
         self.body, _ = body_of(world.space, self._pose, self.outline, p.mass)
         self.body.body_type = type(self.body).STATIC  # it is bolted to the table
         self._every = period(p.rate, world.step)
-        chance = Generators(*(world.random(config.name, name) for name in Generators._fields))
-        self.machine = Machine(UR5E, HOME, self._every * world.step, chance)
+        generators = Generators(*(world.random(config.name, name) for name in Generators._fields))
+        self.machine = Machine(UR5E, HOME, self._every * world.step, generators)
         self._silent = self._stopped = False
         self._dropped: Point = (0.0, 0.0)
         self._node = node = world.middleware.node("robot", config.name)
@@ -107,7 +109,7 @@ class Handler:
         return [*fixtures, Workpiece("part", disc(lid, 0.065))]
 
     def _note(self, height: float) -> str:
-        """What it does, and how high (m) its fingertips are, which cannot be seen from above."""
+        """What the arm does, and the height (m) of its fingertips, which a view from above does not show."""
         doing = "stopped on its way" if self._stopped else "moves" if self.machine.moving else "stands"
         held = ", holds the lid" if self._bench.load else ""
         return f"{'is pushed' if self.machine.push is not None else doing}{held}, {height:.2f} m up"
@@ -122,10 +124,10 @@ class Handler:
         return self.machine.bench
 
     def start(self) -> None:
-        """Nothing is said once."""
+        """Do nothing: an arm has no latched topics."""
 
     def move(self, now: int, duration: float) -> None:
-        """Its joints go from cycle to cycle, in `sense`."""
+        """Do nothing: the joints move in `sense`, cycle by cycle."""
 
     def sense(self, now: int, count: int) -> None:
         if count == 0 or count % self._every:
@@ -135,8 +137,8 @@ class Handler:
             self._joints.publish(self._state(self._header(now), self._names, *map(np.array, state)))
 
     def fault(self, kind: str) -> None:
-        """`blocked_shoulder`: somebody pushes joint 0, then blocks it, for some seconds; `blocked_lid`: somebody holds
-        the lid on the motor until the gripper slips off; `encoders` say nothing more."""
+        """`blocked_shoulder`: a person pushes joint 0, then blocks it, for some seconds; `blocked_lid`: a person holds
+        the lid on the motor until the gripper slips off; `encoders`: no more joint states."""
         check_fault(self.name, self.type, kind, self.FAULTS)
         if kind == "blocked_shoulder":
             self.machine.obstruct_shoulder()
@@ -186,7 +188,7 @@ class Twin:
         place = np.array([at.x, at.y, at.z])
         try:
             if not np.isfinite(place).all():
-                raise MissionError("the place is not finite")
+                raise MissionError("expected a finite position")
             way = straight(UR5E.chain, np.array(self._posture), place)
         except MissionError:
             self._trajectory.publish(messages.create(TRAJECTORY, {}))
@@ -195,16 +197,16 @@ class Twin:
 
 
 def trajectory(times: Floats, positions: Floats) -> Message:
-    """A trajectory_msgs/msg/JointTrajectory of the UR5e."""
-    told = [
+    """Make a trajectory_msgs/msg/JointTrajectory of the UR5e."""
+    points = [
         {"positions": row, "time_from_start": {"sec": time // SECOND, "nanosec": time % SECOND}}
         for row, time in zip(positions.tolist(), np.rint(times * SECOND).astype(int).tolist(), strict=True)
     ]
-    return messages.create(TRAJECTORY, {"joint_names": UR5E.chain.joints, "points": told})
+    return messages.create(TRAJECTORY, {"joint_names": UR5E.chain.joints, "points": points})
 
 
 def points(message: Message, joints: list[str]) -> tuple[Floats, Floats]:
-    """Times (points,), s, and positions (points, joints), rad, in the arm's order. Raises MissionError."""
+    """Read times (points,), s, and positions (points, joints), rad, in the arm's order. Raises MissionError."""
     names = list(message.joint_names)
     if sorted(names) != sorted(joints):
         raise MissionError(f"expected the joints {', '.join(joints)}, got {', '.join(names) or 'none'}")
@@ -217,12 +219,12 @@ def points(message: Message, joints: list[str]) -> tuple[Floats, Floats]:
     if not np.isfinite(positions).all():
         raise MissionError("expected finite positions")
     if times[0] <= 0 or (np.diff(times) <= 0).any():
-        raise MissionError("the times of the points do not grow from above 0")
+        raise MissionError(f"expected positive, increasing times of the points, got {times.tolist()}")
     return times, positions
 
 
 def check_speed(times: Floats, positions: Floats, here: Floats) -> None:
-    """Raise MissionError if a joint would have to be too fast on average from one point to the next."""
+    """Raise MissionError if a joint's mean speed between two points is too high."""
     steps = np.abs(np.diff(np.vstack([here, positions]), axis=0)) / np.diff(times, prepend=0.0)[:, None]
     if steps.max() > FASTEST:
         joint = UR5E.chain.joints[int(steps.max(axis=0).argmax())]

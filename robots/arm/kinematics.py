@@ -1,11 +1,14 @@
-"""Inverse kinematics of any serial arm, and straight ways of its tool.
+"""Kinematics of any serial arm: inverse kinematics, straight lines of its tool, interpolation of trajectories.
 
 Inverse kinematics is damped least squares from a nearby posture, for many points at once. The step is
-dq = J^T (J J^T + d^2 I)^-1 e, with e the error of place (m) and of orientation (rotation vector, rad). The damping
-keeps the wrist from turning wildly where its axes nearly align; the result stays near the posture begun from.
+dq = J^T (J J^T + d^2 I)^-1 e, with e the error of position (m) and orientation (rotation vector, rad). The damping
+limits the motion of the wrist near singularities; the result stays near the initial posture.
 
-A straight way keeps the tool's orientation and goes with least jerk from rest to rest. It knows nothing of what stands
-in between.
+A straight line keeps the tool's orientation and runs with minimum jerk from rest to rest. It does not avoid obstacles.
+
+Between two points of a trajectory every joint follows the quintic with their positions, velocities and accelerations.
+Velocities and accelerations that a trajectory does not give are those of the cubic spline through its points that is at
+rest at the end, with zero acceleration at the first and last point: a single point is reached with minimum jerk.
 """
 
 from __future__ import annotations
@@ -21,12 +24,12 @@ from fame.monitor.kinematics import Chain
 DAMPING = 1e-4
 ROUNDS = 30
 CLOSE = 1e-7
-"""Errors (m, rad) that count as none: a hundredth of an encoder step of the MH5."""
+"""Errors (m, rad) below this are accepted: a hundredth of an encoder step of the MH5."""
 
 
 def inverse(chain: Chain, places: Floats, orientations: Floats, seed: Floats) -> Floats:
-    """Joint angles (points, joints), rad, that bring the tool to `places` (points, 3), m, in `orientations`
-    (points, 3, 3). `seed` are angles nearby. Raises MissionError for places that the arm does not reach.
+    """Return joint angles (points, joints), rad, that bring the tool to `places` (points, 3), m, in `orientations`
+    (points, 3, 3). `seed` are angles nearby. Raises MissionError for places out of reach.
     """
     angles = seed.copy()
     for _ in range(ROUNDS):
@@ -70,27 +73,28 @@ def rotations(axis: Floats, angle: Floats) -> Floats:
 
 
 def _rotation_vectors(wanted: Floats, turned: Floats) -> Floats:
-    """What turns `turned` into `wanted`, to first order (points, 3), rad."""
+    """The rotation vectors (points, 3), rad, from `turned` to `wanted`, to first order."""
     return np.asarray(0.5 * np.cross(turned, wanted, axis=1).sum(axis=2))
 
 
 SPEED = 0.25
-"""m/s of the tool, at its fastest."""
+"""Maximum speed of the tool, m/s."""
 SHORTEST = 1.0
-"""s of any way."""
+"""Minimum duration of a line, s."""
 NODE = 0.05
-"""s between two points, about."""
+"""Approximate time between two points, s."""
 
 
 class Way(NamedTuple):
-    """Times (points,), s from its begin, and positions (points, joints), rad."""
+    """Times (points,), s from the beginning, and positions (points, joints), rad."""
 
     times: Floats
     positions: Floats
 
 
 def straight(chain: Chain, posture: Floats, place: Floats) -> Way:
-    """The way of the tool from a posture (joints,) to a place (3,), m. Raises MissionError if it cannot be gone."""
+    """Return the tool's straight line from a posture (joints,) to a place (3,), m. Raises MissionError if it is out of
+    reach or too fast for a joint."""
     begin = chain.places(posture[None])[0]
     orientation = chain.orientations(posture[None])
     length = float(np.linalg.norm(place - begin))
@@ -106,3 +110,75 @@ def straight(chain: Chain, posture: Floats, place: Floats) -> Way:
     if steps > np.pi:
         raise MissionError(f"expected joints that turn at most at {np.pi:.1f} rad/s, got {steps:.1f} rad/s on the way")
     return Way(part * duration, np.array(positions))
+
+
+class Motion(NamedTuple):
+    """The joints at each control cycle: (cycles, joints), rad, rad/s, rad/s²."""
+
+    positions: Floats
+    velocities: Floats
+    accelerations: Floats
+
+
+def sampled(times: Floats, positions: Floats, begin: Floats, period: float) -> Motion:
+    """Return the motion through `positions` (points, joints) at `times` (points,), s, the first of which is now.
+
+    `begin` (joints,) is the velocity now. Samples are `period` s apart, from one period after now to the end.
+    """
+    velocities = _spline_velocities(times, positions, begin)
+    accelerations = _spline_accelerations(times, positions, velocities)
+    at = period * np.arange(1, max(1, int(np.ceil(times[-1] / period - 1e-6))) + 1)
+    at[-1] = times[-1]
+    piece = np.clip(np.searchsorted(times, at, side="left") - 1, 0, len(times) - 2)
+    span = (times[piece + 1] - times[piece])[:, None]
+    powers = ((at - times[piece])[:, None] / span)[:, :, None] ** np.arange(6)  # (cycles, 1, 6)
+    ends = [
+        part[side]
+        for part in (positions, velocities, accelerations)
+        for side in (piece, piece + 1)
+    ]  # fmt: skip
+    scale: list[float | Floats] = [1.0, 1.0, span, span, span**2, span**2]
+    given = np.stack([end * factor for end, factor in zip(ends, scale, strict=True)], axis=2)  # (cycles, joints, 6)
+    weights = given @ _QUINTIC.T
+    rates = np.arange(1, 6) * powers[:, :, :5]
+    bends = np.arange(2, 6) * np.arange(1, 5) * powers[:, :, :4]
+    return Motion(
+        (weights * powers).sum(axis=2),
+        (weights[:, :, 1:] * rates).sum(axis=2) / span,
+        (weights[:, :, 2:] * bends).sum(axis=2) / span**2,
+    )
+
+
+def _quintic() -> Floats:
+    """Matrix from end values (position, velocity, acceleration, each at 0 and 1) to coefficients of the quintic."""
+    powers = np.arange(6)
+    rows = []
+    for order in range(3):
+        factor = np.prod([powers - step for step in range(order)], axis=0) if order else np.ones(6)
+        rows += [np.where(powers == order, factor, 0.0), factor]
+    return np.asarray(np.linalg.inv(np.array(rows, dtype=np.float64)))
+
+
+_QUINTIC = _quintic()
+
+
+def _spline_velocities(times: Floats, positions: Floats, begin: Floats) -> Floats:
+    """Velocities of the clamped cubic spline, whose second derivative is continuous."""
+    count = len(times)
+    spans = np.diff(times)
+    slopes = np.diff(positions, axis=0) / spans[:, None]
+    matrix, right = np.eye(count), np.zeros_like(positions)
+    right[0] = begin
+    for row in range(1, count - 1):
+        before, after = spans[row - 1], spans[row]
+        matrix[row, row - 1 : row + 2] = after, 2 * (before + after), before
+        right[row] = 3 * (after * slopes[row - 1] + before * slopes[row])
+    return np.asarray(np.linalg.solve(matrix, right))
+
+
+def _spline_accelerations(times: Floats, positions: Floats, velocities: Floats) -> Floats:
+    result = np.zeros_like(positions)
+    spans = np.diff(times)[1:, None]
+    slopes = np.diff(positions, axis=0)[1:] / spans
+    result[1:-1] = (6 * slopes - 4 * velocities[1:-1] - 2 * velocities[2:]) / spans
+    return result

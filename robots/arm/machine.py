@@ -1,11 +1,11 @@
-"""An arm under computed torque: it follows its trajectory, but for what pushes it.
+"""An arm under computed torque control: it follows its trajectory except for external forces.
 
-Computed torque makes the deviation e from the reference obey M (e'' + 2 w e' + w^2 e) = outer forces, joint by joint
-critically damped; so without outer forces e is 0, and the efforts are the inverse dynamics of the reference. While
-something pushes, the equation is integrated at the control rate (semi-implicit Euler), with inertia, Jacobian and
-gravity those of the reference: deviations are below a few mm. The effort is that of the motors: inverse dynamics, the
-controller's correction M (-2 w e' - w^2 e), friction, and noise. Friction is known to the controller, but for its
-factor, which warms up and wears: another one for each joint and run.
+Computed torque makes the deviation e from the reference obey M (e'' + 2 w e' + w^2 e) = external forces, with each
+joint critically damped; without external forces e is 0, and the efforts are the inverse dynamics of the reference.
+While a force acts, the equation is integrated at the control rate (semi-implicit Euler) with inertia, Jacobian and
+gravity of the reference, because deviations stay below a few mm. The effort is that of the motors: inverse dynamics,
+the controller's correction M (-2 w e' - w^2 e), friction, and noise. The controller knows the friction except for a
+factor that depends on temperature and wear and is drawn for each joint and run.
 """
 
 from __future__ import annotations
@@ -18,20 +18,19 @@ import numpy as np
 from fame.monitor.arrays import Floats
 from robots.arm.bench import LID, Bench, Push
 from robots.arm.dynamics import Arm, friction, inertia_matrices, inverse_dynamics
-from robots.arm.kinematics import forward
-from robots.arm.trajectory import Motion, sampled
+from robots.arm.kinematics import Motion, forward, sampled
 from sim2d.randomness import Noise
 
 BANDWIDTH = 60.0
 """w, rad/s."""
 STILL = 1e-9
-"""rad and rad/s: a deviation that is none."""
+"""Deviations below this (rad, rad/s) are set to 0."""
 BRAKE = 0.25
-"""s in which an arm that is told to hold comes to rest."""
+"""Time in which the arm stops on `hold`, s."""
 
 
 class State(NamedTuple):
-    """Of the joints at a cycle: rad, rad/s, Nm."""
+    """State of the joints at a cycle: rad, rad/s, Nm."""
 
     positions: list[float]
     velocities: list[float]
@@ -39,7 +38,7 @@ class State(NamedTuple):
 
 
 class Plan:
-    """A motion with all that depends on it alone; after its end the arm stays there."""
+    """A motion with everything that is computed from it alone; the arm stays at its end."""
 
     def __init__(self, arm: Arm, motion: Motion) -> None:
         self._arm, self.motion = arm, motion
@@ -48,7 +47,7 @@ class Plan:
         self.places = arm.chain.places(motion.positions).tolist()
 
     def efforts(self, load: bool) -> Floats:
-        """Inverse dynamics, with the lid or without (cycles, joints)."""
+        """Inverse dynamics (cycles, joints), Nm, with the lid or without."""
         if load not in self._efforts:
             arm = self._arm.carrying(LID) if load else self._arm
             self._efforts[load] = inverse_dynamics(arm, *self.motion)
@@ -56,7 +55,7 @@ class Plan:
 
     @cached_property
     def jacobians(self) -> Floats:
-        """Of the fingertips' place (cycles, 3, joints)."""
+        """Jacobians of the position of the fingertips (cycles, 3, joints)."""
         return forward(self._arm.chain, self.motion.positions)[2][:, :3]
 
     @cached_property
@@ -65,7 +64,7 @@ class Plan:
 
 
 class Machine:
-    """An arm and its gripper at a bench. `random` gives the generator of what has a name: effort, friction, bench."""
+    """An arm and its gripper at a bench."""
 
     def __init__(self, arm: Arm, posture: Floats, period: float, generators: Generators, *, bench: bool = True) -> None:
         self.arm, self.period = arm, period
@@ -82,7 +81,7 @@ class Machine:
 
     @property
     def reference(self) -> tuple[Floats, Floats]:
-        """Where the joints should be and how fast: rad, rad/s."""
+        """Reference positions and velocities: rad, rad/s."""
         at = min(self._cycle, len(self.plan.places) - 1)
         return self.plan.motion.positions[at], self.plan.motion.velocities[at]
 
@@ -91,13 +90,13 @@ class Machine:
         return self._cycle < len(self.plan.places) - 1
 
     def follow(self, times: Floats, positions: Floats) -> None:
-        """Go through positions (points, joints), rad, at times (points,), s from now, above 0 and growing."""
+        """Follow positions (points, joints), rad, at times (points,), s from now, positive and increasing."""
         here, rate = self.reference
         times, positions = np.concatenate([[0.0], times]), np.vstack([here, positions])
         self.start(Plan(self.arm, sampled(times, positions, rate, self.period)))
 
     def start(self, plan: Plan) -> None:
-        """Follow a plan from the next cycle on; it begins where the reference is."""
+        """Follow a plan from the next cycle on; it begins at the reference."""
         self.plan, self._cycle = plan, -1
 
     def hold(self) -> None:
@@ -106,21 +105,21 @@ class Machine:
         self.follow(np.array([BRAKE]), (here + rate * BRAKE / 2)[None])
 
     def grip(self, shut: bool) -> bool:
-        """Shut or open the gripper; whether it holds something then."""
+        """Shut or open the gripper; return whether it holds something then."""
         at = min(max(self._cycle, 0), len(self.plan.places) - 1)
         return self.bench is not None and self.bench.grip(shut, np.array(self.plan.places[at]))
 
     def obstruct_shoulder(self) -> None:
-        """Somebody pushes joint 0, then blocks it, for a while."""
+        """Let a person push joint 0, then block it, for some seconds."""
         self.push = Push(self._people)
 
     def hold_lid(self) -> None:
-        """Somebody holds the lid down when it is about to be lifted."""
+        """Let a person hold the lid down."""
         if self.bench is not None:
             self.bench.held_down = True
 
     def step(self) -> State:
-        """One control cycle."""
+        """Compute one control cycle."""
         self._cycle = at = min(self._cycle + 1, len(self.plan.places) - 1)
         plan, bench = self.plan, self.bench
         efforts = plan.efforts(bench is not None and bench.load)[at] + self._factor * plan.friction[at]
@@ -139,7 +138,7 @@ class Machine:
         return self.bench is not None and self.bench.touches(*self.plan.places[at])
 
     def _correct(self, at: int, positions: Floats, velocities: Floats) -> Floats:
-        """The controller's correction (joints,), Nm; then the deviation goes on by one cycle."""
+        """Return the controller's correction (joints,), Nm, and advance the deviation by one cycle."""
         plan, outer = self.plan, np.zeros(len(positions))
         if self.bench is not None:
             jacobian = plan.jacobians[at]
@@ -159,7 +158,7 @@ class Machine:
 
 
 class Generators(NamedTuple):
-    """What chance decides, each with a generator of its own."""
+    """One random generator for each source of randomness."""
 
     effort: np.random.Generator
     friction: np.random.Generator

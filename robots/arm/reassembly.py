@@ -1,6 +1,6 @@
-"""The reassembly: take the lid off the motor, put it on the table, take it up again, put it back. And runs of it.
+"""The reassembly: take the lid off the motor, put it on the table, pick it up again, put it back; simulated runs of it.
 
-A run is recorded as the arm's `joint_states` would be, but without topics: the same machine, cycle by cycle.
+A run has the samples that `joint_states` would have, computed by the same machine without topics.
 """
 
 from __future__ import annotations
@@ -12,23 +12,22 @@ import numpy as np
 
 from fame.monitor.arrays import Floats
 from robots.arm.bench import MOTOR, TABLE
-from robots.arm.kinematics import straight
+from robots.arm.dynamics import HOME, UR5E
+from robots.arm.kinematics import sampled, straight
 from robots.arm.machine import Generators, Machine, Plan
-from robots.arm.trajectory import sampled
-from robots.arm.ur5e import HOME, UR5E
 from sim2d.randomness import generator
 
 RATE = 500.0
 ABOVE = np.array([0.0, 0.0, 0.12])
 PAUSE = 0.4
-"""s after each way, and after each word to the gripper."""
+"""Pause after each movement and each gripper command, s."""
 
 Scenario = Literal["none", "blocked_shoulder", "blocked_lid"]
 SCENARIOS: tuple[Scenario, ...] = ("none", "blocked_shoulder", "blocked_lid")
 
 
 class Step(NamedTuple):
-    """Go to `place` (m), then shut the gripper, open it, or leave it."""
+    """Move to `place` (m), then shut (True), open (False) or keep (None) the gripper."""
 
     place: Floats
     shut: bool | None = None
@@ -62,7 +61,7 @@ class Run(NamedTuple):
 
 @cache
 def plans() -> tuple[Plan, ...]:
-    """The ways of the program: the same for all runs."""
+    """The movements of the program, the same in all runs."""
     posture, made = HOME, []
     for step in PROGRAM:
         times, positions = straight(UR5E.chain, posture, step.place)
@@ -73,13 +72,13 @@ def plans() -> tuple[Plan, ...]:
 
 
 def generators(seed: int, robot: str = "Arm") -> Generators:
-    """As the world has them for a robot of this name."""
+    """Return the generators that the world makes for a robot of this name."""
     return Generators(*(generator(seed, robot, name) for name in Generators._fields))
 
 
 def recorded(seed: int, scenario: Scenario = "none") -> Run:
-    """One run. The obstructed ones have somebody push joint 0 from a moment before the lid is moved sideways on, and
-    block it then; or hold the lid on the motor until the gripper has slipped off."""
+    """Simulate one run. In obstructed ones a person pushes joint 0 shortly before the lid is moved sideways and then
+    blocks it, or holds the lid on the motor until the gripper slips off."""
     machine = Machine(UR5E, HOME, 1 / RATE, generators(seed))
     pause = round(PAUSE * RATE)
     states = [machine.step() for _ in range(pause)]

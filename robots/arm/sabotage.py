@@ -1,17 +1,17 @@
-"""Modifications of the cut, put into recorded runs: the seven kinds of the paper's Fig. 12 and a rotated part.
+"""Modifications of the cut, applied to recorded runs: the seven kinds of the paper's Fig. 12 and a rotated part.
 
-A modification is a displacement of the tool that varies linearly between knots on the polygon's sides. The magnitude is
-in mm *across a side*: the distance of the moved side from the old one; for the corner (d), its distance from the old
-corner. Kinds e and g may be told by the slope dx/dy of the part that they bend; the benign slope is 2.
+A modification is a displacement of the tool that varies linearly between knots on the polygon's sides. Its size is in
+mm *across a side*: the distance of the moved side from the original; for the corner (d), its distance from the
+original corner. Kinds e and g may also be given by the slope dx/dy of the part that they bend; the benign slope is 2.
 
-The arm goes to the altered part as it went to the old: the displacement grows over the last `BLEND` of the way down.
-What the run's own samples carry beyond the path (encoder noise, drift, late samples) stays; where the path has become
-longer or shorter, samples are added or left out so that the feed stays the same; the result is quantised as encoders
-do. With no displacement a run comes out as it went in.
+The arm approaches the altered part like the original one: the displacement grows over the last `BLEND` of the
+approach. Encoder noise, drift and late samples of the run are kept. Where the path becomes longer or shorter, samples
+are added or removed so that the feed stays the same. The result is quantised like encoder values. Without displacement
+a run does not change.
 
-The tolerance envelope are runs just outside what is tolerated, as training data, without touching the arm: benign runs
-are altered so that they cut a polygon whose sides all lie `tolerance` farther out, and one whose sides all lie that
-much farther in. A classifier trained on these and on benign runs puts its boundary midway, at about half the tolerance.
+The tolerance envelope consists of runs just outside the tolerance. It gives training data without using the arm: benign
+runs are altered to cut a polygon whose sides lie `tolerance` farther out, and one whose sides lie as much farther in. A
+classifier trained on these and on benign runs puts its boundary midway, at about half the tolerance.
 """
 
 from __future__ import annotations
@@ -28,24 +28,23 @@ from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain
 from robots.arm.kinematics import inverse
-from robots.arm.mh5 import MH5
-from robots.arm.task import TRIANGLE, Cut, Polygon, find_cut
+from robots.arm.task import MH5, TRIANGLE, Cut, Polygon, find_cut
 
 BLEND = 0.06
-"""The length of way (m) before and after the cut over which the displacement comes and goes."""
+"""The path length (m) before and after the cut over which the displacement grows and vanishes."""
 
 PART = (0.25, 0.75)
-"""The part of a side that e and g bend: from, to."""
+"""The section of a side that e and g bend: from, to."""
 
 SLOPED = (0.05, 0.85, 0.95)
-"""The part of the last side that is cut with another slope: from, to, and where it is back. The paper does not say; see
-docs/anomaly.md for this choice."""
+"""The section of the last side that is cut with another slope: from, to, and where it is back on the original side. The
+paper gives no values; docs/anomaly.md explains this choice."""
 
 JERK = (0.45, 0.5, 0.55)
 """Where on a side the quick jerk begins, is deepest and ends: 17 mm of a long side."""
 
 NOTHING = 1e-9
-"""A displacement (m) that is none but for rounding."""
+"""Displacements below this (m) are rounding errors."""
 
 
 class Knot(NamedTuple):
@@ -66,15 +65,16 @@ class Altered(NamedTuple):
 
 
 def knots(kind: str, millimetres: float, polygon: Polygon = TRIANGLE) -> list[Knot]:
-    """The displacement of one kind: ``a`` to ``g``, ``rotated`` (mm at the farthest corner), ``none``."""
+    """Return the displacement of one kind: ``a`` to ``g``, ``rotated`` (mm at the farthest corner), ``none``. Raises
+    ConfigError for other kinds."""
     if kind not in _KINDS:
         raise ConfigError(f"expected one of {', '.join(_KINDS)}, got {kind!r}")
     return _KINDS[kind](millimetres / 1000, polygon)
 
 
 def knots_of_slope(slope: float, polygon: Polygon = TRIANGLE, part: tuple[float, float, float] = SLOPED) -> list[Knot]:
-    """The displacement of the last side if `part` of it is cut with another slope (dx/dy), then goes straight back to
-    where it should be: below 2 it moves out (e), above it moves in (g)."""
+    """Return the displacement of the last side if `part` of it is cut with another slope (dx/dy) and then leads
+    straight back to the original side: below 2 it moves out (e), above 2 it moves in (g)."""
     side = len(polygon.corners) - 1
     begin, turn, _ = part
     dx, dy = (float(way) * (turn - begin) for way in polygon.corners[0] - polygon.corners[side])
@@ -82,7 +82,7 @@ def knots_of_slope(slope: float, polygon: Polygon = TRIANGLE, part: tuple[float,
 
 
 def alter(values: Floats, changes: list[Knot], chain: Chain = MH5, polygon: Polygon = TRIANGLE) -> Altered:
-    """A run (points, joints), rad, with its cut displaced. Raises ConfigError if it does not cut the polygon."""
+    """Displace the cut of a run (points, joints), rad. Raises ConfigError if it does not cut the polygon."""
     places = chain.places(values)
     shift = displacements(places, changes, polygon)
     index = _resampling(places, places + shift)
@@ -99,7 +99,7 @@ def alter(values: Floats, changes: list[Knot], chain: Chain = MH5, polygon: Poly
 
 
 def displacements(places: Floats, changes: list[Knot], polygon: Polygon) -> Floats:
-    """How far each point of a run is moved (points, 3), m."""
+    """Return the displacement of each point of a run (points, 3), m."""
     cut = find_cut(places, polygon)
     shift = np.zeros_like(places)
     position = cut.sides + cut.fractions
@@ -111,7 +111,7 @@ def displacements(places: Floats, changes: list[Knot], polygon: Polygon) -> Floa
 
 
 def _blend(places: Floats, cut: Cut, first: float, last: float) -> Floats:
-    """How the displacement comes before the cut and goes after it."""
+    """The displacement before and after the cut, where it grows and vanishes."""
     way = np.cumsum(np.linalg.norm(np.diff(places, axis=0, prepend=places[:1]), axis=1))
     before, after = way[cut.first] - way, way - way[cut.last]
     come = np.where(before > 0, np.clip(1 - before / BLEND, 0, 1), 0.0)
@@ -121,9 +121,9 @@ def _blend(places: Floats, cut: Cut, first: float, last: float) -> Floats:
 
 
 def _resampling(places: Floats, moved: Floats) -> Floats:
-    """For each sample of the altered run the (fractional) sample of the old one, so that the feed stays.
+    """For each sample of the altered run, the (fractional) index into the original one that keeps the feed.
 
-    Stretches of a run whose altered path is as long as before, to within half a sample, keep their samples.
+    Sections whose path length changes by less than half a sample keep their samples.
     """
     old = np.linalg.norm(np.diff(places, axis=0), axis=1)
     new = np.linalg.norm(np.diff(moved, axis=0), axis=1)
@@ -136,13 +136,13 @@ def _resampling(places: Floats, moved: Floats) -> Floats:
     longer = float(time[-1]) - (last - first)
     if abs(longer) < 0.5:
         return np.arange(len(places), dtype=np.float64)
-    count = math.ceil(float(time[-1]))  # rather a little slower than any faster
+    count = math.ceil(float(time[-1]))  # rounds to a slightly slower feed, never a faster one
     inside = np.interp(np.linspace(0, time[-1], count + 1), time, np.arange(first, last + 1))
     return np.concatenate([np.arange(first), inside, np.arange(last + 1, len(places))])
 
 
 def _at(places: Floats, index: Floats) -> Floats:
-    """The path at fractional samples: a cubic spline through the samples, so that at whole ones nothing changes."""
+    """The path at fractional samples: a cubic spline through all samples."""
     require("scipy")
     from scipy.interpolate import CubicSpline
 
@@ -170,7 +170,7 @@ def _sides(signs: tuple[int, int, int]) -> Callable[[float, Polygon], list[Knot]
 
 
 def _corner(magnitude: float, polygon: Polygon) -> list[Knot]:
-    """The first corner moved away from the middle."""
+    """The first corner moved away from the centre."""
     away = polygon.corners[0] - polygon.corners.mean(axis=0)
     shift = np.zeros_like(polygon.corners)
     shift[0] = magnitude * away / np.linalg.norm(away)
@@ -178,7 +178,7 @@ def _corner(magnitude: float, polygon: Polygon) -> list[Knot]:
 
 
 def _rotated(magnitude: float, polygon: Polygon) -> list[Knot]:
-    """The whole part turned about its middle."""
+    """The whole part rotated about its centre."""
     around = polygon.corners - polygon.corners.mean(axis=0)
     angle = magnitude / np.linalg.norm(around, axis=1).max()
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
@@ -202,7 +202,7 @@ def _bend(side: int, begin: float, middle: float, end: float, shift: Floats) -> 
 
 
 def _corners(shift: Floats) -> list[Knot]:
-    """Each corner displaced, and linearly in between."""
+    """Each corner displaced, with linear interpolation in between."""
     closed = [*shift, shift[0]]
     return [Knot(number, 0.0, float(x), float(y)) for number, (x, y) in enumerate(closed)]
 
@@ -223,8 +223,9 @@ KINDS = tuple("abcdefg")
 
 
 def envelope(benign: Recording, polygon: Polygon, tolerance: float, chain: Chain) -> Recording:
-    """Cuts just outside (anomalous runs): of each benign run one larger and one smaller, by `tolerance` (m) at each
-    side. Only the cutting part, as in the published data. Raises ConfigError for a tolerance that leaves no polygon.
+    """Return cuts just outside the tolerance, labelled anomalous: for each benign run one larger and one smaller by
+    `tolerance` (m) at each side. Runs contain the cutting part only, like the published data. Raises ConfigError for a
+    tolerance that leaves no polygon.
     """
     runs: list[Floats] = []
     for sign in (-1, 1):
@@ -242,6 +243,6 @@ def envelope(benign: Recording, polygon: Polygon, tolerance: float, chain: Chain
 
 
 def _turned(corners: Floats, moved: Floats) -> bool:
-    """Whether a side points the other way after moving: then nothing is left between the sides."""
+    """Whether a side points the other way after moving: then no polygon is left."""
     old, new = (np.roll(points, -1, axis=0) - points for points in (corners, moved))
     return bool(((old * new).sum(axis=1) <= 0).any())

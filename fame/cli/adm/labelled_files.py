@@ -50,8 +50,7 @@ def envelope(arguments: Namespace) -> int:
     from fame.monitor.anomaly.recording import read_csv, write_csv
     from fame.monitor.kinematics import load_chain
     from robots.arm import sabotage
-    from robots.arm.mh5 import MH5
-    from robots.arm.task import TRIANGLE, read_polygon
+    from robots.arm.task import MH5, TRIANGLE, read_polygon
 
     polygon = read_polygon(arguments.task) if arguments.task is not None else TRIANGLE
     chain = load_chain(arguments.chain) if arguments.chain is not None else MH5
