@@ -20,9 +20,8 @@ from joblib.externals.loky import get_reusable_executor
 from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make
 from fame.monitor.anomaly.learn import best, learn
 from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
-from fame.monitor.anomaly.model import Model
+from fame.monitor.anomaly.model import DataProcess, Model
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import Recording, read_csv
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fame.monitor.anomaly.evaluation import render
+from fame.monitor.anomaly.classifiers import render
 from fame.monitor.anomaly.learn import fold_numbers
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs, read_csv

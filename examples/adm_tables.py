@@ -16,11 +16,20 @@ from typing import Any
 import numpy as np
 
 from fame.errors import FameError
-from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make, predict
-from fame.monitor.anomaly.evaluation import ConfusionMatrix, by_run, render, run_scores
+from fame.monitor.anomaly.classifiers import (
+    DEFAULTS,
+    ConfusionMatrix,
+    by_run,
+    fit,
+    is_supervised,
+    make,
+    predict,
+    render,
+    run_scores,
+)
 from fame.monitor.anomaly.learning_file import Candidate
+from fame.monitor.anomaly.model import DataProcess
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import ANOMALOUS, BENIGN, Recording, join, of_runs, read_csv
 from fame.monitor.plots import deviations, joint_space, matrices
 from robots.arm.sabotage import KINDS, alter, envelope, knots, knots_of_slope

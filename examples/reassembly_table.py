@@ -19,7 +19,7 @@ import numpy as np
 
 from fame.errors import FameError
 from fame.monitor.arrays import Floats
-from fame.monitor.pipeline import offline
+from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.filters import LowPass
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.train import Training, fit, losses
@@ -76,7 +76,7 @@ def judged(model: TrainedModel, scenario: Scenario, seeds: range) -> Losses:
     """What the pipeline makes of runs with these seeds."""
     every = []
     for seed in seeds:
-        filtered = offline.run([LowPass(cutoff=model.before)], {"x": samples(seed, scenario)})["x"]
+        filtered = processors.run([LowPass(cutoff=model.before)], {"x": samples(seed, scenario)})["x"]
         every.append(losses(model, filtered, TRAINING.stride).values)
     return Losses(np.array([run.max(axis=0) for run in every]), np.array([run.mean(axis=0) for run in every]))
 

@@ -15,13 +15,10 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.svm import SVC, OneClassSVM
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import _HOMES, expand_candidates
-from fame.monitor.anomaly.evaluation import TRAIN, VALIDATION, OutputMatrix, render, rows
-from fame.monitor.anomaly.interface import Interface
-from fame.monitor.anomaly.learn import best, learn
+from fame.monitor.anomaly.classifiers import _HOMES, TRAIN, VALIDATION, OutputMatrix, expand_candidates, render, rows
+from fame.monitor.anomaly.learn import Interface, best, learn
 from fame.monitor.anomaly.learning_file import load
-from fame.monitor.anomaly.model import DataPersist, data_hash, load_model, save_model
-from fame.monitor.anomaly.preprocessing import DataProcess
+from fame.monitor.anomaly.model import DataPersist, DataProcess, data_hash, load_model, save_model
 from fame.monitor.anomaly.recording import join, of_runs, write_csv
 from fame.monitor.storage import write_artefact
 
@@ -328,8 +325,7 @@ def test_the_hash_tells_data_apart(folder: Path):
 
 @needs_data
 def test_the_one_class_svm_of_the_paper_by_resubstitution():
-    from fame.monitor.anomaly.classifiers import DEFAULTS, fit, make, predict
-    from fame.monitor.anomaly.evaluation import by_run, run_scores
+    from fame.monitor.anomaly.classifiers import DEFAULTS, by_run, fit, make, predict, run_scores
 
     candidate, benign, both = DEFAULTS[0], recording(BENIGN), recording(BOTH)
     estimator, process = make(candidate, Path()), DataProcess().fit(benign.values)

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.evaluation import ConfusionMatrix
+from fame.monitor.anomaly.classifiers import ConfusionMatrix
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import of_runs
 from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, deviations, joint_space, matrices

@@ -20,9 +20,8 @@ from lxml import etree
 from fame.clock import SECOND
 from fame.middleware import messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler
-from fame.monitor.anomaly.model import Model, save_model
+from fame.monitor.anomaly.model import DataProcess, Model, save_model
 from fame.monitor.anomaly.nodes import TYPE
-from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import read_csv
 
 ROOT = Path(__file__).parent.parent

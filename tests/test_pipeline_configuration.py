@@ -14,11 +14,10 @@ from fame.errors import ConfigError, FameError, MessageError
 from fame.middleware import messages
 from fame.middleware.interface import SIGNAL
 from fame.monitor.pipeline.configuration import INPUT, Configuration, load
-from fame.monitor.pipeline.fields import UnusableMessage, reader
+from fame.monitor.pipeline.fields import UnusableMessage, reader, writer
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import PROCESSORS, assign, find_class, make_processors
 from fame.monitor.pipeline.train import training_of
-from fame.monitor.pipeline.writing import writer
 
 PUBLISHED = """\
 Inputs:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fame.errors import ConfigError
-from fame.monitor.pipeline.offline import run
 from fame.monitor.pipeline.processor import Parameter, Samples, set_value
 from fame.monitor.pipeline.processors import (
     RMS,
@@ -19,6 +18,7 @@ from fame.monitor.pipeline.processors import (
     Spectrum,
     Threshold,
     Window,
+    run,
 )
 
 

@@ -24,12 +24,10 @@ from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
 from fame.middleware import messages
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.bags import BagWriter
+from fame.monitor.data_files import read_runs
 from fame.monitor.pipeline.configuration import Configuration, load
-from fame.monitor.pipeline.influx import Influx
 from fame.monitor.pipeline.recording import RecordingNode, record_bag
-from fame.monitor.pipeline.rows import Row
-from fame.monitor.tables import read_runs
+from fame.monitor.pipeline.sinks import BagWriter, Influx, Row
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}

@@ -10,13 +10,12 @@ import pytest
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
+from fame.monitor.data_files import hash_files, read_runs
 from fame.monitor.pipeline.estimators import Autoencoder
-from fame.monitor.pipeline.offline import run
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.processors import LowPass, Threshold
+from fame.monitor.pipeline.processors import LowPass, Threshold, run
 from fame.monitor.pipeline.train import Training, fit, train, training_of
 from fame.monitor.pipeline.trained_model import Network, TrainedModel
-from fame.monitor.tables import hash_files, read_runs
 
 JOINTS = ("shoulder", "elbow", "wrist")
 QUICK = Training(window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500)

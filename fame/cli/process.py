@@ -83,7 +83,7 @@ def run(arguments: Namespace) -> int:
 
     configurations = [_configured(path, arguments) for path in arguments.configurations]
     if arguments.graph is not None:
-        from fame.monitor.pipeline.graph import draw
+        from fame.monitor.plots import draw
 
         draw(configurations, arguments.graph)
         return 0

@@ -28,10 +28,10 @@ def run(arguments: Namespace) -> int:
 
     from fame.errors import ConfigError
     from fame.extras import require
+    from fame.monitor.data_files import hash_files
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.train import train, training_of
     from fame.monitor.pipeline.trained_model import TrainedModel
-    from fame.monitor.tables import hash_files
 
     if arguments.onnx is not None:
         require("onnx")

@@ -3,8 +3,7 @@
 pipeline    processors, the nodes that run them, recording, training
 anomaly     learn what a repetitive task of an arm looks like; raise an alarm when a run differs
 services    the services of both, for service tasks of a mission
-silence     silent topics, and reports that do not repeat themselves
-tables      CSV tables of numbers; `bags`: bags of ROS 1 and 2; `storage`: models on disk
+data_files  CSV tables and bags; `storage`: models on disk
 plots       plots of all of it
 kinematics  forward kinematics of serial arms
 arrays      types of arrays

@@ -1,25 +1,33 @@
-"""Plots of monitoring: losses and topics over time, joint space, deviations from a path, confusion matrices.
+"""Plots of monitoring, and the drawing of a pipeline.
 
-Joint space is shown as in Fig. 10 and 13 of the paper: the points of all joints on their first three principal
-components. Every function writes a PNG file. It raises UnavailableError without matplotlib and ConfigError for a file
-that cannot be written.
+`plot_loss` and `plot_series` show numbers over time; `joint_space`, `deviations` and `confusion` show what was learned
+of a task and how well. They write PNG files and raise UnavailableError without matplotlib. `draw` writes an SVG file:
+the nodes of some configurations and the topics between them, from left to right. All raise ConfigError for a file that
+cannot be written.
+
+Joint space is shown as in the figures 10 and 13 of the published anomaly detection module (docs/anomaly.md): the points
+of all joints on their first three principal components.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
+from xml.sax.saxutils import escape
 
 import numpy as np
 
 from fame.errors import ConfigError
 from fame.extras import require
-from fame.monitor.anomaly.evaluation import ConfusionMatrix
+from fame.middleware.interface import resolve
+from fame.monitor.anomaly.classifiers import ConfusionMatrix
 from fame.monitor.anomaly.paths import BIN, PathDetector, Reading
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 from fame.monitor.arrays import Floats
+from fame.monitor.pipeline.configuration import Configuration, Port
 from fame.monitor.pipeline.processor import Samples
 
 if TYPE_CHECKING:
@@ -130,7 +138,7 @@ def matrices(path: Path, titled: Sequence[tuple[str, ConfusionMatrix]], *, unit:
         axes.set(xticks=(0, 1), yticks=(0, 1), xticklabels=("anomalous", "benign"), yticklabels=("anom.", "benign"))
         axes.set_title(title, fontsize=9)
         axes.tick_params(labelsize=8)
-        axes.set_xlabel("judged", fontsize=8)
+        axes.set_xlabel("predicted", fontsize=8)
         axes.set_ylabel(f"true ({unit})", fontsize=8)
     _save(figure, path)
 
@@ -164,9 +172,9 @@ def _groups(labels: Any, predicted: Any) -> list[tuple[str, str, Any]]:
     else:
         found = np.asarray(predicted) == ANOMALOUS
         groups = [
-            ("judged anomalous", ANOMALOUS_COLOUR, found),
-            ("judged benign", BENIGN_COLOUR, ~found & ~true),
-            ("judged benign, but anomalous", MISSED_COLOUR, ~found & true),
+            ("predicted anomalous", ANOMALOUS_COLOUR, found),
+            ("predicted benign", BENIGN_COLOUR, ~found & ~true),
+            ("predicted benign, but anomalous", MISSED_COLOUR, ~found & true),
         ]
     return [group for group in groups if group[2].any()]
 
@@ -192,3 +200,109 @@ def _save(figure: Figure, path: Path) -> None:
         figure.savefig(path, format="png")
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+
+
+_WIDTH, _HEIGHT, _ACROSS, _DOWN, _MARGIN = 190, 46, 70, 18, 20
+_LETTER = 6.2  # px, of the usual letter at 11 px
+_STYLE = (
+    "text{font:11px sans-serif;text-anchor:middle;dominant-baseline:middle;fill:#222}.small{font-size:9px;fill:#666}"
+    ".node{fill:#fff;stroke:#222;stroke-width:1.4}.topic{fill:#eef2f7;stroke:#8fa3bf}"
+    ".edge{fill:none;stroke:#555;stroke-width:1.1;marker-end:url(#tip)}"
+)
+
+
+@dataclass(slots=True)
+class _Box:
+    title: str
+    below: str
+    topic: bool
+    column: int = 0
+    row: int = 0
+
+    @property
+    def left(self) -> float:
+        return _MARGIN + self.column * (_WIDTH + _ACROSS)
+
+    @property
+    def middle(self) -> float:
+        return _MARGIN + self.row * (_HEIGHT + _DOWN) + _HEIGHT / 2
+
+
+def draw(configurations: Sequence[Configuration], file: str | Path) -> None:
+    """Write the graph of some nodes and the topics between them."""
+    boxes, edges = _graph(configurations)
+    _place(boxes, edges)
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    Path(file).write_text(_svg(boxes, edges), encoding="utf-8")
+
+
+def _graph(configurations: Sequence[Configuration]) -> tuple[dict[str, _Box], list[tuple[str, str]]]:
+    boxes: dict[str, _Box] = {}
+    edges: list[tuple[str, str]] = []
+
+    def topic(port: Port) -> str:
+        name = resolve(port.topic, "")
+        boxes.setdefault(name, _Box(name, port.type.rpartition("/")[2], True))
+        return name
+
+    for number, configuration in enumerate(configurations):
+        key = f"{number} {configuration.name}"
+        chain = " → ".join(stage.cls.rpartition(":")[2] for stage in configuration.stages)
+        boxes[key] = _Box(configuration.name, chain or "no processor", False)
+        edges += [(topic(port), key) for port in configuration.inputs]
+        edges += [(key, topic(port)) for port in configuration.outputs]
+    return boxes, list(dict.fromkeys(edges))
+
+
+def _place(boxes: dict[str, _Box], edges: Sequence[tuple[str, str]]) -> None:
+    """Columns by the longest way from the left, each filled from the top. A loop goes back."""
+    for _ in boxes:
+        for source, target in edges:
+            if boxes[target].column <= boxes[source].column < len(boxes):
+                boxes[target].column = boxes[source].column + 1
+    filled: dict[int, int] = {}
+    for box in boxes.values():
+        box.column = min(box.column, len(boxes))
+        box.row = filled.get(box.column, 0)
+        filled[box.column] = box.row + 1
+    used = {column: place for place, column in enumerate(sorted(filled))}
+    for box in boxes.values():
+        box.column = used[box.column]
+
+
+def _svg(boxes: dict[str, _Box], edges: Sequence[tuple[str, str]]) -> str:
+    width = max(box.left for box in boxes.values()) + _WIDTH + _MARGIN
+    height = max(box.middle for box in boxes.values()) + _HEIGHT / 2 + _MARGIN
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}" '
+        f'viewBox="0 0 {width:g} {height:g}">',
+        f"<style>{_STYLE}</style>",
+        '<marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
+        '<path d="M0 0L8 4L0 8z" fill="#555"/></marker>',
+        *(_edge(boxes[source], boxes[target]) for source, target in edges),
+        *(_box(box) for box in boxes.values()),
+        "</svg>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _edge(source: _Box, target: _Box) -> str:
+    begin, end = source.left + _WIDTH, target.left
+    bend = max(_ACROSS / 2, abs(end - begin) / 2)
+    path = f"M{begin:g} {source.middle:g}C{begin + bend:g} {source.middle:g} {end - bend:g} {target.middle:g}"
+    return f'<path class="edge" d="{path} {end:g} {target.middle:g}"/>'
+
+
+def _box(box: _Box) -> str:
+    kind, radius = ("topic", _HEIGHT / 2) if box.topic else ("node", 6)
+    x, y = box.left + _WIDTH / 2, box.middle
+    return (
+        f'<rect class="{kind}" x="{box.left:g}" y="{y - _HEIGHT / 2:g}" width="{_WIDTH}" height="{_HEIGHT}" '
+        f'rx="{radius:g}"/><text x="{x:g}" y="{y - 7:g}">{_cut(box.title)}</text>'
+        f'<text class="small" x="{x:g}" y="{y + 9:g}">{_cut(box.below, 1.2)}</text>'
+    )
+
+
+def _cut(text: str, more: float = 1.0) -> str:
+    most = int(more * _WIDTH / _LETTER)
+    return escape(text if len(text) <= most else f"{text[: most - 1]}…")

@@ -25,7 +25,7 @@ from fame.errors import ConfigError, MissionError
 from fame.robot.services import BuiltInService, CommandService, RunningService, ServiceContext, variable
 
 if TYPE_CHECKING:
-    from fame.monitor.anomaly.segmentation import Rule
+    from fame.monitor.anomaly.recording import Rule
     from fame.monitor.pipeline.configuration import Configuration, Stage
 
 RULES, FIELDS = ("home", "signal", "count"), ("position", "velocity", "effort")

@@ -89,7 +89,7 @@ def read_artefact(path: Path, maker: str) -> Any:
         raise ConfigError(text, file=str(path))
     try:
         unknown = _unknown(path)
-    except Exception as error:  # skops raises whatever its parts do on a file that is none of its own
+    except Exception as error:  # on a foreign file, skops raises any exception of its parts
         text = f"is corrupt, or no model of {maker} ({type(error).__name__})"
         raise ConfigError(text, file=str(path)) from None
     if unknown:

@@ -12,7 +12,7 @@ from fame.cli.adm.sources import say, writable
 from fame.cli.arguments import Commands, add_json, command
 
 if TYPE_CHECKING:
-    from fame.monitor.anomaly.evaluation import TrainedClassifier
+    from fame.monitor.anomaly.classifiers import TrainedClassifier
     from fame.monitor.anomaly.learn import LearningData, Progress
 
 
@@ -31,7 +31,7 @@ def add(parts: Commands) -> None:
 
 def run(arguments: Namespace) -> int:
     """Fit, judge, store the best, and print how all of them did."""
-    from fame.monitor.anomaly.evaluation import plain, render, rows
+    from fame.monitor.anomaly.classifiers import plain, render, rows
     from fame.monitor.anomaly.learn import best, learn, read_data
     from fame.monitor.anomaly.learning_file import load
     from fame.monitor.anomaly.model import save_model
@@ -63,7 +63,7 @@ def run(arguments: Namespace) -> int:
 
 def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassifier, data: LearningData) -> None:
     """What `fame.monitor.plots` can draw of it."""
-    from fame.monitor.anomaly.evaluation import data_name
+    from fame.monitor.anomaly.classifiers import data_name
     from fame.monitor.anomaly.paths import PathDetector
     from fame.monitor.anomaly.recording import BENIGN
     from fame.monitor.plots import deviations, joint_space, matrices

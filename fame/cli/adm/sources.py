@@ -102,7 +102,7 @@ def _play(arguments: Namespace, make: Make, enough: Callable[[], bool]) -> None:
     from fame.middleware.interface import SENSOR_DATA
     from fame.middleware.local import LocalMiddleware
     from fame.monitor.anomaly.nodes import EMPTY, END, START, TYPE
-    from fame.monitor.bags import read_bag
+    from fame.monitor.data_files import read_bag
 
     scheduler = Scheduler()
     middleware = LocalMiddleware(scheduler)

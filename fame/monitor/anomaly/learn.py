@@ -9,33 +9,49 @@ The threshold on the score of a run is the given number. ``auto`` is the largest
 held-out anomalous runs; it must exceed the highest score of the held-out benign ones. The best classifier has the
 highest F1 of validation runs, then of validation points, then (without anomalous runs F1 is 0) the highest accuracy;
 among equals the first one.
+
+`Interface` is for learning scripts, in the published four steps::
+
+    interface = Interface("learning.yaml")
+    interface.genmodel_train([("ocsvm", OneClassSVM(nu=0.5, gamma=1000))], [("rbfsvm", SVC(gamma=5, C=10))])
+    unsupervised, supervised = interface.get_testing_predictions()
 """
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.anomaly.classifiers import expand_candidates, fit, is_supervised, make, predict
-from fame.monitor.anomaly.evaluation import (
+from fame.monitor.anomaly.classifiers import (
+    HEADS,
     TEST,
     TRAIN,
     VALIDATION,
+    AnomalyDetector,
+    ConfusionMatrix,
     Evaluation,
+    Named,
     TrainedClassifier,
     by_point,
     by_run,
+    expand_candidates,
+    fit,
+    is_supervised,
+    make,
+    predict,
+    render,
     run_scores,
 )
-from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
-from fame.monitor.anomaly.model import Model, data_hash
+from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning, load
+from fame.monitor.anomaly.model import DataPersist, DataProcess, Model, data_hash
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.preprocessing import DataProcess
 from fame.monitor.anomaly.recording import BENIGN, Recording, read_csv, require_same_joints
 from fame.monitor.storage import versions
 
@@ -107,7 +123,7 @@ def learn(
     jobs: int = 1,
     progress: Callable[[Progress], object] | None = None,
 ) -> list[TrainedClassifier]:
-    """Fit and judge every classifier, `jobs` at a time. Raises ConfigError for data that cannot be learned from."""
+    """Fit and evaluate every classifier, `jobs` at a time. Raises ConfigError for data that cannot be learned from."""
     try:
         return _learn(learning, data or read_data(learning), jobs, progress)
     except ConfigError as error:  # of a classifier or a scaling, which know no file
@@ -169,7 +185,7 @@ def _run(
 
 
 def _fit(candidate: Candidate, fold: int, learning: Learning, data: LearningData) -> _Fitted:
-    """Fit without a fold and judge it; with all (fold -1) judge what was learned from."""
+    """Fit without a fold and evaluate the fold; fold -1: fit all data and evaluate them."""
     estimator = make(candidate, learning.file.parent)
     supervised = is_supervised(estimator)
     source = data.both if supervised else data.benign or data.both
@@ -237,8 +253,8 @@ def _learned(
         evaluations.append(_evaluate(VALIDATION, whole, held, threshold))
     known = {data_hash_of_run(run) for source in (data.both, data.benign) if source is not None for run in source}
     for item in data.testing:
-        seen = any(data_hash_of_run(run) in known for run in item)
-        label = f"{TRAIN if seen else TEST}: {item.source}"
+        known_run = any(data_hash_of_run(run) in known for run in item)
+        label = f"{TRAIN if known_run else TEST}: {item.source}"
         evaluations.append(_evaluate(label, item, predict(estimator, process, item), threshold))
     benign = whole.select([index for index, label in enumerate(whole.run_labels()) if label == BENIGN])
     model = Model(
@@ -287,3 +303,82 @@ def _threshold(candidate: Candidate, whole: Recording, held: Any) -> tuple[float
     if lowest <= highest:
         return highest, f"no threshold parts the runs: anomalous from {lowest:.4f}, benign up to {highest:.4f}"
     return float(np.nextafter(lowest, 0)), ""
+
+
+class Interface:
+    """Reads the learning file, fits scaling and components to `fit_file`, and keeps them in `folder` if it is given.
+
+    What the folder holds from earlier is taken if it was made from the same data, and made anew if not.
+    Raises ConfigError.
+    """
+
+    learning: Learning
+    data: LearningData
+    persist: DataPersist | None
+    process: DataProcess
+    detector: AnomalyDetector
+
+    def __init__(self, file: str | Path, folder: str | Path | None = None, out: TextIO | None = None) -> None:
+        self.learning = load(file)
+        self.data = read_data(self.learning)
+        self.persist = DataPersist(folder) if folder is not None else None
+        self.process = self._process()
+        self.detector = AnomalyDetector([], [], self.process)
+        self._out = out or sys.stdout
+        for note in self.data.notes:
+            print(note, file=self._out)
+
+    def genmodel_train(self, unsupervised_models: Sequence[Named], supervised_models: Sequence[Named]) -> None:
+        """Train classifiers, each (name, estimator). Raises ConfigError if data for a kind is missing."""
+        data = self.data
+        self.detector = AnomalyDetector(unsupervised_models, supervised_models, self.process)
+        for kind, models, source in (
+            ("unsupervised_train", unsupervised_models, data.benign),
+            ("supervised_train", supervised_models, data.both),
+        ):
+            if models and source is None:
+                raise ConfigError("needs a file for these classifiers", file=str(self.learning.file), element=kind)
+        if data.benign is not None:
+            self.detector.train_unsupervised(data.benign)
+        if data.both is not None:
+            self.detector.train_supervised(data.both)
+        for source in (data.benign, data.both):
+            if source is not None:
+                self._show(source.source, self.detector.evaluate(source), "train (learned from)")
+
+    def get_testing_predictions(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+        """For unsupervised and supervised classifiers: per testing file, the labels (points,) by name."""
+        unsupervised, supervised = [], []
+        for data in self.data.testing:
+            unsupervised.append(self.detector.classify_unsupervised(data))
+            supervised.append(self.detector.classify_supervised(data))
+            found = {**unsupervised[-1], **supervised[-1]}
+            self._show(data.source, {name: by_point(data, labels) for name, labels in found.items()}, "testing")
+        return unsupervised, supervised
+
+    def _process(self) -> DataProcess:
+        source = self.data.process or self.data.benign or self.data.both
+        assert source is not None  # checked by `load`
+        learning = self.learning
+        if self.persist is None:
+            return DataProcess(learning.reduction, learning.scaling).fit(source.values)
+        origin = f"{data_hash(source)}-{learning.reduction}-{learning.scaling}"
+        try:
+            scaler, pca = self.persist.retrieve("process", origin)
+            return DataProcess(learning.reduction, learning.scaling, scaler, pca)
+        except ConfigError:  # not there yet, or made from other data
+            process = DataProcess(learning.reduction, learning.scaling).fit(source.values)
+            self.persist.save("process", [process.scaler, process.pca], origin)
+            return process
+
+    def _show(self, source: str, found: dict[str, ConfusionMatrix], kind: str) -> None:
+        lines = [
+            (name, kind, source, *map(str, matrix), *(f"{part:.4f}" for part in _ratios(matrix)))
+            for name, matrix in found.items()
+        ]
+        if lines:
+            print(render(lines, ("classifier", "data", "file", *HEADS[4:12])), file=self._out)
+
+
+def _ratios(matrix: ConfusionMatrix) -> tuple[float, float, float, float]:
+    return matrix.accuracy, matrix.recall, matrix.precision, matrix.f1

@@ -18,8 +18,7 @@ import numpy as np
 
 from fame.errors import ConfigError, MissionError
 from fame.monitor.anomaly.model import Model, Verdict
-from fame.monitor.anomaly.recording import Recording
-from fame.monitor.anomaly.segmentation import NEAR, STILL, WHOLE, Rule, RunSegmenter
+from fame.monitor.anomaly.recording import NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
 
 
 @dataclass(frozen=True, slots=True)

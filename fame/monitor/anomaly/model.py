@@ -1,12 +1,12 @@
-"""A trained model: processing, classifier, threshold and origin; scored point by point, stored and loaded.
+"""A trained model: preprocessing, classifier, threshold and origin; scores single points, stored and loaded.
 
 `OperateNode` scores one point at a time, so classifiers with an RBF kernel are evaluated here directly: scaling and
 components are one matrix, the kernel is one product and one exponential over the support vectors. A library's `predict`
 takes several times as long for a single point. The verdicts are equal.
 
 `load_model` refuses a file that is not a model, of another format or of another scikit-learn, or whose parts do not
-fit (see `fame.monitor.storage` for what is refused of any file). `DataPersist` keeps what was processed under the hash
-of its data, and does not give it out for other data.
+fit (`fame.monitor.storage` says what is refused of any file). `DataPersist` stores processed data under the hash of
+the data that it was made from, and returns it for the same data only.
 """
 
 from __future__ import annotations
@@ -21,16 +21,69 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.monitor.anomaly.learning_file import SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
-from fame.monitor.anomaly.preprocessing import DataProcess
-from fame.monitor.anomaly.recording import ANOMALOUS, Recording
+from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
 from fame.monitor.arrays import Floats
 from fame.monitor.storage import read_artefact, versions, write_artefact
 
 
+class DataProcess:
+    """Preprocessing of points for a classifier: scaling, then reduction.
+
+    reduction  how many principal components are kept; 0: all columns as they are
+    scaling    ``minmax`` (each column to 0 ... 1), ``standard`` (mean 0, deviation 1) or ``none``
+    """
+
+    reduction: int
+    scaling: str
+    scaler: Any
+    pca: Any
+
+    def __init__(self, reduction: int = 0, scaling: str = "minmax", scaler: Any = None, pca: Any = None) -> None:
+        if scaling not in SCALINGS:
+            raise ConfigError(f"expected a scaling of {', '.join(SCALINGS)}, got {scaling!r}")
+        self.reduction, self.scaling = reduction, scaling
+        self.scaler, self.pca = scaler, pca
+
+    def split(self, in_file: str | Path, x_cols: Sequence[int], y_cols: Sequence[int]) -> tuple[Floats, Any]:
+        """The input columns (points, inputs) and the label column (points,) of a CSV file; columns count from 0."""
+        recording = read_csv(in_file, x_cols, y_cols[0] if y_cols else None)
+        return recording.values, recording.labels
+
+    def fit(self, values: Floats) -> DataProcess:
+        """Learn scaling and components from points (points, inputs). Raises ConfigError if they are too few."""
+        from sklearn.decomposition import PCA
+        from sklearn.preprocessing import MinMaxScaler, StandardScaler
+
+        points, inputs = values.shape
+        if points <= inputs:
+            raise ConfigError(f"has {points} points of {inputs} columns: more points than columns are needed")
+        if self.reduction > inputs or self.reduction < 0:
+            text = f"reduction: expected 0 (none) or 1 to {inputs} components, got {self.reduction}"
+            raise ConfigError(text)
+        kinds: dict[str, Any] = {"minmax": MinMaxScaler, "standard": StandardScaler}
+        self.scaler = kinds[self.scaling]().fit(values) if self.scaling in kinds else None
+        self.pca = PCA(self.reduction).fit(self._scaled(values)) if self.reduction else None
+        return self
+
+    def transform(self, values: Floats) -> Floats:
+        """(points, inputs) as classifiers see them."""
+        scaled = self._scaled(values)
+        return np.asarray(self.pca.transform(scaled) if self.pca is not None else scaled)
+
+    def affine(self, inputs: int) -> tuple[Floats, Floats]:
+        """The same as one matrix and offset: ``transform(x) == x @ matrix + offset``."""
+        offset = self.transform(np.zeros((1, inputs)))[0]
+        return self.transform(np.eye(inputs)) - offset, offset
+
+    def _scaled(self, values: Floats) -> Floats:
+        return np.asarray(self.scaler.transform(values) if self.scaler is not None else values)
+
+
 class Verdict(NamedTuple):
     """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``samples`` late, ``rad``);
-    `joint` is the one that is farthest from where it should be. Both only tell of anomalous points."""
+    `joint` is the one that is farthest from where it should be. Both are set for anomalous points only."""
 
     anomalous: bool
     magnitude: float = 0.0
@@ -48,7 +101,7 @@ class Model:
     process    None for a PathDetector, which takes joint angles as they are
     threshold  a run is anomalous if its score exceeds this
     nominal    points of a usual benign run
-    reference  points of some benign runs (points, joints): tells which joint is off
+    reference  points of some benign runs (points, joints), to find the joint that is off
     data       SHA-256 of the training data
     versions   of the packages that made it
     """
@@ -70,7 +123,7 @@ class Model:
         return np.where(self.estimator.predict(self.process.transform(recording.values)) == ANOMALOUS, -1, 1)
 
     def scorer(self) -> Scorer:
-        """What judges points one by one."""
+        """Return a scorer of single points."""
         if isinstance(self.estimator, PathDetector):
             return PathScorer(self)
         return PointScorer(self)
@@ -84,7 +137,7 @@ class Model:
 
 
 class Scorer(Protocol):
-    """Judges points one by one."""
+    """Scores points one by one."""
 
     def reset(self) -> None:
         """The next run begins."""
@@ -94,7 +147,7 @@ class Scorer(Protocol):
 
 
 class PointScorer:
-    """For classifiers to which every point stands for itself."""
+    """Scores each point on its own, by a classifier."""
 
     model: Model
 
@@ -251,6 +304,6 @@ class DataPersist:
         if not isinstance(stored, dict) or stored.get("format") != FORMAT:
             raise ConfigError("was not stored by fame adm", file=str(path))
         if stored["data"] != data:
-            text = f"is stale: made from data {stored['data'][:12]}, asked for {data[:12]}; learn again"
+            text = f"is stale: made from data {stored['data'][:12]}, expected {data[:12]}; learn again"
             raise ConfigError(text, file=str(path))
         return stored["content"]

@@ -22,9 +22,9 @@ from fame.middleware import messages
 from fame.middleware.interface import SENSOR_DATA, Middleware, Node
 from fame.monitor.anomaly.live import Collector, Point, RunMonitor, RunReport
 from fame.monitor.anomaly.model import Model
-from fame.monitor.anomaly.segmentation import JUMP, Rule
+from fame.monitor.anomaly.recording import JUMP, Rule
 from fame.monitor.pipeline.fields import UnusableMessage
-from fame.monitor.silence import SilenceWatch
+from fame.monitor.pipeline.subscriptions import SilenceWatch
 
 TYPE = "sensor_msgs/msg/JointState"
 EMPTY = "std_msgs/msg/Empty"
@@ -195,7 +195,7 @@ class OperateNode(_JointStateNode):
         if point is not None:
             self._publish(point)
         elif self.monitor.late:
-            self._report_once(f"{self.topic}: the arm is moving; it is judged from its next rest at home on")
+            self._report_once(f"{self.topic}: the arm is moving; its runs are scored from its next rest at home on")
 
     def _publish(self, point: Point) -> None:
         self._score.publish(messages.create("std_msgs/msg/Float64", point.score))

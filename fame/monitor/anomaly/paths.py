@@ -265,7 +265,7 @@ class Tracker:
     def _change(self, clock: float, lateness: float) -> float:
         """How the lateness changed over the window."""
         history = self._lateness
-        if not lateness:  # the clock stands
+        if not lateness:  # the clock is stopped
             return 0.0
         history.append((clock, lateness))
         while history[0][0] < clock - WINDOW:

@@ -37,7 +37,7 @@ from fame.config.values import ConfigValue, Source, join
 from fame.errors import ConfigError, MessageError
 from fame.middleware import messages, qos
 from fame.middleware.interface import SIGNAL, QoS
-from fame.monitor.pipeline import fields, writing
+from fame.monitor.pipeline import fields
 
 _SECTIONS = ("Inputs", "Outputs", "Imports", "Processor", "Frequency", "QoS", "Name", "Training")
 _PORT = ("Topic", "Field", "MessageType", "Description", "QoS", "Rate")
@@ -159,7 +159,7 @@ def _ports(
         other = spelled.setdefault(port.name.lower(), port.name)
         if other != port.name:
             raise entries[port.name].error(f"{other} and {port.name} differ in capitals only")
-    _check_paths(entries, ports, writing.writer if section == "Outputs" else None)
+    _check_paths(entries, ports, fields.writer if section == "Outputs" else None)
     return ports
 
 

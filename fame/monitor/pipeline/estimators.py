@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.monitor.pipeline.filters import Windower
 from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, stacked
 from fame.monitor.pipeline.trained_model import TrainedModel
-from fame.monitor.pipeline.windows import Windower
 
 _METHODS = ("predict", "transform", "decision_function", "score_samples", "predict_proba")
 
@@ -20,7 +20,7 @@ class Autoencoder(Processor):
     """The loss of each window and channel: the mean squared error of its reconstruction (`TrainedModel.loss`).
 
     All inputs together are the channels. Data that name their channels are matched to the model's columns by name;
-    others are taken in order. `model` may be a TrainedModel that is at hand.
+    others are taken in order. `model` may be a TrainedModel in memory.
     """
 
     trained: TrainedModel
@@ -79,7 +79,7 @@ class Estimator(Processor):
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("model", "file", "", description="file of the estimator, stored by skops", fixed=True),
-        Parameter("method", "str", "predict", _METHODS, description="what is asked"),
+        Parameter("method", "str", "predict", _METHODS, description="method of the estimator"),
         Parameter("window", "int", 1, (1, None), "samples", "whose values are the features"),
         Parameter("stride", "int", 1, (1, None), "samples", "from one window to the next"),
     )
@@ -133,7 +133,7 @@ def load_estimator(path: str | Path) -> Any:
 
     Raises ConfigError for anything else, and for what could run code.
     """
-    from fame.monitor.pipeline.onnx import OnnxEstimator
+    from fame.monitor.pipeline.trained_model import OnnxEstimator
     from fame.monitor.storage import read_artefact
 
     if str(path).endswith(".onnx"):

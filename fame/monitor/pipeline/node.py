@@ -19,14 +19,13 @@ import numpy as np
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError, FameError
 from fame.middleware.interface import Middleware, Node, Publisher, resolve
+from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
-from fame.monitor.pipeline.offline import as_samples
+from fame.monitor.pipeline.fields import Writer, writer
 from fame.monitor.pipeline.parameters import ParameterServer
-from fame.monitor.pipeline.processor import Floats, Samples
-from fame.monitor.pipeline.processors import assign, make_processors, pair
-from fame.monitor.pipeline.subscriptions import Subscriptions, check_types
-from fame.monitor.pipeline.writing import Writer, writer
-from fame.monitor.silence import ThrottledReport
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.processors import as_samples, assign, make_processors, pair
+from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
 
 _LAST_SECOND = 2.0**31
 """Seconds of builtin_interfaces/msg/Time end here."""

@@ -1,4 +1,4 @@
-"""Parameters of nodes: those of their processors, as parameters of ROS 2, and how somebody else asks for them.
+"""Parameters of nodes: those of their processors, as parameters of ROS 2; server and client.
 
 A node offers the services by which every node of ROS 2 gives its parameters (``<node>/list_parameters``,
 ``get_parameters``, ``describe_parameters``, ``set_parameters``: rcl_interfaces), on every backend; within rclpy, they
@@ -17,7 +17,7 @@ from fame.errors import ConfigError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Node
 from fame.monitor.pipeline.processor import Parameter, declared_parameters, set_value
-from fame.monitor.silence import ThrottledReport
+from fame.monitor.pipeline.subscriptions import ThrottledReport
 
 _SERVICES = {
     "ListParameters": "string[] prefixes\nuint64 depth\n---\nListParametersResult result",
@@ -166,7 +166,7 @@ class ParameterServer:
                 raise ConfigError(" ".join(str(error).split()), element=name, file=node.full_name) from None
 
     def _apply(self, name: str, value: Any) -> None:
-        """Set one that somebody set in ROS; what its processor refuses is said."""
+        """Set a parameter that was changed in ROS; report a refusal of its processor."""
         result = self._try(name, value)
         if not result["successful"]:
             self._report(f"refused {name}", f"{name} stays as it is: {result['reason']}")

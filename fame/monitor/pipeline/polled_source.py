@@ -3,7 +3,7 @@
 A source is a callable (``module:function``, ``file.py:function``), a TCP server that sends lines (``tcp://host:port``),
 or a serial line (``serial:///dev/ttyUSB0?baud=115200``). A callable gives a number, several, a mapping by name, or None
 for nothing new. A line is numbers apart by spaces, commas or semicolons, or ``name=value`` pairs; its last whole one at
-the time of the call counts. Nothing here blocks: a machine that is silent or unreachable leaves the node alive.
+the time of the call counts. Nothing here blocks: the node continues while a machine is silent or unreachable.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def parse_line(text: str) -> list[str] | dict[str, str]:
 
 
 class _TcpConnection:
-    """A connection that is being made, or stands."""
+    """A TCP connection, established or in progress."""
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.socket()

@@ -11,7 +11,7 @@ A processor is an object with `execute`; a user's own needs nothing else, and no
 
 Three attributes are optional. `parameters`: what can be set, also while it runs; each is an attribute of the object.
 `outputs`: the names that it computes; if empty, it gives one output per input, under the input's name; without the
-attribute, what it computes is seen when it is called.
+attribute, its outputs are known after its first call.
 `report`: set by whoever runs the processor, to be called with a line of text about data that cannot be used.
 """
 
@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fame.errors import ConfigError
+from fame.monitor.arrays import Floats
 
-Floats: TypeAlias = NDArray[np.float64]
 Type: TypeAlias = Literal["float", "int", "bool", "str", "file", "floats", "strs"]
 
 

@@ -12,12 +12,9 @@ from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import Middleware, Node, resolve
 from fame.middleware.local import LocalMiddleware
-from fame.monitor.bags import BagWriter
 from fame.monitor.pipeline.configuration import Configuration, Port
-from fame.monitor.pipeline.influx import Influx
-from fame.monitor.pipeline.rows import CsvFile, Row
-from fame.monitor.pipeline.subscriptions import Subscriptions, check_types
-from fame.monitor.silence import ThrottledReport
+from fame.monitor.pipeline.sinks import BagWriter, CsvFile, Influx, Row
+from fame.monitor.pipeline.subscriptions import Subscriptions, ThrottledReport, check_types
 
 FLUSH = 0.1
 """How long (s) a row may wait before it is on disk."""
@@ -168,7 +165,7 @@ def record_bag(
     report: Callable[[str], object] = lambda text: None,
 ) -> RecordingNode:
     """Record from a bag, as fast as it can be read. Returns the node, which is closed. Raises ConfigError."""
-    from fame.monitor.bags import read_bag
+    from fame.monitor.data_files import read_bag
 
     topics = {resolve(port.topic, namespace): port.type for port in configuration.inputs}
     if run_topic:

@@ -1,4 +1,4 @@
-"""Subscriptions of a node, made from its configuration, and the samples that arrive.
+"""Subscriptions of a node, the samples that arrive, silent topics, and reports that do not repeat themselves.
 
 Each topic is subscribed once. A message gives one sample to every input of its topic, or to none: if any input cannot
 be read or is not finite, or the stamp is not later than the last one, the whole message is left out, and the reason is
@@ -15,13 +15,77 @@ from typing import Any
 
 import numpy as np
 
-from fame.clock import SECOND, Scheduler
+from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.errors import MessageError
 from fame.middleware.interface import Middleware, Node
 from fame.monitor.pipeline.configuration import Port
 from fame.monitor.pipeline.fields import Read, UnusableMessage, has_stamp, reader
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.silence import SilenceWatch, ThrottledReport
+
+
+class ThrottledReport:
+    """Reports each kind of event once, and again when it has happened 10, 100, 1000, 2000 ... times."""
+
+    def __init__(self, report: Callable[[str], object]) -> None:
+        """`report` gets a line of text; `always` is the same function, for what must not be throttled."""
+        self.always = report
+        self.counts: dict[str, int] = {}
+
+    def __call__(self, key: str, text: str) -> None:
+        """Report an event; events with the same `key` are of the same kind."""
+        count = self.counts[key] = self.counts.get(key, 0) + 1
+        if count in (1, 10, 100) or count % 1000 == 0:
+            self.always(text if count == 1 else f"{text} ({count} times)")
+
+    def over(self, key: str, text: str) -> None:
+        """Report that events of this kind are over, if there were any, and count anew."""
+        if self.counts.pop(key, 0):
+            self.always(text)
+
+
+class SilenceWatch:
+    """Reports when no message of a topic has come for `silence` (s), and when messages come again.
+
+    `reason` gives the end of the report; it gets whether there ever was a message. A message costs one assignment: the
+    timer is moved on only when it is due.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        topic: str,
+        silence: float,
+        report: Callable[[str], object],
+        reason: Callable[[bool], str],
+    ) -> None:
+        self._scheduler, self._topic, self._silence = scheduler, topic, silence
+        self._report, self._reason = report, reason
+        self._received = False
+        self._last = scheduler.now
+        self._timer: Entry | None = self._expect()
+
+    def on_message(self) -> None:
+        """Expect the next message in time."""
+        self._last, self._received = self._scheduler.now, True
+        if self._timer is None:
+            self._report(f"{self._topic} goes on")
+            self._timer = self._expect()
+
+    def close(self) -> None:
+        """Expect no more messages."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _expect(self) -> Entry:
+        return self._scheduler.at(self._last + round(self._silence * SECOND), self._check, Kind.TIMER)
+
+    def _check(self) -> None:
+        if self._scheduler.now < self._last + round(self._silence * SECOND):
+            self._timer = self._expect()
+            return
+        self._timer = None
+        self._report(f"{self._topic}: no message for {self._silence:g} s{self._reason(self._received)}")
+
 
 SILENCE = 2.0
 """A topic without a message for this time (s) is silent."""

@@ -19,7 +19,7 @@ class Threshold(Processor):
 
     `alarm`, `channel`, `name`, `loss`, `excess` have a sample per alarm: true, the channel that is farthest above its
     threshold, its name (a list of one), its value, and that divided by the threshold. `active` has one per sample:
-    whether the alarm stands.
+    whether the alarm is set.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -94,7 +94,7 @@ class Threshold(Processor):
         return names, self.threshold
 
     def _states(self, worst: Any) -> Any:
-        """Whether the alarm stands after each sample: set above 1, cleared below the hysteresis, else as before."""
+        """Return the alarm after each sample: set above 1, cleared below the hysteresis, else as before."""
         states = np.where(worst > 1, 1, np.where(worst <= 1 - self.hysteresis, 0, -1))
         states = np.concatenate(([int(self._active)], states))
         last = np.maximum.accumulate(np.where(states >= 0, np.arange(len(states)), 0))

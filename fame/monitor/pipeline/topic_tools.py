@@ -1,4 +1,4 @@
-"""Looking at topics: what is said on them, how often, and how a number on them goes over time."""
+"""Inspection of topics: their messages, rates, and numbers on them over time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MessageTimes:
 
 
 class Series:
-    """A number, or several, over time: what stands at a path of the messages of a topic."""
+    """One or more numbers over time, at a path in the messages of a topic."""
 
     label: str
     unusable: int

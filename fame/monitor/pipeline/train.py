@@ -21,13 +21,13 @@ import numpy as np
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
 from fame.extras import require
-from fame.monitor.pipeline import offline
+from fame.monitor.arrays import Floats
+from fame.monitor.data_files import hash_files, rate_of, read_runs
+from fame.monitor.pipeline import processors
 from fame.monitor.pipeline.estimators import Autoencoder
-from fame.monitor.pipeline.filters import LowPass
-from fame.monitor.pipeline.processor import Floats, Samples
+from fame.monitor.pipeline.filters import LowPass, Windower
+from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.trained_model import ACTIVATIONS, Network, TrainedModel
-from fame.monitor.pipeline.windows import Windower
-from fame.monitor.tables import hash_files, rate_of, read_runs
 from fame.text import suggestion
 
 
@@ -73,11 +73,11 @@ def train(config: Training) -> TrainedModel:
 
 
 def fit(runs: Sequence[Samples], config: Training, data: str = "") -> TrainedModel:
-    """Learn from runs that are at hand: each with values (n, channels). `data` names where they came from."""
+    """Learn from runs in memory, each with values (n, channels). `data` names their origin."""
     _check(config, runs)
     rate = rate_of(runs)
     if config.before:
-        runs = [offline.run([LowPass(cutoff=config.before)], {"x": run})["x"] for run in runs]
+        runs = [processors.run([LowPass(cutoff=config.before)], {"x": run})["x"] for run in runs]
     held = min(max(1, round(config.held_back * len(runs))), len(runs) - 1)
     chosen = np.random.default_rng(config.seed).permutation(len(runs))
     training, held_back = [runs[index] for index in chosen[held:]], [runs[index] for index in chosen[:held]]
@@ -89,7 +89,7 @@ def fit(runs: Sequence[Samples], config: Training, data: str = "") -> TrainedMod
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
     nothing = tuple(0.0 for _ in columns)
     model = TrainedModel(columns, config.window, rate, mean, scale, network, nothing, config.cutoff, config.before)
-    return _judged(model, training, held_back, config, data)
+    return _evaluated(model, training, held_back, config, data)
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
@@ -98,7 +98,7 @@ def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
     if model.cutoff:
         chain.append(LowPass(cutoff=model.cutoff))
     given = {"x": run.replace(run.channels(), names=model.columns)}
-    return offline.run(chain, given).get("loss", Samples(np.zeros((0, len(model.columns))), np.zeros(0)))
+    return processors.run(chain, given).get("loss", Samples(np.zeros((0, len(model.columns))), np.zeros(0)))
 
 
 def training_of(section: ConfigValue, folder: Path) -> Training:
@@ -191,11 +191,11 @@ def _fitted(windows: Floats, config: Training) -> Any:
         random_state=config.seed,
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # as many epochs as were asked for
+        warnings.simplefilter("ignore", ConvergenceWarning)  # the number of epochs is given
         return estimator.fit(windows, windows)
 
 
-def _judged(
+def _evaluated(
     model: TrainedModel, training: Sequence[Samples], held_back: Sequence[Samples], config: Training, data: str
 ) -> TrainedModel:
     """The model with thresholds and metrics."""

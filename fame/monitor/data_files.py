@@ -1,16 +1,17 @@
-"""CSV tables of numbers, and the runs that `fame record` wrote.
+"""Files of recorded data: CSV tables, the runs that `fame record` wrote, and bags of ROS 1 and 2.
 
 Runs need a column ``stamp`` (s). A column ``run`` divides a file into runs, and every file begins a new one. In a
-recorded table a cell may be empty: a row holds the message of one topic.
+recorded table a cell may be empty: a row holds the message of one topic. A bag is a folder of rosbag2 in either
+storage, a single MCAP file or a rosbag1.
 """
 
 from __future__ import annotations
 
 import csv
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -149,3 +150,28 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def read_bag(path: str | Path, topics: Mapping[str, str]) -> Iterator[tuple[float, str, Any]]:
+    """Give every message of some topics (full name -> type), in the order of recording: time (s), topic, message.
+
+    Raises ConfigError for a file that is not a bag, lacks a topic, or has it with another type.
+    """
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    file = str(path)
+    try:
+        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            connections = [item for item in reader.connections if item.topic in topics]
+            for topic, type in topics.items():
+                found = [item.msgtype for item in connections if item.topic == topic]
+                if not found:
+                    has = ", ".join(sorted({item.topic for item in reader.connections})) or "none"
+                    raise ConfigError(f"has no topic {topic}; it has {has}", file=file)
+                if found[0] != type:
+                    raise ConfigError(f"expected {type} on {topic}, got {found[0]}", file=file)
+            for connection, time, data in reader.messages(connections=connections):
+                yield time * 1e-9, connection.topic, reader.deserialize(data, connection.msgtype)
+    except (AnyReaderError, OSError) as error:
+        raise ConfigError(f"is not a readable bag: {error}", file=file) from None
