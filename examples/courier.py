@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from fame.config.parameters import parameter
+from fame.config.values import parameter
 from fame.middleware import messages
 from robots.vehicles import Car, VehicleParameters
 from sim2d.robot import MEASUREMENT, RobotConfig, RobotWorld, period

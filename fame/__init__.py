@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import attach
+from fame.imports import attach
 
 __version__ = "0.2.0"
 

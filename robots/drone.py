@@ -19,8 +19,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from fame.clock import SECOND
-from fame.config.parameters import parameter
-from fame.config.values import Point
+from fame.config.values import Point, parameter
 from fame.errors import MissingTypeError
 from fame.middleware.interface import Message
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters

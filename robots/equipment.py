@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fame.clock import SECOND
-from fame.config.parameters import parameter
+from fame.config.values import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
 from robots.sensors import header_maker, maker

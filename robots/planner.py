@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from fame.config.parameters import parameter
-from fame.config.values import Point
+from fame.config.values import Point, parameter
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Message, Node
 from sim2d.grid import Grid, from_message, inflate

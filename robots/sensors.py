@@ -23,7 +23,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fame.clock import SECOND
-from fame.config.parameters import parameter
+from fame.config.values import parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
 from sim2d.randomness import Noise

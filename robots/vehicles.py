@@ -20,8 +20,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from fame.clock import SECOND
-from fame.config.parameters import parameter
-from fame.config.values import Point
+from fame.config.values import Point, parameter
 from fame.errors import ConfigError
 from fame.middleware.interface import LATCHED, Message
 from fame.text import suggestion

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
 from sim2d.film import WRITERS, writing

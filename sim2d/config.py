@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fame.config.loader import read_document
-from fame.config.parameters import fill
-from fame.config.values import ConfigValue, Point, Source
+from fame.config.values import ConfigValue, Point, Source, fill
 from fame.errors import ConfigError
 from sim2d.ground import ChargerConfig, Circle, Shape, Thing, WeedConfig, bounding_box, box, convex
 from sim2d.registry import robot_class, robot_types

@@ -7,7 +7,7 @@ import warnings
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from fame.extras import require
+from fame.imports import require
 from sim2d import style
 from sim2d.film import writing
 from sim2d.ground import Circle, Shape, Thing, Weed, bounding_box, disc, placed

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from fame.config.objects import find_object
+from fame.config.loader import find_object
 from fame.errors import ConfigError
 from fame.text import suggestion
 from sim2d.robot import SimulatedRobot

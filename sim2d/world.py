@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.config.values import Point
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.middleware import messages
 from fame.middleware.interface import Message, Middleware
 from fame.text import suggestion

@@ -13,7 +13,7 @@ from fame.bpmn import read_text
 from fame.bpmn.library import Library
 from fame.check.explain import Kind, Reading, explain
 from fame.cli import main
-from fame.scripting.javascript.identifiers import identifiers_of
+from fame.scripting.analysis import identifiers_of
 
 MODELS = Path(__file__).parent / "models"
 ROOTS = '<signal id="S" name="weed_found"/><signal id="N"/>'

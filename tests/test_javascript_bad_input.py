@@ -9,7 +9,7 @@ from javascript_models import ROOT, flows, task
 
 import fame
 from fame.scenario import Scenario
-from fame.scripting.javascript import limits
+from fame.scripting.javascript import source
 
 NODE = "const node = this.environment.variables.ros_node;\n"
 WRONG = {
@@ -54,8 +54,8 @@ WRONG = {
 
 @pytest.fixture(autouse=True)
 def small_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "SECONDS", 0.1)
-    monkeypatch.setattr(limits, "MEMORY", 8 * 2**20)
+    monkeypatch.setattr(source, "SECONDS", 0.1)
+    monkeypatch.setattr(source, "MEMORY", 8 * 2**20)
 
 
 def model(text: str, guard: str = "") -> str:

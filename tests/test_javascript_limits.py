@@ -7,7 +7,7 @@ import quickjs
 from javascript_models import Peer, definitions, error_of, flows, run, simulate, task
 
 import fame
-from fame.scripting.javascript import limits
+from fame.scripting.javascript import source
 
 V = "const v = this.environment.variables; "
 
@@ -15,9 +15,9 @@ V = "const v = this.environment.variables; "
 @pytest.fixture(autouse=True)
 def tight(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits that are reached soon."""
-    monkeypatch.setattr(limits, "SECONDS", 0.1)
-    monkeypatch.setattr(limits, "MEMORY", 8 * 2**20)
-    monkeypatch.setattr(limits, "REACTIONS", 1000)
+    monkeypatch.setattr(source, "SECONDS", 0.1)
+    monkeypatch.setattr(source, "MEMORY", 8 * 2**20)
+    monkeypatch.setattr(source, "REACTIONS", 1000)
 
 
 @pytest.mark.parametrize(

@@ -455,7 +455,7 @@ def test_a_wrong_publish_in_a_callback_is_such_an_error() -> None:
 
 
 def test_callbacks_without_end_at_one_instant_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fame.scripting.javascript.limits.AT_ONE_INSTANT", 1000)
+    monkeypatch.setattr("fame.scripting.javascript.source.AT_ONE_INSTANT", 1000)
     text = """
         const node = this.environment.variables.node;
         const echo = node.createPublisher("std_msgs/msg/Bool", "echo");

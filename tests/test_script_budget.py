@@ -159,7 +159,7 @@ def process(code: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.processes
 def test_a_call_that_nothing_interrupts_ends_the_process_and_says_where() -> None:
     done = process("""
-        from fame.heartbeat import heartbeat
+        from fame.scripting.budget import heartbeat
         with heartbeat(0.1, last_resort=0.5):
             exec(compile("import itertools\\nsum(itertools.count())", "REX.bpmn", "exec"))
     """)
@@ -171,7 +171,7 @@ def test_a_call_that_nothing_interrupts_ends_the_process_and_says_where() -> Non
 def test_one_that_computes_and_hears_its_beats_lives_on() -> None:
     done = process("""
         import time
-        from fame.heartbeat import heartbeat
+        from fame.scripting.budget import heartbeat
         with heartbeat(0.1, last_resort=0.5):
             while time.process_time() < 1: pass
     """)

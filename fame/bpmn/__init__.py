@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import attach
+from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.bpmn.reader import read as read, read_bytes as read_bytes, read_text as read_text, write as write

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import attach
+from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.check.checker import check as check, parts_of_one_mission as parts_of_one_mission

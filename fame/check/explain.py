@@ -32,8 +32,7 @@ from fame.engine.data import variable_name
 from fame.errors import ModelError
 from fame.middleware import messages
 from fame.scripting import script_topics
-from fame.scripting.analysis import ScriptTopic
-from fame.scripting.javascript.identifiers import identifiers_of
+from fame.scripting.analysis import ScriptTopic, identifiers_of
 
 Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
 KINDS: tuple[Kind, ...] = ("form", "topic", "data", "call", "script", "quirk", "semantics")

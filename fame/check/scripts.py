@@ -12,8 +12,8 @@ from fame.check.expressions import ExpressionUse, expressions_in
 from fame.check.graph import graph_of
 from fame.check.scope import CheckedProcess, CheckScope, Finding
 from fame.errors import ModelError
+from fame.scripting.analysis import identifiers_of
 from fame.scripting.interface import Log, Robot
-from fame.scripting.javascript.identifiers import identifiers_of
 from fame.scripting.python import called_name, parse_python
 
 # ---- requests and the script interface -------------------------------------------------------------------------------

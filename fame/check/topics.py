@@ -28,7 +28,7 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import UNDEFINED
-from fame.scripting.lexer import ExpressionError
+from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import is_text, payload
 

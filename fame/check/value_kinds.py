@@ -25,7 +25,7 @@ from fame.engine.data import variable_name
 from fame.errors import MessageError, ModelError
 from fame.middleware import messages
 from fame.scripting import UNDEFINED, compile_expression
-from fame.scripting.lexer import ExpressionError
+from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import payload
 

@@ -35,8 +35,8 @@ from fame.check.scope import CheckedProcess, CheckScope, Finding, Level
 from fame.engine import gateways, loops
 from fame.engine.data import variable_name
 from fame.monitor.services import SERVICES
+from fame.scripting.analysis import identifiers_of
 from fame.scripting.interface import NAMES
-from fame.scripting.javascript.identifiers import identifiers_of
 
 _SMALL = {"true": "True", "false": "False", "null": "None"}
 """Constants in most languages and in Python."""

@@ -72,7 +72,7 @@ def _name(text: str) -> str:
 
 def run(arguments: Namespace) -> int:
     """Serve until interrupted."""
-    from fame.heartbeat import heartbeat
+    from fame.scripting.budget import heartbeat
 
     gc.disable()  # what is loaded now stays: to look for garbage in it costs a tenth of the start
     try:

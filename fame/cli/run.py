@@ -230,7 +230,7 @@ def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Observer]]
 
 def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
     """Complain about drawings, and packages that are missing for them or the world, before anything is written."""
-    from fame.extras import require
+    from fame.imports import require
 
     needed = {"pymunk": scenario.world, "matplotlib": arguments.picture, "PIL": arguments.animate}
     for package, wanted in needed.items():

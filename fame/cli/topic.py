@@ -123,7 +123,7 @@ def _hz(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> i
 
 def _plot(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     from fame.errors import ConfigError, MissionError
-    from fame.extras import require
+    from fame.imports import require
     from fame.monitor.pipeline.topic_tools import Series, parse_path, wait_for_types
     from fame.monitor.plots import plot_series
 

@@ -27,7 +27,7 @@ def run(arguments: Namespace) -> int:
     from dataclasses import asdict
 
     from fame.errors import ConfigError
-    from fame.extras import require
+    from fame.imports import require
     from fame.monitor.data_files import hash_files
     from fame.monitor.pipeline.configuration import load
     from fame.monitor.pipeline.train import train, training_of

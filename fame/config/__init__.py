@@ -1,6 +1,5 @@
 """Configuration files that people write: one loader, one validator, errors with file, line and key path.
 
-loader      YAML text to values that know their line; which command a file is for
-values      `ConfigValue`: a value, its key path and its line; methods that check it
-parameters  dataclasses of parameters, filled from a mapping
+loader  YAML text to values that know their line; which command a file is for; Python objects that a file names
+values  `ConfigValue`: a value, its key path and its line; methods that check it; dataclasses of parameters
 """

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import attach
+from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.deploy.engine_node import EngineNode as EngineNode

@@ -108,7 +108,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
 
 
 def chosen_of(how: AdHoc, variables: dict[str, Any]) -> list[Node]:
-    """Where it begins. Raises ValueError for what is no list of ids of elements that can."""
+    """Where it begins. Raises ValueError for anything but a list of ids of elements that can begin."""
     if how.chosen is None:
         return list(how.entries.values())
     ids = how.chosen(variables)

@@ -21,7 +21,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.middleware.interface import resolve
 from fame.monitor.anomaly.classifiers import ConfusionMatrix
 from fame.monitor.anomaly.paths import BIN, PathDetector, Reading

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fame.clock import SECOND
 from fame.engine.program import Mark
 from fame.engine.state import Trail
-from fame.extras import require
+from fame.imports import require
 
 if TYPE_CHECKING:
     import pandas

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import attach
+from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.scenario.deployment import Sending as Sending

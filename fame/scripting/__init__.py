@@ -13,13 +13,12 @@ code_names        the functions, classes and modules that a script leaves for la
 
 from fame.engine.data import UNDEFINED, Variables, plain
 from fame.engine.host import BpmnError, Cancelled
-from fame.heartbeat import BudgetExceeded, heartbeat
 from fame.scripting.analysis import ScriptTopic, code_names, script_names, script_topics
-from fame.scripting.inbox import Inbox
+from fame.scripting.budget import BudgetExceeded, heartbeat
 from fame.scripting.interface import NAMES, Log, Robot, another, interface, mission_date
 from fame.scripting.languages import compile_expression, compile_script
 from fame.scripting.python import error_line, error_text
-from fame.scripting.requests import Call, MessageQueue, Receive, Request, Sleep, Until
+from fame.scripting.requests import Call, Inbox, MessageQueue, Receive, Request, Sleep, Until
 from fame.scripting.runner import GRACE, Runner
 
 __all__ = [

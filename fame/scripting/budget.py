@@ -1,32 +1,135 @@
 """A limit for each step of a script or expression: every loop iteration and function call counts.
 
 `count_steps` rewrites the syntax tree of a script: each loop body, function, lambda and comprehension begins with
-``__tick__() or __budget__.spend()``. The tick is an iterator of C that runs dry after a part of the budget; only then
-`Budget.spend` looks whether it is still the same step that is at work. So a script without loops and functions pays
-nothing at all, and no step pays for its beginning: a step is known by the outermost frame of its script, which is a new
-one for each call, and by `Budget.refill` for a script that was suspended.
+``__tick__() or __budget__.spend()``. The tick is an iterator of C that is exhausted after a part of the budget; only
+then `Budget.spend` checks whether the same step is still running. So a script without loops and functions costs nothing
+extra, nor does the beginning of a step: a step is identified by the outermost frame of its script, which is new for
+each call, and by `Budget.refill` for a script that was suspended.
 
 The count is deterministic: the same script is stopped at the same pass on every machine. Once a step has spent its
-budget, each further tick of it raises again, so a bare ``except:`` inside a loop cannot go on forever. What loops
-inside C (``sum(itertools.count())``) does not count; nor do the loops of imported Python modules, which
-`fame.heartbeat` ends.
+budget, each further tick of it raises again, so a bare ``except:`` inside a loop cannot go on forever. Loops inside C
+(``sum(itertools.count())``) and those of imported Python modules do not count.
+
+There `heartbeat` helps: it interrupts the main thread periodically, and raises `BudgetExceeded` in a script that is
+still in the same step. Python handles signals between two bytecode instructions, and in long calls that check for them
+(powers of large integers, regular expressions, `time.sleep`). A call that never checks ends with its process only, by
+the `last_resort`.
 """
 
 from __future__ import annotations
 
 import ast
+import ctypes
+import faulthandler
 import math
+import signal
 import sys
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from itertools import repeat
 from types import FrameType
 from typing import Any
 
 from fame.engine.data import BUILTINS
-from fame.heartbeat import BUDGET, BudgetExceeded, script_frame
 from fame.scripting.data import Evaluate
+
+BUDGET = "__budget__"
+"""The name of the budget in a script's builtins."""
+
+
+class BudgetExceeded(BaseException):
+    """A step did not end. Not an Exception: `except Exception` must not swallow it."""
+
+
+def script_frame(frame: FrameType | None, budget: object = None) -> FrameType | None:
+    """The outermost frame of a script (of the interface with that budget) that called `frame`, or None."""
+    found = None
+    while frame is not None:
+        owner = frame.f_builtins.get(BUDGET)
+        if owner is not None and (budget is None or owner is budget):
+            found = frame
+        frame = frame.f_back
+    return found
+
+
+@contextmanager
+def heartbeat(seconds: float = 5.0, *, last_resort: float = 0.0) -> Iterator[None]:
+    """Interrupt a step of a script that is running at three beats in a row, which are `seconds` / 2 apart.
+
+    Works in the main thread only, elsewhere it does nothing. Raises BudgetExceeded inside the script, never in the
+    engine. With `last_resort` (s of processor time, so that a stopped process lives on) a process whose main thread
+    handles no beat while it computes that long is killed by SIGVTALRM, with a traceback on stderr.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    seen: tuple[FrameType, int] | None = None
+    times = 0
+    arm = _processor_alarm() if last_resort else lambda seconds: None
+
+    def beat(_number: int, frame: FrameType | None) -> None:
+        nonlocal seen, times
+        arm(last_resort)
+        script = script_frame(frame)
+        now = (script, script.f_builtins[BUDGET].steps) if script is not None else None
+        same = now is not None and seen is not None and now[0] is seen[0] and now[1] == seen[1]
+        seen, times = now, times + 1 if same else 1
+        if times >= 3:
+            raise BudgetExceeded(f"one step of the script took more than {seconds:g} s")
+
+    former = signal.signal(signal.SIGALRM, beat)
+    if last_resort and sys.__stderr__ is not None:
+        faulthandler.register(signal.SIGVTALRM, file=sys.__stderr__, chain=True)
+    arm(last_resort)
+    signal.setitimer(signal.ITIMER_REAL, seconds / 2, seconds / 2)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        arm(0)
+        faulthandler.unregister(signal.SIGVTALRM)
+        signal.signal(signal.SIGALRM, former)
+
+
+class _SignalEvent(ctypes.Structure):
+    """``struct sigevent``: send a signal, which is 0 in `notify`."""
+
+    _fields_ = [
+        ("value", ctypes.c_void_p),
+        ("signal", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("_", ctypes.c_char * 48),
+    ]
+
+
+class _Times(ctypes.Structure):
+    """``struct itimerspec``."""
+
+    _fields_ = [(name, ctypes.c_long) for name in ("interval", "interval_ns", "seconds", "ns")]
+
+
+def _processor_alarm() -> Callable[[float], object]:
+    """Return a function that sets an alarm: SIGVTALRM comes after a processor time of this thread (s); 0 cancels.
+
+    POSIX has it (``timer_create``) and Python does not. Where a thread has no clock the time of all threads counts.
+    """
+    try:
+        libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
+        event = _SignalEvent(signal=signal.SIGVTALRM)
+        if libc.timer_create(time.CLOCK_THREAD_CPUTIME_ID, ctypes.byref(event), ctypes.byref(timer)) == 0:
+            return partial(_set, libc, timer)
+    except (AttributeError, OSError, TypeError):
+        pass
+    return partial(signal.setitimer, signal.ITIMER_VIRTUAL)
+
+
+def _set(libc: ctypes.CDLL, timer: ctypes.c_void_p, seconds: float) -> None:
+    times = _Times(seconds=int(seconds), ns=int(seconds % 1 * 1e9))
+    libc.timer_settime(timer, 0, ctypes.byref(times), None)
+
 
 # ---- scripts in Python -----------------------------------------------------------------------------------------------
 

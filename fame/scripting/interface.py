@@ -18,8 +18,7 @@ from fame.clock import EPOCH, SECOND, date_at
 from fame.engine.host import BpmnError
 from fame.middleware.interface import Message
 from fame.scripting.budget import DEFAULT, Budget
-from fame.scripting.inbox import Inbox
-from fame.scripting.requests import Act, Call, MessageQueue, Receive, Sleep, Until, check_topic
+from fame.scripting.requests import Act, Call, Inbox, MessageQueue, Receive, Sleep, Until, check_topic
 
 NAMES = ("robot", "signal", "BpmnError", "log", "print", "math", "sleep", "receive", "until")
 """The names of the interface. A variable of such a name hides it."""

@@ -26,8 +26,17 @@ from fame.scripting.data import (
     to_text,
 )
 from fame.scripting.feel.functions import FUNCTIONS
-from fame.scripting.grammar import Dialect, Infix, Parser, constant, infix, listing, mapping, parenthesized
-from fame.scripting.lexer import ExpressionError
+from fame.scripting.grammar import (
+    Dialect,
+    ExpressionError,
+    Infix,
+    Parser,
+    constant,
+    infix,
+    listing,
+    mapping,
+    parenthesized,
+)
 from fame.scripting.signatures import functions
 
 Compare = Callable[[Any, Any], bool]

@@ -8,10 +8,9 @@ from fame.bpmn.model import Expression
 from fame.errors import ModelError
 from fame.scripting.data import Evaluate, Undefined, judged
 from fame.scripting.feel import FEEL
-from fame.scripting.grammar import Parser
+from fame.scripting.grammar import ExpressionError, Parser
 from fame.scripting.javascript import compile_javascript
 from fame.scripting.juel import JUEL
-from fame.scripting.lexer import ExpressionError
 from fame.scripting.python import Code, compile_python
 from fame.scripting.substitution import feel_payload, inside, payload, template, value
 

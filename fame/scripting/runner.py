@@ -20,13 +20,11 @@ from typing import Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.host import BpmnError, Cancelled, is_from_outside
-from fame.heartbeat import BUDGET
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Node
-from fame.scripting.budget import Budget
-from fame.scripting.inbox import Inbox, Subscribe, TopicTypes
+from fame.scripting.budget import BUDGET, Budget
 from fame.scripting.python import error_text
-from fame.scripting.requests import Act, Call, Next, Receive, Request, Sleep, Until
+from fame.scripting.requests import Act, Call, Inbox, Next, Receive, Request, Sleep, Subscribe, TopicTypes, Until
 
 GRACE = 2.0
 """Grace period: how long a cancelled script may take to end (s)."""

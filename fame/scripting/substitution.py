@@ -15,9 +15,8 @@ from typing import Any
 from fame.engine.data import UNDEFINED
 from fame.scripting.data import Evaluate, Undefined, to_text
 from fame.scripting.feel import FEEL
-from fame.scripting.grammar import Parser, constant
+from fame.scripting.grammar import ExpressionError, Parser, constant
 from fame.scripting.juel import JUEL
-from fame.scripting.lexer import ExpressionError
 
 # ---- texts with ${...} -----------------------------------------------------------------------------------------------
 

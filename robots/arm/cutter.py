@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from fame.config.parameters import parameter
+from fame.config.values import parameter
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import DEPTH, MH5, RETURN, TRIANGLE, cutting_run, movement, simulated
 from robots.sensors import constructor, header_maker

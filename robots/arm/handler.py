@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from fame.clock import SECOND
-from fame.config.parameters import parameter
-from fame.config.values import Point
+from fame.config.values import Point, parameter
 from fame.errors import MissionError
 from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, of_runs
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain

@@ -24,7 +24,7 @@ import numpy as np
 
 from fame.config.loader import read_document
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.monitor.anomaly.recording import Recording
 from fame.monitor.arrays import Floats, Whole
 from fame.monitor.kinematics import Chain, load_chain

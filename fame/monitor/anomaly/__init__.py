@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fame.lazy import attach
+from fame.imports import attach
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.classifiers import AnomalyDetector as AnomalyDetector, OutputMatrix as OutputMatrix

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.monitor.anomaly.recording import Recording
 from fame.monitor.arrays import Floats
 from fame.monitor.kinematics import Chain

@@ -173,7 +173,7 @@ def _callable(source: str, folder: Path) -> Callable[[], Any] | None:
     """The function of ``module:function``; None for an address. Raises ConfigError."""
     if "://" in source:
         return None
-    from fame.config.objects import find_object
+    from fame.config.loader import find_object
 
     found = find_object(source, folder)
     if not callable(found):

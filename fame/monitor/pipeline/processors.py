@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fame.config.objects import find_object
+from fame.config.loader import find_object
 from fame.config.values import join
 from fame.errors import ConfigError, FameError
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage

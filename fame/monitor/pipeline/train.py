@@ -20,7 +20,7 @@ import numpy as np
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.data_files import hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors

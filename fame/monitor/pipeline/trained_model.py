@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.extras import require
+from fame.imports import require
 from fame.monitor.arrays import Floats
 from fame.monitor.storage import read_artefact, versions, write_artefact
 

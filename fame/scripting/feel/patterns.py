@@ -48,7 +48,7 @@ class _Compiler:
     def program(self) -> tuple[Step, ...]:
         steps = self._alternatives()
         if self._place < len(self._pattern):
-            raise ValueError(f"{self._pattern!r} is no regular expression: `)` too many")
+            raise ValueError(f"{self._pattern!r} is not a regular expression: `)` too many")
         return (("mark", 0), *steps, ("mark", 1), ("end",))
 
     def _ahead(self, sign: str) -> bool:
@@ -79,14 +79,14 @@ class _Compiler:
         number = 2 * self._groups
         steps = self._alternatives()
         if not self._ahead(")"):
-            raise ValueError(f"{self._pattern!r} is no regular expression: a `)` is missing")
+            raise ValueError(f"{self._pattern!r} is not a regular expression: a `)` is missing")
         self._place += 1
         return steps if plain else [("mark", number), *steps, ("mark", number + 1)]
 
     def _atom(self) -> list[Step]:
         found = _ATOM.match(self._pattern, self._place)
         if found is None or re.fullmatch(r"\\[1-9]", found[0]):
-            raise ValueError(f"{self._pattern!r} is no regular expression that can be used here")
+            raise ValueError(f"{self._pattern!r} is not a supported regular expression")
         self._place = found.end()
         text = "\\{" if found[0] == "{" else found[0]
         return [("at" if text in _ANCHORS else "letter", re.compile(text, self._flags).match)]
@@ -130,7 +130,7 @@ def _compiled(pattern: str, flags: str) -> tuple[Step, ...]:
 
 
 def matches(text: str, pattern: str, flags: str = "") -> Iterator[Match]:
-    """All matches from left to right, none inside another. Raises ValueError for what is no pattern."""
+    """All matches from left to right, none inside another. Raises ValueError for an invalid pattern."""
     program, start = _compiled(pattern, flags), 0
     while start <= len(text):
         found = _search(program, text, start)

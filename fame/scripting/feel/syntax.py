@@ -15,7 +15,7 @@ from fame.scripting.grammar import Parser, listing
 
 
 COMPARE = 3
-"""Binding power of comparisons: what stands between ``in`` and ``return`` binds tighter."""
+"""Binding power of comparisons: the operand between ``in`` and ``return`` binds tighter."""
 
 
 def index_or_filter(parser: Parser, left: Evaluate) -> Evaluate:

@@ -23,7 +23,7 @@ from typing import Any
 
 from fame.bpmn.model import Expression
 from fame.engine.data import BUILTINS, Variables
-from fame.scripting.javascript.host_api import HOST_API, REALM, HostApi
+from fame.scripting.javascript.commands import HOST_API, REALM, HostApi
 from fame.scripting.javascript.realm import Realm
 from fame.scripting.javascript.source import JavaScriptError, Script, read_script
 

@@ -30,11 +30,9 @@ from typing import Any
 
 from fame.engine.data import BUILTINS
 from fame.errors import UnavailableError
-from fame.scripting.javascript import limits
-from fame.scripting.javascript.commands import execute
-from fame.scripting.javascript.environment import Environment
-from fame.scripting.javascript.host_api import REALM, HostApi
-from fame.scripting.javascript.run import Run, Suspended
+from fame.scripting.javascript import source
+from fame.scripting.javascript.commands import REALM, HostApi, execute
+from fame.scripting.javascript.environment import Environment, Run, Suspended
 from fame.scripting.javascript.source import JavaScriptError, Script, located, thrown
 from fame.scripting.javascript.values import Digits, decode, encode
 
@@ -71,7 +69,7 @@ class Realm:
         self.host: HostApi | None = host
         self.names: set[str] = set()
         self.computed: bool = False
-        self._context = limits.new_context()
+        self._context = source.new_context()
         entry = self._context.eval(_interface())
         self._begin, self._resume, self._collect, self._cancel = map(entry, ("begin", "resume", "collect", "cancel"))
         self._open, self._load, self._keep, self._kept = map(entry, ("open", "load", "keep", "kept"))
@@ -166,7 +164,7 @@ class Realm:
             self._end(run)
             return
         if self._is_livelock():
-            text = f"{limits.AT_ONE_INSTANT} callbacks at one moment"
+            text = f"{source.AT_ONE_INSTANT} callbacks at one moment"
             self._settle(run, Outcome(error=located(JavaScriptError(text), run.script)))
         else:
             outcome = self._step(run.script, run.environment, self._resume, number, payload)
@@ -206,7 +204,7 @@ class Realm:
             reply = call(what, given, time, changes)
             if self._reacts and self._run_reaction():
                 return self._process(script, environment, reply, self._settle_promises())
-        except limits.failure() as error:
+        except source.failure() as error:
             return self._aborted(script, environment, error)
         if reply.__class__ is bool:
             return reply
@@ -214,17 +212,17 @@ class Realm:
 
     def _settle_promises(self) -> Any:
         """Run the reactions of promises until none is left."""
-        for _ in range(limits.REACTIONS):
+        for _ in range(source.REACTIONS):
             if not self._run_reaction():
                 return self._collect()
-        raise limits.failure()(f"Error: {limits.REACTIONS} reactions of promises in one step")
+        raise source.failure()(f"Error: {source.REACTIONS} reactions of promises in one step")
 
     def _aborted(self, script: Script, environment: Environment, error: Exception) -> Outcome:
         """The outcome of a step that exceeded a limit. What it did before still counts."""
         outcome = _OVER
-        with suppress(limits.failure()), limits.spare_memory(self._context):
+        with suppress(source.failure()), source.spare_memory(self._context):
             outcome = self._process(script, environment, self._collect())
-        with suppress(limits.failure()):
+        with suppress(source.failure()):
             self._cancel()
         text, _, stack = str(error).partition("\n")
         return replace(outcome, error=thrown({"text": text, "stack": stack}, script))
@@ -288,7 +286,7 @@ class Realm:
         run.environment.runs -= 1
         for number in tuple(run.callbacks):
             self.drop(number)
-        with suppress(limits.failure()):
+        with suppress(source.failure()):
             self._cancel(run.number)
 
     def _forget_if_done(self, run: Run) -> None:
@@ -300,7 +298,7 @@ class Realm:
         now = self.robot.scheduler.now
         self._calls = self._calls + 1 if now == self._instant else 1
         self._instant = now
-        return self._calls > limits.AT_ONE_INSTANT
+        return self._calls > source.AT_ONE_INSTANT
 
     # ---- caches ------------------------------------------------------------------------------------------------------
 

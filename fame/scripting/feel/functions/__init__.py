@@ -1,12 +1,10 @@
-"""All functions of FEEL: those of DMN 1.5 (section 10.3.4) and of Camunda 8, by name. docs/feel.md lists them."""
+"""All functions of FEEL by name: those of DMN 1.5 (section 10.3.4) and of Camunda 8. docs/feel.md lists them."""
 
 from __future__ import annotations
 
-from fame.scripting.feel.functions.contexts import CONTEXTS
+from fame.scripting.feel.functions.collections import COLLECTIONS, CONTEXTS
 from fame.scripting.feel.functions.dates import MOMENTS
-from fame.scripting.feel.functions.lists import COLLECTIONS
-from fame.scripting.feel.functions.numbers import NUMBERS
-from fame.scripting.feel.functions.ranges import RANGES
+from fame.scripting.feel.functions.numbers import NUMBERS, RANGES
 from fame.scripting.feel.functions.strings import TEXTS
 
 FUNCTIONS = NUMBERS | TEXTS | COLLECTIONS | CONTEXTS | MOMENTS | RANGES

@@ -9,7 +9,7 @@ from typing import Any
 
 from fame.iso8601 import Duration
 from fame.scripting.data import to_text
-from fame.scripting.feel.times import HOUR, MINUTE, Moment, Temporal, moment, parsed, told, zone_of
+from fame.scripting.feel.values import HOUR, MINUTE, Moment, Temporal, moment, parsed, told, zone_of
 from fame.scripting.interface import mission_date
 from fame.scripting.signatures import functions
 
@@ -45,7 +45,7 @@ def _time_of(hour: Any, minute: Any, second: Any, offset: str = "") -> Temporal:
     if offset:
         length = parsed(offset)
         if not isinstance(length, Duration) or length.months:
-            raise ValueError(f"{offset!r} is no offset of a time")
+            raise ValueError(f"{offset!r} is not a UTC offset")
         rest = abs(length.rest)
         zone = f"{'-' if length.rest < 0 else '+'}{rest // HOUR:02}:{rest % HOUR // MINUTE:02}"
     whole, fraction = divmod(round(second * 1_000_000), 1_000_000)
@@ -77,7 +77,7 @@ def _known(text: str) -> Temporal:
 def _duration(text: str) -> Temporal:
     found = parsed(text)
     if not isinstance(found, Duration):
-        raise ValueError(f"{text!r} is no duration")
+        raise ValueError(f"{text!r} is not a duration")
     zero = not (found.months or found.rest)
     return Temporal(text) if zero else told(found)
 

@@ -1,15 +1,20 @@
-"""The functions of FEEL about numbers. Roundings are decimal, digit by digit, as the number is written."""
+"""The functions of FEEL about numbers and ranges.
+
+Numbers are rounded in decimal, as they are written. The relations of ranges and points are those of DMN 1.5, table 78;
+a point is a range from itself to itself.
+"""
 
 from __future__ import annotations
 
 import decimal
 import math
+import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from fame.iso8601 import Duration
 from fame.scripting.data import is_number
-from fame.scripting.feel.times import kind_of, parsed, told
+from fame.scripting.feel.values import Range, kind_of, order, parsed, told
 from fame.scripting.interface import random_source
 from fame.scripting.signatures import functions
 
@@ -29,9 +34,9 @@ _MODES = {
 
 
 def rounded(value: Any, scale: Any, mode: str) -> Any:
-    """A number with so many digits after the point. Raises ValueError."""
+    """Round to that number of digits after the point. Raises ValueError."""
     if scale != int(scale) or int(scale) not in _SCALES or mode.lower() not in _MODES:
-        raise ValueError(f"{scale!r} digits cannot be rounded to, or {mode!r} is no way to do so")
+        raise ValueError(f"expected a scale within -6111..6176 and a rounding mode, got {scale!r} and {mode!r}")
     if isinstance(value, int) and scale >= 0:
         return value
     exact = decimal.Decimal(value if isinstance(value, int) else repr(float(value)))
@@ -78,5 +83,94 @@ NUMBERS = functions({"random number()": _random}, sees=True) | functions(
         "odd(number: number)": lambda number: number % 2 == 1,
         "even(number: number)": lambda number: number % 2 == 0,
     }
+)
+"""Name -> its signatures."""
+
+
+# ---- ranges ----------------------------------------------------------------------------------------------------------
+
+
+def _less(left: Any, right: Any) -> bool:
+    found = order(operator.lt, left, right)
+    if found is None:
+        raise TypeError(f"{left!r} and {right!r} have no order")
+    return found
+
+
+def _same(left: Any, right: Any) -> bool:
+    return not _less(left, right) and not _less(right, left)
+
+
+def _before(a: Range, b: Range) -> bool:
+    return _less(a.high, b.low) or (_same(a.high, b.low) and not (a.with_high and b.with_low))
+
+
+def _meets(a: Range, b: Range) -> bool:
+    return a.with_high and b.with_low and _same(a.high, b.low)
+
+
+def _begins_no_later(a: Range, b: Range) -> bool:
+    return _less(a.low, b.low) or (_same(a.low, b.low) and (a.with_low or not b.with_low))
+
+
+def _ends_no_earlier(a: Range, b: Range) -> bool:
+    return _less(b.high, a.high) or (_same(a.high, b.high) and (a.with_high or not b.with_high))
+
+
+def _overlaps(a: Range, b: Range) -> bool:
+    return not _before(a, b) and not _before(b, a)
+
+
+def _overlaps_before(a: Range, b: Range) -> bool:
+    return _overlaps(a, b) and not _begins_no_later(b, a) and _ends_no_earlier(b, a)
+
+
+def _finishes(a: Range, b: Range) -> bool:
+    return _same(a.high, b.high) and a.with_high == b.with_high and _begins_no_later(b, a)
+
+
+def _starts(a: Range, b: Range) -> bool:
+    return _same(a.low, b.low) and a.with_low == b.with_low and _ends_no_earlier(b, a)
+
+
+def _includes(a: Range, b: Range) -> bool:
+    return _begins_no_later(a, b) and _ends_no_earlier(a, b)
+
+
+def _coincides(a: Range, b: Range) -> bool:
+    return _includes(a, b) and _includes(b, a)
+
+
+def _swapped(relation: Callable[[Range, Range], bool]) -> Callable[[Range, Range], bool]:
+    return lambda a, b: relation(b, a)
+
+
+def _relation(relation: Callable[[Range, Range], bool]) -> Callable[[Any, Any], bool]:
+    def of(*values: Any) -> bool:
+        a, b = (value if isinstance(value, Range) else Range(value, value) for value in values)
+        return relation(a, b)
+
+    return of
+
+
+_RELATIONS: dict[str, Callable[[Range, Range], bool]] = {
+    "before": _before,
+    "after": _swapped(_before),
+    "meets": _meets,
+    "met by": _swapped(_meets),
+    "overlaps": _overlaps,
+    "overlaps before": _overlaps_before,
+    "overlaps after": _swapped(_overlaps_before),
+    "finishes": _finishes,
+    "finished by": _swapped(_finishes),
+    "includes": _includes,
+    "during": _swapped(_includes),
+    "starts": _starts,
+    "started by": _swapped(_starts),
+    "coincides": _coincides,
+}
+
+RANGES = functions(
+    {f"{name}(range1: value, range2: value)": _relation(relation) for name, relation in _RELATIONS.items()}
 )
 """Name -> its signatures."""

@@ -1,4 +1,4 @@
-"""The functions of FEEL about lists."""
+"""The functions of FEEL about lists, contexts and null."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from functools import cmp_to_key, reduce
 from typing import Any
 
 from fame.scripting.budget import spend
-from fame.scripting.data import is_list, is_number, plain, product, quotient
+from fame.scripting.data import fields_of, is_list, is_number, plain, product, quotient
 from fame.scripting.feel.syntax import Lambda
-from fame.scripting.feel.values import equal, identity, order
+from fame.scripting.feel.values import equal, field_of, identity, order
 from fame.scripting.signatures import functions
 
 
@@ -128,14 +128,14 @@ def _flat(items: list[Any]) -> Iterator[Any]:
 
 def _partition(items: list[Any], size: Any) -> list[list[Any]]:
     if int(size) < 1:
-        raise ValueError(f"{size} is no size of a part")
+        raise ValueError(f"expected a size of 1 or more, got {size}")
     return [items[place : place + int(size)] for place in range(0, len(items), int(size))]
 
 
 def _sort(items: list[Any], precedes: Any = None) -> list[Any]:
     """By a function of two items; without one, in ascending order."""
     if precedes is not None and not isinstance(precedes, Lambda):
-        raise TypeError(f"{precedes!r} is no function")
+        raise TypeError(f"{precedes!r} is not a function")
 
     def before(left: Any, right: Any) -> bool:
         found = order(operator.lt, left, right) if precedes is None else precedes.apply(left, right)
@@ -155,7 +155,7 @@ def _join(items: list[Any], delimiter: Any = None, prefix: Any = None, suffix: A
 
 def _is_empty(value: Any) -> bool:
     if not is_list(value):
-        raise TypeError(f"{value!r} is no list")
+        raise TypeError(f"{value!r} is not a list")
     return len(value) == 0
 
 
@@ -193,6 +193,71 @@ COLLECTIONS = functions(
         "string join(list: list, delimiter?: any, prefix?: any, suffix?: any)": _join,
         "is empty(list: value)": _is_empty,
         "partition(list: list, size: number)": _partition,
+    }
+)
+"""Name -> its signatures."""
+
+
+# ---- contexts and null -----------------------------------------------------------------------------------------------
+
+
+def _get(context: Any, keys: Any) -> Any:
+    """The entry at a key, or at a path of keys."""
+    if not is_list(keys):
+        return None if is_list(context) else field_of(context, keys)
+    return reduce(_get, plain(keys), context) if len(keys) else None
+
+
+def _entries(context: Any) -> list[dict[str, Any]]:
+    return [{"key": key, "value": value} for key, value in fields_of(context).items()]
+
+
+def _put(context: Any, keys: Any, value: Any) -> dict[str, Any]:
+    """The context with another value under a key, or under a path of keys (DMN 1.5, table 81); null is an empty one."""
+    first, *rest = plain(keys) if is_list(keys) else [keys]
+    entries = fields_of(context)
+    if not isinstance(first, str):
+        raise TypeError(f"{first!r} is not a key")
+    return {**entries, first: _put(entries.get(first), rest, value) if rest else value}
+
+
+def _merge(contexts: list[Any]) -> dict[str, Any]:
+    return {key: value for context in contexts for key, value in fields_of(context).items()}
+
+
+def _merge_all(*contexts: Any) -> dict[str, Any]:
+    """Of several contexts, or of a list of them."""
+    return _merge([context for item in contexts for context in (plain(item) if is_list(item) else [item])])
+
+
+def _made(entries: list[Any]) -> dict[str, Any]:
+    """Of a list of contexts with `key` and `value`."""
+    found = {entry["key"]: entry["value"] for entry in map(fields_of, entries)}
+    if not all(isinstance(key, str) for key in found):
+        raise TypeError("expected a text as key")
+    return found
+
+
+def _assert(value: Any, condition: Any, cause: Any = "the condition is not met") -> Any:
+    if condition is not True:
+        raise AssertionError(str(cause))
+    return value
+
+
+CONTEXTS = functions(
+    {
+        "get value(context: value, key: value)": _get,
+        "get value(m: value, key: value)": _get,
+        "get entries(context: value)": _entries,
+        "get entries(m: value)": _entries,
+        "context put(context: any, key: value, value: any)": _put,
+        "put(context: any, key: value, value: any)": _put,
+        "context merge(contexts: list)": _merge,
+        "put all(contexts...: value)": _merge_all,
+        "context(entries: list)": _made,
+        "is defined(value: any)": lambda value: value is not None,
+        "get or else(value: any, default: any)": lambda value, default: default if value is None else value,
+        "assert(value: any, condition: any, cause?: any)": _assert,
     }
 )
 """Name -> its signatures."""

@@ -1,0 +1,48 @@
+"""Imports on first use (the convention of ``lazy_loader.attach``, SPEC 1; PEP 562), and packages of FAME's extras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from fame.errors import UnavailableError
+
+_EXTRAS = {
+    "PIL": ("animations need Pillow", "sim"),
+    "matplotlib": ("pictures need matplotlib", "sim"),
+    "pandas": ("tables of events need pandas", "pandas"),
+    "pymunk": ("the 2D world needs pymunk", "sim"),
+    "scipy": ("paths and runs of arms need scipy", "ml"),
+    "sklearn": ("training needs scikit-learn", "ml"),
+    "onnx": ("ONNX files need the package onnx", "onnx"),
+    "onnxruntime": ("ONNX files need the package onnxruntime", "onnx"),
+}
+"""By package: what needs it, and the extra that installs it."""
+
+
+def require(package: str) -> None:
+    """Raise UnavailableError, with the command that installs it, if the package is not there. Nothing is imported."""
+    if find_spec(package) is None:
+        text, extra = _EXTRAS[package]
+        raise UnavailableError(f"{text}: pip install 'fame-robots[{extra}]'")
+
+
+def attach(
+    package: str, names: Mapping[str, Sequence[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of `package`.
+
+    `names` maps modules, relative to the package, to the public names they define. Type checkers do not see these: the
+    package repeats them under ``TYPE_CHECKING`` as ``from module import name as name``.
+    """
+    modules = {name: f"{package}.{module}" for module, defined in names.items() for name in defined}
+    public = sorted(modules)
+
+    def getattr_(name: str) -> Any:
+        if name not in modules:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(modules[name]), name)
+
+    return getattr_, public.copy, public
