@@ -61,10 +61,15 @@ def open_handler(engine: EngineState, start: Node, scope: Scope, cancelling: Can
     if handler.plain_step is not None:
         engine.notify(scope, handler.entered)
     scopes.count_event(engine, scope, start)
-    scope.body = handler.body
+    body = scope.body = handler.body
+    assert body is not None
     assert start.next is not None
-    scopes.proceed(engine, start.next, scope, cancelling)
-    scopes.arm_scope(engine, scope)
+    if cancelling:
+        scopes.proceed(engine, start.next, scope, cancelling)
+    else:
+        engine.ready.append((start.next, scope))
+    if body.armed or body.queued:
+        scopes.arm_scope(engine, scope)
 
 
 # ---- suspension ----------------------------------------------------------------------------------
