@@ -94,6 +94,7 @@ def test_engines_in_processes_of_their_own_have_the_same(tmp_path: Path) -> None
     scenario = Scenario.load(write(tmp_path, "epoch: 2026-05-01T12:00Z"))
     (line,) = command_lines(scenario, "dds", speed=None, lockstep=False, types=(), trust=tmp_path / "run.pub").values()
     assert line[line.index("--epoch") + 1] == "2026-05-01T12:00:00Z"
+    assert line[line.index("--files") + 1] == str(Path(scenario.definitions.file).resolve().parent)
 
 
 def test_without_one_an_engine_on_the_wall_clock_knows_the_real_date() -> None:

@@ -53,14 +53,14 @@ COUNTERS: list[Counter] = []
 
 
 class Robot:
-    def __init__(self, content: str, **variables: Any) -> None:
+    def __init__(self, content: str, *, files: Path | None = None, **variables: Any) -> None:
         COUNTERS.clear()
         self.scheduler = Scheduler()
         definitions = read_text(process(content), file="there/m.bpmn")
         self.node = RobotNode(
             "REX", make_mission(definitions, definitions.processes[0]),
             scheduler=self.scheduler, middleware=LocalMiddleware(self.scheduler),
-            built_in_services={"counter": BuiltInService(Counter)},
+            built_in_services={"counter": BuiltInService(Counter)}, files=files,
         )  # fmt: skip
         self.node.load()
         self.node.start(variables)
@@ -94,6 +94,13 @@ def test_a_service_that_ends_by_itself_ends_its_task_and_sets_variables() -> Non
     robot = Robot(ENDLESS, limit=3)
     assert (robot.instance.status, robot.instance.variables["counted"]) == ("completed", 3)
     assert [counter.closed for counter in COUNTERS] == [1]
+
+
+def test_files_are_those_beside_the_model_or_in_the_folder_of_the_engine(tmp_path: Path) -> None:
+    Robot(ENDLESS, limit=3)
+    assert COUNTERS[0].context.folder == Path("there")
+    Robot(ENDLESS, limit=3, files=tmp_path)
+    assert COUNTERS[0].context.folder == tmp_path
 
 
 def test_a_service_is_closed_when_its_task_is_interrupted() -> None:

@@ -59,6 +59,10 @@ def add(commands: Commands) -> None:
         "--epoch", type=epoch, metavar="DATE|now",
         help="the date at second 0 of the mission's time; else 1970-01-01T00:00Z in simulated time, and the real date",
     )  # fmt: skip
+    parser.add_argument(
+        "--files", type=Path, metavar="DIR",
+        help="folder of the files that service tasks name, such as learned models (default: the current folder)",
+    )  # fmt: skip
     add_network(parser)
     add_library(parser)
 
@@ -93,6 +97,8 @@ def _serve(arguments: Namespace) -> None:
     if arguments.identity is not None and not trusted:
         raise ConfigError("--identity needs --trust FILE.pub: without keys nothing is signed")
     identity = read_identity(arguments.identity, arguments.name) if arguments.identity is not None else None
+    if arguments.files is not None and not arguments.files.is_dir():
+        raise ConfigError("expected a folder", file=str(arguments.files))
     guarded = bool(trusted or arguments.insecure)
     if arguments.network is not None and not guarded:
         raise FameError(_OPEN)
@@ -131,6 +137,7 @@ def _serve(arguments: Namespace) -> None:
             trusted=trusted,
             identity=identity,
             unsigned_tasks=arguments.unsigned_tasks,
+            files=arguments.files,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
         )
         if time is not None:

@@ -50,6 +50,8 @@ from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware, Node
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from fame.bpmn.library import Library
     from fame.robot import Event as RobotEvent, RobotNode, Service
 
@@ -90,6 +92,7 @@ class EngineNode:
         wall_time: Callable[[], float] = time.time,
         time: Scheduler | None = None,
         epoch: datetime = EPOCH,
+        files: Path | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self._task_signers = () if unsigned_tasks else trusted
@@ -105,6 +108,7 @@ class EngineNode:
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
             "epoch": epoch,
+            "files": files,
             "on_end": lambda instance: self.status.publish(),
         }
         self._on_report = on_report or (lambda event: None)

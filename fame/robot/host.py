@@ -48,6 +48,7 @@ class HostOptions:
     keep: int | None
     on_end: Callable[[Instance], object]
     built_in_services: Mapping[str, BuiltInService]
+    files: Path | None
 
 
 class EngineHost:
@@ -110,7 +111,7 @@ class EngineHost:
             namespace=self._node.namespace,
             middleware=self._middleware,
             scheduler=self._scheduler,
-            folder=Path(self._mission.definitions.file).parent,
+            folder=self._options.files or Path(self._mission.definitions.file).parent,
             report=partial(self.report, element),
             changed=self.runner.poll,
         )

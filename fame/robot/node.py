@@ -12,6 +12,7 @@ import difflib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -51,6 +52,7 @@ class RobotNode:
     keep       how many instances to remember (all by default); `started`, `completed` and `failed` count all
     on_end     called with each instance that has ended
     built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
+    files      folder that built-in services take names of files from; default: that of the model
     compiled   False leaves compiling to the caller: `compile_process`, in any thread, then `assemble`
 
     Raises ModelError for a process that cannot be compiled.
@@ -78,6 +80,7 @@ class RobotNode:
         keep: int | None = None,
         on_end: Callable[[Instance], object] = lambda instance: None,
         built_in_services: Mapping[str, BuiltInService] = MappingProxyType({}),
+        files: Path | None = None,
         compiled: bool = True,
     ) -> None:
         self.name: str = name
@@ -98,6 +101,7 @@ class RobotNode:
             keep=keep,
             on_end=on_end,
             built_in_services=built_in_services,
+            files=files,
         )
         self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self._endpoints, options)
         self.runner: Runner = self.host.runner

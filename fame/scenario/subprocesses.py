@@ -103,6 +103,7 @@ def command_lines(
     lines: dict[str, list[str]] = {}
     places = [word for place in types for word in ("--types", str(place.resolve()))]
     tail = ["--middleware", backend]
+    files = ["--files", str(Path(scenario.definitions.file).resolve().parent)]
     kinds: dict[str, str] = {}
     time: list[str] = []
     if scenario.world is not None:
@@ -114,8 +115,8 @@ def command_lines(
         time = ["--lockstep" if lockstep else "--use-sim-time"]
     for robot in scenario.cast:
         kind = ["--type", kinds[robot]] if robot in kinds else []
-        trusted = ["--trust", str(trust), "--unsigned-tasks"]
-        lines[robot] = ["engine", robot, *trusted, *kind, *time, "--epoch", date_text(scenario.epoch), *places, *tail]
+        own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files]
+        lines[robot] = ["engine", robot, *own, *time, "--epoch", date_text(scenario.epoch), *places, *tail]
     return lines
 
 
