@@ -30,7 +30,7 @@ from check_drawing import (
 )
 
 from fame.bpmn.library import Library
-from fame.bpmn.ros_names import NAMES
+from fame.bpmn.topics import NAMES
 from fame.check import check
 
 ERRORS = {

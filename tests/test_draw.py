@@ -12,9 +12,8 @@ from lxml import etree
 
 from fame.bpmn import read_text
 from fame.bpmn.draw.diagram import draw
-from fame.bpmn.draw.labels import overlap
 from fame.bpmn.draw.style import STYLES
-from fame.bpmn.draw.svg import arrow, fitted, middle, polyline, text_width, wrap
+from fame.bpmn.draw.svg import arrow, fitted, middle, overlap, polyline, text_width, wrap
 from fame.bpmn.model import Bounds
 from fame.errors import ModelError
 

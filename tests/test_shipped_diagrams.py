@@ -12,8 +12,7 @@ from lxml import etree
 
 from fame.bpmn import read
 from fame.bpmn.draw.diagram import draw
-from fame.bpmn.draw.labels import crosses, overlap
-from fame.bpmn.draw.svg import text_width
+from fame.bpmn.draw.svg import crosses, overlap, text_width
 from fame.bpmn.model import Bounds, Definitions, Edge, Shape
 
 ROOT = Path(__file__).parent.parent

@@ -10,7 +10,7 @@ XML. They are imported on first use, so that the dataclasses alone do not load a
     topics       the topics of a model and their message types
     library      called processes, from library files
     pools        the pools of a collaboration, and their robots
-    split        a collaboration -> one file per pool (with merging and extension_elements)
+    split        a collaboration -> one file per pool (with merging)
     conversion   other dialects -> the current form
     draw         a model -> SVG
 """

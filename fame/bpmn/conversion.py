@@ -1,7 +1,7 @@
 """Converts a file of any dialect to the current form, with the same behaviour.
 
 It works on the XML, so that unknown content is kept. The adapters read extension elements of other dialects, and
-`extension_elements` writes them in the current form. Every topic gets a signal or message with its name. Embedded
+`fame.bpmn.merging` writes them in the current form. Every topic gets a signal or message with its name. Embedded
 processes become processes of the file. Scripts keep their language. A file in the current form does not change.
 """
 
@@ -13,12 +13,12 @@ from typing import Literal
 
 from lxml import etree
 
-from fame.bpmn import extension_elements
+from fame.bpmn import merging
 from fame.bpmn.merging import full_tree
 from fame.bpmn.model import Definitions, Process, SubProcess, Task
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
-from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
+from fame.bpmn.reader.dialects.camunda import SHARED_ATTRIBUTES, SHARED_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
 from fame.bpmn.split import update_type_prefixes
@@ -62,7 +62,7 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     for name in ("scriptFormat", "language"):
         if (element.get(name) or "").strip().lower() in ("js", "javascript()", "javascript"):
             element.set(name, "javascript")
-    holders = element.findall(extension_elements.EXTENSION_ELEMENTS)
+    holders = element.findall(merging.EXTENSION_ELEMENTS)
     if not holders:
         return
     holder = holders[0]
@@ -76,7 +76,7 @@ def _rewrite(context: Context, root: Node, element: Node) -> None:
     if not found.refused and (not found.own_scope or found.inputs or found.outputs or found.all_in or found.all_out):
         for one in foreign:
             holder.remove(one)
-        extension_elements.write_extensions(element, found)
+        merging.write_extensions(element, found)
     if found.key is not None:
         _correlate(root, element, found)
     if any(one.tag in _KINDS for one in element):
@@ -107,7 +107,7 @@ def _rewrite_message_lists(event: Node, holder: Node) -> None:
             values = list(first.iterchildren("*")) if first is not None and original_fame.is_message_list(first) else []
             if 0 < len(values) <= 2:
                 for name, value in zip(("type", "payload"), values, strict=False):
-                    extension_elements.add_property(event, name, text_of(value).strip())
+                    merging.add_property(event, name, text_of(value).strip())
                 mapping.remove(parameter)
         if not len(mapping):
             holder.remove(mapping)
@@ -183,14 +183,14 @@ def _write_rules(root: Node, process: Process, element: Node, semantics: Semanti
         isinstance(node, SubProcess) and node.triggered_by_event for node in process.body.walk()
     ):
         _drop_property(element, "semantics")
-        extension_elements.add_property(element, "semantics", str(semantics))
+        merging.add_property(element, "semantics", str(semantics))
     _drop_property(element, "topics")
     if process.by_prefix and not is_original_fame(root) and any(True for _ in element.iter(f"{_B}dataObjectReference")):
-        extension_elements.add_property(element, "fields", "prefix")
+        merging.add_property(element, "fields", "prefix")
 
 
 def _drop_property(element: Node, name: str) -> None:
-    holder = element.find(extension_elements.EXTENSION_ELEMENTS)
+    holder = element.find(merging.EXTENSION_ELEMENTS)
     for properties in holder.findall(f"{_C}properties") if holder is not None else ():
         for one in properties.findall(f"{_C}property"):
             if one.get("name") == name:

@@ -11,8 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from fame.bpmn.model import Expression, FlowNode, Task, Topic
-from fame.bpmn.ros_names import NAMES, is_ros_name
-from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, topic_table
+from fame.bpmn.topics import EMPTY_TYPE, NAMES, TopicEnd, is_ros_name, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
     Topics,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from fame.bpmn.ros_names import NAMES, is_ros_name
+from fame.bpmn.topics import NAMES, is_ros_name
 from fame.errors import MessageError
 from fame.middleware.primitives import describe
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from fame.bpmn.ros_names import NAMES, is_ros_name
+from fame.bpmn.topics import NAMES, is_ros_name
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.errors import (

@@ -10,16 +10,28 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from fame.bpmn.draw.icons import Ink
-from fame.bpmn.draw.labels import Label, place_labels
 from fame.bpmn.draw.shapes import draw_shape, name_beside, placeholder
-from fame.bpmn.draw.style import BACKGROUND, INK, OUTCOMES, SMALL, Picture, Tally, badge, badges, is_visited, legend
+from fame.bpmn.draw.style import (
+    BACKGROUND,
+    INK,
+    OUTCOMES,
+    SMALL,
+    Ink,
+    Picture,
+    Tally,
+    badge,
+    badges,
+    is_visited,
+    legend,
+)
 from fame.bpmn.draw.svg import (
     FONT,
+    Label,
     arrow,
     corners,
     middle,
     number,
+    place_labels,
     point_towards,
     polyline,
     tag,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from fame.bpmn.draw import icons
-from fame.bpmn.draw.icons import Ink
-from fame.bpmn.draw.labels import fit_in_box
-from fame.bpmn.draw.style import BACKGROUND, BAND_FILL, SIZE, SMALL, Picture, text_colour
-from fame.bpmn.draw.svg import corners, number, tag, text_lines, translated, wrap
+from fame.bpmn.draw import style
+from fame.bpmn.draw.style import BACKGROUND, BAND_FILL, SIZE, SMALL, Ink, Picture, text_colour
+from fame.bpmn.draw.svg import corners, fit_in_box, number, tag, text_lines, translated, wrap
 from fame.bpmn.model import (
     GATEWAYS,
     PLACES,
@@ -68,7 +66,7 @@ def _pool(picture: Picture, shape: Shape, element: Element) -> str:
     marks = ""
     if isinstance(element, Participant) and element.multi_instance:
         x, y = bounds.x + bounds.width / 2 - 7, bounds.y + bounds.height - 18
-        marks = translated(x, y, icons.marker("parallel", ink))
+        marks = translated(x, y, style.marker("parallel", ink))
     if shape.kind == "participant" and not getattr(element, "process", ""):
         paper = BAND_FILL if shape.band.endswith("non_initiating") else ink[1]
         return _box(bounds, (ink[0], paper), 1.5) + _centred(element.name, bounds, ink) + marks
@@ -105,7 +103,7 @@ def _activity(picture: Picture, shape: Shape, element: Element) -> str:
     if isinstance(element, SubProcess) and element.kind == "transaction":
         box += _box(_shrunk(bounds, 3), ink, 1.5, 8)
     markers = _markers(shape, element, ink)
-    icon = icons.task(element.kind, ink) if isinstance(element, Task) else ""
+    icon = style.task(element.kind, ink) if isinstance(element, Task) else ""
     if open_body:
         lines = wrap(element.name, bounds.width - 20, SIZE)
         name = text_lines(lines, bounds.x + bounds.width / 2, bounds.y + 6, size=SIZE, fill=text_colour(ink))
@@ -131,7 +129,7 @@ def _markers(shape: Shape, element: Element, ink: Ink) -> str:
     bounds = shape.bounds
     left = bounds.x + bounds.width / 2 - 9 * len(kinds) + 2
     y = bounds.y + bounds.height - 19
-    return "".join(translated(left + 18 * place, y, icons.marker(kind, ink)) for place, kind in enumerate(kinds))
+    return "".join(translated(left + 18 * place, y, style.marker(kind, ink)) for place, kind in enumerate(kinds))
 
 
 def _event(picture: Picture, shape: Shape, element: Element) -> str:
@@ -147,7 +145,7 @@ def _event(picture: Picture, shape: Shape, element: Element) -> str:
         tag("circle", cx=x, cy=y, r=r, fill=ink[1], stroke=ink[0], stroke_width=width, stroke_dasharray=dashes)
         for r, width in rings
     ]
-    icon = icons.trigger(_trigger(element), ink, throws)
+    icon = style.trigger(_trigger(element), ink, throws)
     scale = bounds.width / 36
     inside = translated(x - 18 * scale, y - 18 * scale, icon, scale=scale) if icon else ""
     return "".join(circles) + inside + picture.label(shape.element, text_colour(ink))
@@ -166,7 +164,7 @@ def _gateway(picture: Picture, shape: Shape, element: Element) -> str:
     x, y, w, h = bounds.x + bounds.width / 2, bounds.y + bounds.height / 2, bounds.width / 2, bounds.height / 2
     points = corners([(x, y - h), (x + w, y), (x, y + h), (x - w, y)])
     diamond = tag("polygon", points=points, fill=ink[1], stroke=ink[0], stroke_width=2, stroke_linejoin="round")
-    sign = icons.gateway(element.kind, ink, shape.marker_visible)
+    sign = style.gateway(element.kind, ink, shape.marker_visible)
     inside = translated(x, y, sign, scale=bounds.width / 50) if sign else ""
     return diamond + inside + picture.label(shape.element, text_colour(ink))
 
@@ -179,14 +177,14 @@ def _data(picture: Picture, shape: Shape, element: Element) -> str:
     fold = min(10, w / 3)
     page = [(x, y), (x + w - fold, y), (x + w, y + fold), (x + w, y + h), (x, y + h)]
     corner = [(x + w - fold, y), (x + w - fold, y + fold), (x + w, y + fold)]
-    style = {"stroke": ink[0], "stroke_width": 2, "stroke_linejoin": "round"}
-    drawn = tag("polygon", points=corners(page), fill=ink[1], **style)
-    drawn += tag("polyline", points=corners(corner), fill="none", **style)
+    stroke = {"stroke": ink[0], "stroke_width": 2, "stroke_linejoin": "round"}
+    drawn = tag("polygon", points=corners(page), fill=ink[1], **stroke)
+    drawn += tag("polyline", points=corners(corner), fill="none", **stroke)
     if isinstance(element, DataObject) and element.collection:
-        drawn += translated(x + w / 2 - 7, y + h - 18, icons.marker("parallel", ink))
+        drawn += translated(x + w / 2 - 7, y + h - 18, style.marker("parallel", ink))
     if shape.kind in ("dataInput", "dataOutput"):
         filled = shape.kind == "dataOutput"
-        drawn += translated(x + 1, y + 1, icons.trigger("link", ink, filled), scale=0.5)
+        drawn += translated(x + 1, y + 1, style.trigger("link", ink, filled), scale=0.5)
     return drawn + picture.label(shape.element, text_colour(ink))
 
 
@@ -217,7 +215,7 @@ def _conversation(picture: Picture, shape: Shape, element: Element) -> str:
     width = 5 if shape.kind == "callConversation" else 2
     hexagon = tag("polygon", points=points, fill=ink[1], stroke=ink[0], stroke_width=width, stroke_linejoin="round")
     plus = (
-        translated(x + w / 2 - 7, y + h - 19, icons.marker("collapsed", ink)) if shape.kind == "subConversation" else ""
+        translated(x + w / 2 - 7, y + h - 19, style.marker("collapsed", ink)) if shape.kind == "subConversation" else ""
     )
     return hexagon + plus + picture.label(shape.element, text_colour(ink))
 
