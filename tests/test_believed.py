@@ -13,9 +13,8 @@ import fame
 from fame.bpmn.reader import read_text
 from fame.cli import main
 from fame.deploy import STATUS_QOS, STRING, Deployment, EngineNode, LateJoiners, Report
-from fame.deploy.diagrams import Diagram
+from fame.deploy.authentication import GONE, Diagram, ReportReader
 from fame.deploy.leader_election import SplitterStatus
-from fame.deploy.report_reader import GONE, ReportReader
 from fame.deploy.requests import TaskClient, TaskRequest
 from fame.deploy.signing import Identity, new_identity, new_keys, read_identity, read_private, read_trusted, sign
 from fame.deploy.splitter_node import SplitterNode

@@ -8,7 +8,7 @@ from deployment_field import Field, patrol
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode, Report
 from fame.deploy.requests import read_request
-from fame.deploy.warnings import RateLimiter
+from fame.deploy.status import RateLimiter
 from fame.errors import DeploymentError
 from fame.middleware.local import LocalMiddleware
 

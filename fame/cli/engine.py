@@ -165,7 +165,7 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
 
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, Report, engines
-    from fame.deploy.report_reader import proves_presence
+    from fame.deploy.authentication import proves_presence
     from fame.deploy.status import HEARTBEAT
 
     scheduler.run(scheduler.now + SECOND // 2)  # until others are found

@@ -62,7 +62,7 @@ def _diagram(model: Path, key: Path) -> None:
     import time
 
     from fame.bpmn.reader import read
-    from fame.deploy.diagrams import Diagram
+    from fame.deploy.authentication import Diagram
     from fame.deploy.signing import read_private
 
     text = read(model).source.decode()

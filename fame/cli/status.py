@@ -39,7 +39,7 @@ def run(arguments: Namespace) -> int:
 
     from fame.clock import SECOND
     from fame.deploy import STATUS_QOS, STRING, engines
-    from fame.deploy.report_reader import ReportReader
+    from fame.deploy.authentication import ReportReader
     from fame.deploy.signing import read_trusted
     from fame.deploy.status import HEARTBEAT
     from fame.errors import DeploymentError

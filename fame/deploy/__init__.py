@@ -11,20 +11,18 @@ once.
 Each end is a pure state machine, ``(state, event) -> (state, actions)``, in a shell that does the input and output::
 
     robot_protocol     the robot's end: decisions        engine_node    its shell: a ROS 2 node
-    termination        a robot whose sender is silent    candidate      what happens around a loaded process
+    termination        a robot whose sender is silent    loading        from a model to a process that is ready to run
     sender_protocol    the sender's end: decisions       sender         its shell
     leader_election    which splitter is the leader      splitter_node  its shell
     late_joiners       robots that come late or come back
     machine            runs a state machine: events in, actions out
 
     envelope           messages on bpmn_process and bpmn_status, their fields checked with `fields`
-    signing            keys and signatures of messages; `diagrams` those of models for splitters
-    report_reader      which reports of a robot are believed
-    status             a robot's reports, with the `warnings` of its engine
-    loading            from a model to a process, in a thread
+    signing            keys and signatures of messages
+    authentication     which reports of a robot, and which diagrams for splitters, are believed
+    status             a robot's reports, with the warnings of its engine
     requests           requests of people: complete a task, activate an element, abort a deployment
-    assignment         which robot gets which part, and which topics connect them
-    source_map         where in the sender's files an error of a robot is
+    assignment         which robot gets which part, which topics connect them, and where an error of a robot is
 """
 
 from __future__ import annotations

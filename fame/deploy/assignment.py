@@ -1,14 +1,26 @@
-"""Assign the pools of a model to robots, and find the topics that connect them."""
+"""Assign the pools of a model to robots, find the topics that connect them, and map places in what they are sent.
+
+A robot gets its process with everything that this calls as one file, named after the robot. Both sides have the same
+processes with the same elements and texts in the same order, so a line of one is found in the other: that of an
+element, or any line of a text.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 from fame.bpmn.library import Library
-from fame.bpmn.model import Definitions
+from fame.bpmn.model import Body, Definitions, Process, SubProcess
 from fame.bpmn.pools import Pool, assign_pools, expected_robots, matches, pools_of, shared_topics
+from fame.bpmn.reader import read_text
 from fame.bpmn.topics import TopicUse
-from fame.errors import DeploymentError
+from fame.check.expressions import expressions_in
+from fame.deploy.envelope import Report
+from fame.errors import DeploymentError, MissionError, ModelError
 from fame.robot.endpoints import direct_topic
 
 
@@ -65,3 +77,80 @@ def _promised(topic: str, use: TopicUse, others: Mapping[str, TopicUse]) -> dict
     elif use.catches and not use.throws and any(theirs.throws for theirs in others.values()):
         ends[topic] = "publisher"
     return ends
+
+
+Place = tuple[str, int]
+"""A file, and a line of it (from 1; 0 if unknown)."""
+
+
+class SourceMap:
+    """Maps places of the file that a robot was `sent` to the files of `definitions`, of which `process` is its part."""
+
+    def __init__(self, robot: str, definitions: Definitions, process: Process, library: Library, sent: str) -> None:
+        self._robot, self._definitions, self._process = robot, definitions, process
+        self._library, self._sent = library, sent
+
+    def place(self, file: str, line: int) -> Place:
+        """The place in the sender's files; an unknown one stays as it is."""
+        if file != f"{self._robot}.bpmn":
+            return file, line
+        return self._places.get(line, (file, line)) if line else (self._definitions.file, 0)
+
+    def report(self, report: Report) -> Report:
+        """A report with the places of its errors, and the texts made of them, in the sender's files."""
+        errors = [self._located(error) for error in report.errors]
+        problem = self._located(report.problem)
+        return replace(
+            report,
+            problem=problem,
+            reason=str(ModelError(**problem)) if problem else report.reason,
+            errors=errors,
+            error=str(MissionError(**errors[-1], robot=report.robot)) if report.error and errors else report.error,
+        )
+
+    def line(self, text: str) -> str:
+        """A line that an engine printed: of it there is only the text."""
+        mention = re.compile(rf"(?<![\w./-])({re.escape(self._robot)}\.bpmn)(?::(\d+))?")
+
+        def mapped(found: re.Match[str]) -> str:
+            file, line = self.place(found[1], int(found[2] or 0))
+            return f"{file}:{line}" if line else file
+
+        return mention.sub(mapped, text)
+
+    def _located(self, error: Mapping[str, Any]) -> dict[str, Any]:
+        if not error:
+            return {}
+        file, line = self.place(error.get("file", ""), error.get("line", 0))
+        return {"text": "", **error, "file": file, "line": line}
+
+    @cached_property
+    def _places(self) -> dict[int, Place]:
+        """The place of each line that is known."""
+        places: dict[int, Place] = {}
+        there = read_text(self._sent).processes
+        own_order = _by_file(self._library.closure(self._definitions, self._process))
+        for other, (home, one) in zip(there, own_order, strict=False):
+            own, theirs = list(_parts(one)), list(_parts(other))
+            if [text for _, text in own] == [text for _, text in theirs]:
+                for (line, text), (sent_line, _) in zip(own, theirs, strict=True):
+                    places.update({sent_line + more: (home.file, line + more) for more in range(text.count("\n") + 1)})
+        return places
+
+
+def _by_file(closure: list[tuple[Definitions, Process]]) -> list[tuple[Definitions, Process]]:
+    """File by file, in the order in which they are met: so are they put together."""
+    files = list(dict.fromkeys(home.file for home, _ in closure))
+    return sorted(closure, key=lambda found: files.index(found[0].file))
+
+
+def _parts(process: Process) -> Iterator[tuple[int, str]]:
+    """The line of a process, of its elements, and of their texts, each of these with the text.
+
+    A text counts where an element begins on the same line.
+    """
+    yield process.line, ""
+    bodies: list[Body] = [process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))]
+    for body in bodies:
+        yield from ((element.line, "") for element in (*body.nodes, *body.flows, *body.data_objects))
+        yield from ((text.expression.line, text.expression.text) for text in expressions_in(body))

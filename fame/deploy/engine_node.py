@@ -13,9 +13,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import EPOCH, SECOND, Kind, Scheduler
-from fame.deploy.candidate import Candidate
 from fame.deploy.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope, Problem, engines, read_envelope
-from fame.deploy.loading import Work, load
+from fame.deploy.loading import Candidate, Work, load
 from fame.deploy.machine import Machine
 from fame.deploy.requests import TaskRequest, TaskServer
 from fame.deploy.robot_protocol import (
@@ -43,9 +42,8 @@ from fame.deploy.robot_protocol import (
     step,
 )
 from fame.deploy.signing import Identity, verify, verify_signature
-from fame.deploy.status import Absences, Status, progress, state_of
+from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
-from fame.deploy.warnings import RateLimiter, Warnings
 from fame.errors import DeploymentError, FameError
 from fame.middleware.interface import Middleware, Node
 

@@ -17,9 +17,9 @@ from typing import Any, Protocol
 from fame.bpmn.model import Definitions
 from fame.bpmn.pools import matches, pools_of
 from fame.clock import SECOND, Entry, Kind, Scheduler
+from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.envelope import STATUS_QOS, STRING, engines
 from fame.deploy.machine import Machine
-from fame.deploy.report_reader import GONE, ReportReader
 from fame.deploy.sender import Deployment
 from fame.errors import FameError
 from fame.middleware.interface import Middleware, Node, Subscription

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.deploy import fields
+from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, Envelope, Report, signed
-from fame.deploy.report_reader import ReportReader
 from fame.deploy.signing import sign
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages

@@ -16,7 +16,8 @@ from fame.bpmn.model import Definitions
 from fame.bpmn.pools import Pool
 from fame.bpmn.split import split
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.deploy.assignment import assign_robots, promises
+from fame.deploy.assignment import SourceMap, assign_robots, promises
+from fame.deploy.authentication import ReportReader
 from fame.deploy.envelope import (
     PROCESS_QOS,
     STATUS_QOS,
@@ -29,7 +30,6 @@ from fame.deploy.envelope import (
     signed,
 )
 from fame.deploy.machine import Machine
-from fame.deploy.report_reader import ReportReader
 from fame.deploy.sender_protocol import (
     Action,
     Answered,
@@ -49,7 +49,6 @@ from fame.deploy.sender_protocol import (
     TimerFired,
     step,
 )
-from fame.deploy.source_map import SourceMap
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node
 

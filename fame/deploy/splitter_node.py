@@ -22,7 +22,7 @@ from fame.bpmn.pools import pools_of
 from fame.bpmn.reader.xml import LIMIT
 from fame.bpmn.split import split
 from fame.clock import SECOND, Kind, Scheduler
-from fame.deploy.diagrams import Diagram, DiagramReader
+from fame.deploy.authentication import Diagram, DiagramReader
 from fame.deploy.envelope import PROCESS_QOS, STATUS_QOS, STRING, engines, model_hash
 from fame.deploy.late_joiners import LateJoiners
 from fame.deploy.leader_election import (
@@ -41,7 +41,7 @@ from fame.deploy.leader_election import (
 from fame.deploy.machine import Machine
 from fame.deploy.sender import PATIENCE, Deployment
 from fame.deploy.sender_protocol import REFUSALS
-from fame.deploy.warnings import RateLimiter
+from fame.deploy.status import RateLimiter
 from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Middleware, Node

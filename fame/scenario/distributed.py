@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from fame.check.gate import refuse_errors
 from fame.clock import SECOND, Kind
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
-from fame.deploy.report_reader import ReportReader
+from fame.deploy.authentication import ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
 from fame.scenario.outcome import event_of, is_over, never_started, reported_result, status_of
