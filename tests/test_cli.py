@@ -15,8 +15,7 @@ import pytest
 from fame import __version__
 from fame.__main__ import main as begin
 from fame.cli import COMMANDS, main, run as run_command
-from fame.cli.colours import coloured
-from fame.cli.output import table, table_within
+from fame.cli.output import coloured, table, table_within
 
 ROOT = Path(__file__).parent.parent
 

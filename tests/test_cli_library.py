@@ -13,7 +13,7 @@ from bpmn_text import extensions, process
 from fame.bpmn.library import BUILT_IN
 from fame.check.library import Behaviour, behaviours
 from fame.cli import main
-from fame.cli.library import paragraphs
+from fame.cli.models import paragraphs
 
 KNOWN = {behaviour.name: behaviour for behaviour in behaviours()}
 

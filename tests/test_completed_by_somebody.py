@@ -5,7 +5,7 @@ import json
 import pytest
 
 from fame import deploy
-from fame.cli.status import rows
+from fame.cli.robots import rows
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode, Report
 from fame.deploy.requests import TaskClient, TaskRequest

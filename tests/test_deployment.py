@@ -10,7 +10,7 @@ import fame
 from fame import deploy
 from fame.bpmn.library import Library
 from fame.bpmn.reader import read_text
-from fame.cli.status import rows
+from fame.cli.robots import rows
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode
 from fame.middleware import messages

@@ -317,7 +317,7 @@ def test_an_engine_outlives_a_forged_clock_says_so_and_ends_by_ctrl_c() -> None:
 
 def test_without_a_world_there_is_nothing_to_pause(capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
     pytest.importorskip("cyclonedds")
-    monkeypatch.setattr("fame.cli.world_time._PATIENCE", 0.1)
+    monkeypatch.setattr("fame.cli.worlds._PATIENCE", 0.1)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
     assert main(["pause"]) == 1
     assert "fame world WORLD.yaml" in capsys.readouterr().err

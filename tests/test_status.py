@@ -7,7 +7,7 @@ import pytest
 from deployment_field import TEAM, Field
 
 from fame.cli.output import LiveTable, table
-from fame.cli.status import rows, silences
+from fame.cli.robots import rows, silences
 from fame.deploy import Report
 from fame.text import printable
 

@@ -18,7 +18,7 @@ from fame.bpmn.merging import full_tree
 from fame.bpmn.model import Definitions, Process, SubProcess, Task
 from fame.bpmn.reader.context import Context
 from fame.bpmn.reader.dialects import ELEMENT_ADAPTERS, is_original_fame, original_fame
-from fame.bpmn.reader.dialects.camunda import SHARED_ATTRIBUTES, SHARED_ELEMENTS
+from fame.bpmn.reader.dialects.camunda7 import SHARED_ATTRIBUTES, SHARED_ELEMENTS
 from fame.bpmn.reader.dialects.extensions import Extensions
 from fame.bpmn.reader.xml import ACTIVITI, BPMN, BPMNDI, CAMUNDA, FLOWABLE, ZEEBE, Node, attributes, local_name, text_of
 from fame.bpmn.split import update_type_prefixes

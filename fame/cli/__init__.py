@@ -1,7 +1,7 @@
 """The `fame` command.
 
 Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Every error is one line
-on stderr or, with ``--json``, in the one object on stdout. A command is a module with `add`, which declares it, and a
+on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it (`COMMANDS`), and a
 function of its parsed arguments that returns the exit code; heavy parts are imported in that function.
 """
 
@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from io import TextIOWrapper
@@ -22,17 +22,31 @@ from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
 from fame.errors import FameError
 
-COMMANDS = (
-    "run", "split", "check", "convert", "draw", "library", "templates", "engine", "deploy", "splitter", "status",
-    "complete", "activate", "abort", "world", "pause", "resume", "keys", "process", "record", "train", "param", "topic",
-    "adm",
-)  # fmt: skip
-_MODULES = {
-    "complete": "robot_commands", "activate": "robot_commands", "abort": "robot_commands",
-    "pause": "world_time", "resume": "world_time",
-}  # fmt: skip
-"""The module of a command that is not named like it. Each is imported when one of its commands is asked for: an engine
-starts without what the other commands need."""
+COMMANDS: Mapping[str, str] = {
+    "run": "run.add",
+    "split": "models.add_split",
+    "check": "check.add",
+    "convert": "models.add_convert",
+    "draw": "models.add_draw",
+    "library": "models.add_library_command",
+    "templates": "models.add_templates",
+    "engine": "engine.add",
+    "deploy": "deployment.add_deploy",
+    "splitter": "deployment.add_splitter",
+    "status": "robots.add_status",
+    **dict.fromkeys(("complete", "activate", "abort"), "robots.add_requests"),
+    "world": "worlds.add_world",
+    **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
+    "keys": "deployment.add_keys",
+    "process": "pipelines.add_process",
+    "record": "pipelines.add_record",
+    "train": "pipelines.add_train",
+    "param": "ros.add_param",
+    "topic": "ros.add_topic",
+    "adm": "adm.add",
+}
+"""The commands, and the function that declares each. A module is imported when one of its commands is asked for: an
+engine starts without what the other commands need."""
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
@@ -96,8 +110,9 @@ def parser(asked: str = "") -> Parser:
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
-    for module in dict.fromkeys(_MODULES.get(name, name) for name in ((asked,) if asked in COMMANDS else COMMANDS)):
-        import_module(f"fame.cli.{module}").add(commands)
+    for place in dict.fromkeys([COMMANDS[asked]] if asked in COMMANDS else COMMANDS.values()):
+        module, add = place.split(".")
+        getattr(import_module(f"fame.cli.{module}"), add)(commands)
     return top
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command
-from fame.cli.colours import coloured
-from fame.cli.output import print_json
+from fame.cli.output import coloured, print_json
 from fame.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:

@@ -1,8 +1,13 @@
-"""What the commands print: JSON objects, tables, and the line that shows how far a run is."""
+"""What the commands print: JSON objects, tables, colours, and the line that shows how far a run is.
+
+What matters in a line is coloured where the terminal can do it; NO_COLOR (https://no-color.org) switches colours off.
+"""
 
 from __future__ import annotations
 
 import json
+import os
+import re
 import shutil
 import sys
 import threading
@@ -11,12 +16,34 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
-from fame.cli.colours import coloured
 from fame.errors import FameError
 from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.scenario import Progress
+
+
+_RED, _GREEN, _YELLOW, _CYAN = 31, 32, 33, 36
+_WORDS = {
+    "error": _RED, "warning": _YELLOW, "note": _CYAN,
+    "completed": _GREEN, "failed": _RED, "timeout": _YELLOW, "interrupted": _YELLOW,
+}  # fmt: skip
+_WORD = re.compile(rf"(?:^|(?<=: ))({'|'.join(_WORDS)})(?=: )")
+"""A word that says how it is stands at the beginning of a line, or behind a place, and has a colon behind it."""
+
+
+def coloured(text: str, stream: TextIO) -> str:
+    """The text with the first such word of each line in its colour, if the stream is a terminal that has colours."""
+    return "\n".join(map(_painted, text.split("\n"))) if _has_colours(stream) else text
+
+
+def _painted(line: str) -> str:
+    return _WORD.sub(lambda found: f"\x1b[1;{_WORDS[found[1]]}m{found[1]}\x1b[0m", line, count=1)
+
+
+def _has_colours(stream: TextIO) -> bool:
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
 
 _WIPE = "\r\x1b[2K"
 _TICK = 1.0  # s between two looks at whether a line has stood for long

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
-from fame.cli.colours import coloured
-from fame.cli.output import live_table, note, print_json, progress_line, table, table_within
+from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ def _fault(text: str) -> tuple[str, float, str]:
 
 def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
     """``PORTER@12:Task_Sign:approved=true,count=3``."""
-    from fame.cli.robot_commands import value
+    from fame.cli.robots import value
 
     found = re.fullmatch(r"(\S+?)@([0-9]+\.?[0-9]*):([^\s:]+)(?::(.+))?", text)
     if found is None:
@@ -199,7 +198,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
 
 def _seen(sight: TeamStatus) -> str:
     """The live table of a run in many processes."""
-    from fame.cli.status import HEADS, rows
+    from fame.cli.robots import HEADS, rows
 
     lines: list[tuple[str, ...]] = []
     for name, pid in sight.pids.items():

@@ -1,4 +1,4 @@
-"""A robot's status on ``bpmn_status``: every second, and whenever it answers somebody; with the warnings of its engine."""
+"""A robot's status on ``bpmn_status``, every second and whenever it answers somebody, and its engine's warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``fame world``: the world and its robots alone, as nodes."""
+"""Commands for simulated worlds: ``fame world``, and ``pause`` and ``resume`` for its time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, command, natural, positive
-from fame.cli.network import add_network, lockstep, say_ready, say_warning
+from fame.cli.network import add_network, connected, lockstep, say_ready, say_warning
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
 
 
-def add(commands: Commands) -> None:
+def add_world(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
-        commands, "world", run,
+        commands, "world", run_world,
         examples=("fame world examples/ground_vehicles.yaml", "fame world examples/agriculture.yaml --speed 4 --pause"),
         help="run a simulated world with its robots, for engines in other processes; its time is on /clock",
     )  # fmt: skip
@@ -34,7 +34,7 @@ def add(commands: Commands) -> None:
     add_network(parser)
 
 
-def run(arguments: Namespace) -> int:
+def run_world(arguments: Namespace) -> int:
     """Serve until interrupted."""
     from fame.scenario import WorldNode, read_scenario_world, serve
 
@@ -79,3 +79,56 @@ def _expect_no_other(scheduler: WallScheduler, middleware: Middleware) -> None:
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         text = f"another world is on /clock in ROS domain {domain}; for a second one set ROS_DOMAIN_ID to another"
         raise ConfigError(f"{text} number here, and for its engines and commands")
+
+
+_PATIENCE = 5.0
+"""Seconds to find the world, and to wait for its answer."""
+
+
+def add_time(commands: Commands) -> None:
+    """Declare the commands."""
+    pausing = command(
+        commands, "pause", pause, examples=("fame pause",),
+        help="stop the time of a simulated world, and so of all that follow it",
+    )  # fmt: skip
+    resuming = command(
+        commands, "resume", resume, examples=("fame resume",),
+        help="let the time of a simulated world go on that was paused, or started paused",
+    )  # fmt: skip
+    add_network(pausing)
+    add_network(resuming)
+
+
+def pause(arguments: Namespace) -> int:
+    """Stop the time."""
+    from fame.scenario.world_process import PAUSE
+
+    return _call(arguments, PAUSE)
+
+
+def resume(arguments: Namespace) -> int:
+    """Let it go on."""
+    from fame.scenario.world_process import RESUME
+
+    return _call(arguments, RESUME)
+
+
+def _call(arguments: Namespace, service: str) -> int:
+    """Call a service of the world without arguments, and wait for its answer. Raises DeploymentError."""
+    from fame.clock import SECOND
+    from fame.errors import DeploymentError
+    from fame.scenario.world_process import EMPTY
+
+    answers: list[object] = []
+    with connected(arguments) as (scheduler, middleware):
+        client = middleware.node("fame_pause").client(service, EMPTY)
+        until = scheduler.now + round(_PATIENCE * SECOND)
+        asked = False
+        while not answers and scheduler.now < until:
+            if client.available and not asked:
+                asked = True
+                client.call(None, answers.append)
+            scheduler.run(scheduler.now + SECOND // 50)
+    if not answers:
+        raise DeploymentError(f"no world answered within {_PATIENCE:g} s; start one with: fame world WORLD.yaml")
+    return 0

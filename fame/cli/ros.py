@@ -1,4 +1,4 @@
-"""``fame topic``: looking at topics."""
+"""Commands that inspect nodes of ROS 2: ``fame param`` and ``fame topic``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,81 @@ if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
 
-_EXAMPLES = (
+
+_PARAM_EXAMPLES = ("fame param list /low_pass", "fame param get /low_pass cutoff", "fame param set /low_pass cutoff 5")
+
+
+def add_param(commands: Commands) -> None:
+    """Declare the command and its three parts."""
+    parser = command(
+        commands, "param", run_param, examples=_PARAM_EXAMPLES,
+        help="list, show and change parameters of running nodes, as ros2 param does",
+    )  # fmt: skip
+    parts = parser.add_subparsers(metavar="list|get|set", required=True)
+    for name, help in (("list", "all of a node"), ("get", "one"), ("set", "change one")):
+        part = parts.add_parser(name, help=help)
+        part.add_argument("node", metavar="NODE", help="its full name, such as /low_pass")
+        if name != "list":
+            part.add_argument("name", metavar="NAME")
+        if name == "set":
+            part.add_argument("value", metavar="VALUE", help="a number, text, true, false, or a list [1, 2]")
+        add_network(part)
+        add_json(part)
+        part.set_defaults(part=name)
+
+
+def run_param(arguments: Namespace) -> int:
+    """Ask the node, and print what it says."""
+    from fame.monitor.pipeline.parameters import ParameterClient
+
+    with connected(arguments) as (scheduler, middleware):
+        node = middleware.node("fame_param")
+        name = arguments.node if arguments.node.startswith("/") else f"/{arguments.node}"
+        client = ParameterClient(node, scheduler, name)
+        return _PARAM_PARTS[arguments.part](client, arguments)
+
+
+def _list_parameters(client: Any, arguments: Namespace) -> int:
+    names = client.names()
+    values, told = client.get(names), client.describe(names)
+    if arguments.json:
+        print_json({"node": client.other, "parameters": dict(zip(names, values, strict=True))})
+        return 0
+    rows = [(name, _shown(value), each.description) for name, value, each in zip(names, values, told, strict=True)]
+    print(table(("parameter", "value", "description"), rows) if rows else f"{client.other} has no parameters")
+    return 0
+
+
+def _get_parameter(client: Any, arguments: Namespace) -> int:
+    from fame.errors import ConfigError
+
+    (value,) = client.get([arguments.name]) or [None]
+    if value is None:
+        known = ", ".join(client.names()) or "none"
+        raise ConfigError(f"there is no such parameter; there are {known}", file=client.other, element=arguments.name)
+    print_json({"name": arguments.name, "value": value}) if arguments.json else print(_shown(value))
+    return 0
+
+
+def _set_parameter(client: Any, arguments: Namespace) -> int:
+    from fame.config.loader import parse_document
+
+    client.set(arguments.name, parse_document(arguments.value, arguments.name).data)
+    return _get_parameter(client, arguments)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+_PARAM_PARTS = {"list": _list_parameters, "get": _get_parameter, "set": _set_parameter}
+
+
+_TOPIC_EXAMPLES = (
     "fame topic list",
     "fame topic echo /joint_states --field effort.elbow_joint",
     "fame topic hz /joint_states",
@@ -23,10 +97,14 @@ _EXAMPLES = (
 )
 
 
-def add(commands: Commands) -> None:
+def add_topic(commands: Commands) -> None:
     """Declare the command and its four parts."""
     parser = command(
-        commands, "topic", run, examples=_EXAMPLES, help="look at topics: which there are, what is said, how often"
+        commands,
+        "topic",
+        run_topic,
+        examples=_TOPIC_EXAMPLES,
+        help="look at topics: which there are, what is said, how often",
     )
     parts = parser.add_subparsers(metavar="list|echo|hz|plot", required=True)
     listing = parts.add_parser("list", help="all topics, their types, who is at their ends")
@@ -50,13 +128,13 @@ def add(commands: Commands) -> None:
         part.set_defaults(part=name)
 
 
-def run(arguments: Namespace) -> int:
+def run_topic(arguments: Namespace) -> int:
     """Listen, and tell."""
     with connected(arguments) as (scheduler, middleware):
-        return _PARTS[arguments.part](arguments, scheduler, middleware)
+        return _TOPIC_PARTS[arguments.part](arguments, scheduler, middleware)
 
 
-def _list(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
+def _list_topics(arguments: Namespace, scheduler: Scheduler, middleware: Middleware) -> int:
     _run(arguments, scheduler)
     topics = list(middleware.graph())
     if arguments.json:
@@ -175,4 +253,4 @@ def _run(arguments: Namespace, scheduler: Scheduler) -> None:
     scheduler.run()
 
 
-_PARTS = {"list": _list, "echo": _echo, "hz": _hz, "plot": _plot}
+_TOPIC_PARTS = {"list": _list_topics, "echo": _echo, "hz": _hz, "plot": _plot}

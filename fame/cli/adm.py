@@ -1,0 +1,260 @@
+"""``fame adm``: the anomaly detection module. It collects runs, learns from them, and scores runs as they happen."""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.anomaly_data import (
+    add_labelled_files,
+    add_published,
+    add_source,
+    drive,
+    print_written,
+    say,
+    settle,
+    writable,
+)
+from fame.cli.arguments import Commands, add_json, command, group
+from fame.cli.network import add_network
+from fame.cli.output import print_json
+from fame.errors import MissionError
+
+if TYPE_CHECKING:
+    from fame.clock import Scheduler
+    from fame.middleware.interface import Middleware
+    from fame.monitor.anomaly.classifiers import TrainedClassifier
+    from fame.monitor.anomaly.learn import LearningData, Progress
+    from fame.monitor.anomaly.live import RunReport
+    from fame.monitor.anomaly.nodes import CollectNode, OperateNode
+
+
+_EXAMPLES = (
+    "fame adm collect --label 1 --runs 30 -o benign.csv",
+    "fame adm learn examples/adm_learn.yaml -o best.skops",
+    "fame adm envelope benign.csv --tolerance 1 -o outside.csv",
+    "fame adm operate --model best.skops --threshold 0.01",
+)
+
+
+def add(commands: Commands) -> None:
+    """Declare the command and its parts."""
+    parser = group(
+        commands, "adm", examples=_EXAMPLES,
+        help="learn what a repetitive task looks like, and raise an alarm when a run leaves it",
+    )  # fmt: skip
+    parts = parser.add_subparsers(metavar="PART", required=True)
+    for add_part in (_add_collect, _add_learn, _add_operate, add_labelled_files):
+        add_part(parts)
+
+
+_COLLECT_EXAMPLES = (
+    "fame adm collect --label 1 --runs 30 -o benign.csv",
+    "fame adm collect --bag recorded --label -1 -o anomalous.csv",
+)
+
+
+def _add_collect(parts: Commands) -> None:
+    """Declare the part."""
+    parser = command(
+        parts,
+        "collect",
+        run_collect,
+        examples=_COLLECT_EXAMPLES,
+        help="record joint states of runs of a task as a labelled CSV file",
+    )
+    add_published(parser, "TOPIC CSV LABEL", {"topic": str, "output": Path, "label": int})
+    add_source(parser)
+    parser.add_argument("--label", type=int, choices=(1, -1), help="1 benign, -1 anomalous")
+    parser.add_argument("-o", "--output", type=Path, metavar="CSV")
+    add_network(parser)
+    add_json(parser)
+
+
+def run_collect(arguments: Namespace) -> int:
+    """Collect until all runs are there, the bag is over, or somebody interrupts."""
+    settle(arguments, "label", "output")
+    from fame.monitor.anomaly.live import Collector
+    from fame.monitor.anomaly.nodes import CollectNode
+    from fame.monitor.anomaly.recording import write_csv
+
+    writable(arguments.output)
+    collector = Collector(arguments.label, arguments.rule, cycle=arguments.points, limit=arguments.runs)
+    of = f" of {arguments.runs}" if arguments.runs else ""
+
+    def make(middleware: Middleware, scheduler: Scheduler) -> CollectNode:
+        return CollectNode(
+            middleware, scheduler, collector, topic=arguments.topic, field=arguments.field,
+            report=say, progress=lambda count: say(f"{count}{of} runs"), done=scheduler.stop,
+        )  # fmt: skip
+
+    drive(arguments, make, lambda: collector.done)
+    recording = collector.recording()
+    write_csv(arguments.output, recording)
+    print_written(arguments, recording)
+    missing = arguments.runs - recording.count
+    if missing > 0:
+        say(f"{missing} of the {arguments.runs} runs are missing: the source ended before, or they were cut off")
+    return 1 if missing > 0 else 0
+
+
+def _add_learn(parts: Commands) -> None:
+    """Declare the part."""
+    parser = command(
+        parts, "learn", run_learn, examples=("fame adm learn examples/adm_learn.yaml -o best.skops --plots out/adm",),
+        help="fit and judge classifiers, and store the best as a model",
+    )  # fmt: skip
+    parser.add_argument("config", type=Path, metavar="CONFIG.yaml")
+    parser.add_argument("-o", "--output", type=Path, default=Path("best.skops"), metavar="MODEL.skops")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw joint space, deviations, confusion matrices")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="fits at a time (default: 2)")
+    add_json(parser)
+
+
+def run_learn(arguments: Namespace) -> int:
+    """Fit, judge, store the best, and print how all of them did."""
+    from fame.monitor.anomaly.classifiers import plain, render, rows
+    from fame.monitor.anomaly.learn import best, learn, read_data
+    from fame.monitor.anomaly.learning_file import load
+    from fame.monitor.anomaly.model import save_model
+
+    learning = load(arguments.config)
+    writable(arguments.output)
+    data = read_data(learning)
+    for note in data.notes:
+        say(note)
+    progress = _show if sys.stderr.isatty() else None
+    learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
+    chosen = best(learned)
+    save_model(chosen.model, arguments.output)
+    if arguments.plots is not None:
+        _plot(arguments.plots, learned, chosen, data)
+    if arguments.json:
+        told = {"status": "completed", "model": str(arguments.output), "classifiers": plain(learned, chosen)}
+        print(json.dumps(told, indent=2, default=str))
+        return 0
+    print(render(rows(learned, chosen)))
+    for item in learned:
+        if item.note:
+            print(f"{item.candidate.name}: {item.note}")
+    print(f"* {chosen.candidate.name} is the best; stored in {arguments.output}")
+    if learning.folds == 0:
+        print("  (chosen by the data that it learned from: Split.folds is 0)")
+    return 0
+
+
+def _plot(folder: Path, learned: list[TrainedClassifier], chosen: TrainedClassifier, data: LearningData) -> None:
+    """What `fame.monitor.plots` can draw of it."""
+    from fame.monitor.anomaly.classifiers import data_name
+    from fame.monitor.anomaly.paths import PathDetector
+    from fame.monitor.anomaly.recording import BENIGN
+    from fame.monitor.plots import deviations, joint_space, matrices
+
+    whole = data.both or data.benign
+    assert whole is not None
+    if data.benign is not None:
+        joint_space(folder / "benign.png", data.benign, title="Benign points in joint space")
+    recordings = {"train": whole} | {f"test_{number}": item for number, item in enumerate(data.testing, start=1)}
+    for name, recording in recordings.items():
+        of = "data that it learned from" if name == "train" else Path(recording.source).name
+        title = f"Verdicts of {chosen.candidate.name} on {of}"
+        joint_space(folder / f"{name}.png", recording, chosen.model.predict(recording), title=title)
+    told = [(f"{item.candidate.name}, {data_name(said)}", said.runs) for item in learned for said in item.evaluations]
+    matrices(folder / "confusion.png", told)
+    for item in learned:
+        if isinstance(item.model.estimator, PathDetector):
+            labels = whole.run_labels()
+            some = [numbers[:3] for numbers in _by_label(labels)]
+            named = [
+                (f"{'benign' if labels[number] == BENIGN else 'anomalous'} run {number}", whole.select([number]))
+                for numbers in some
+                for number in numbers
+            ]
+            deviations(folder / f"{item.candidate.name}.png", item.model.estimator, named)
+
+
+def _by_label(labels: list[int]) -> list[list[int]]:
+    """The numbers of the runs of each label."""
+    return [[number for number, label in enumerate(labels) if label == wanted] for wanted in sorted(set(labels))]
+
+
+def _show(progress: Progress) -> None:
+    left = "" if progress.left is None else f", about {progress.left:.0f} s left"
+    print(f"\r\x1b[2K{progress.done} of {progress.total} fits{left}: {progress.name}", end="", file=sys.stderr)
+    if progress.done == progress.total:
+        print("\r\x1b[2K", end="", file=sys.stderr)
+
+
+_OPERATE_EXAMPLES = (
+    "fame adm operate --model best.skops --threshold 0.01",
+    "fame adm operate --model best.skops --bag recorded --json",
+)
+
+
+def _add_operate(parts: Commands) -> None:
+    """Declare the part."""
+    parser = command(
+        parts,
+        "operate",
+        run_operate,
+        examples=_OPERATE_EXAMPLES,
+        help="score runs with a model, and raise the signal anomaly",
+    )
+    add_published(parser, "TOPIC MODEL THRESHOLD", {"topic": str, "model": Path, "threshold": float})
+    add_source(parser)
+    parser.add_argument("--model", type=Path, metavar="MODEL.skops")
+    parser.add_argument("--threshold", type=float, metavar="SCORE", help="a run is anomalous above it")
+    add_network(parser)
+    add_json(parser)
+
+
+def run_operate(arguments: Namespace) -> int:
+    """Judge until all runs are evaluated, the bag is over, or somebody interrupts. 1 if one was anomalous."""
+    settle(arguments, "model")
+    from fame.monitor.anomaly.model import load_model
+    from fame.monitor.anomaly.nodes import OperateNode
+
+    model = load_model(arguments.model)
+    nodes: list[OperateNode] = []
+    over = False
+
+    def enough() -> bool:
+        return bool(nodes) and 0 < arguments.runs <= len(nodes[0].runs)
+
+    def report(text: str) -> None:
+        nonlocal over
+        if not over:
+            say(text)
+            over = enough()
+            if over:
+                nodes[0].scheduler.stop()
+
+    def make(middleware: Middleware, scheduler: Scheduler) -> OperateNode:
+        made = OperateNode(
+            middleware, scheduler, model, topic=arguments.topic, field=arguments.field,
+            threshold=arguments.threshold, rule=arguments.rule, cycle=arguments.points, report=report,
+        )  # fmt: skip
+        nodes.append(made)
+        return made
+
+    drive(arguments, make, enough)
+    runs = nodes[0].runs[: arguments.runs or None]
+    if not runs and arguments.bag is not None:
+        raise MissionError(f"{arguments.bag}: no run was evaluated: none began that the model fits (--rule, --topic)")
+    return _tell(runs, arguments.json)
+
+
+def _tell(runs: Sequence[RunReport], json: bool) -> int:
+    above = sum(item.above for item in runs)
+    if json:
+        names = ("run", "points", "anomalous", "score", "above", "whole")
+        told = [{name: getattr(item, name) for name in names} for item in runs]
+        print_json({"status": "failed" if above else "completed", "runs": told})
+    else:
+        cut = sum(not item.whole for item in runs)
+        print(f"{len(runs)} runs, {above} of them anomalous" + (f", {cut} cut off" if cut else ""))
+    return 1 if above else 0

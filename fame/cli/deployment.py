@@ -1,0 +1,194 @@
+"""Commands that deploy: ``fame deploy``, ``splitter``, and ``keys`` for both.
+
+``fame deploy`` splits a model, sends it to its robots, and waits for every one of them. ``fame splitter`` does so with
+each collaboration that comes on a topic, and keeps its robots supplied. ``fame keys`` makes the keys that sign
+deployments, and the identities that prove the names of robots.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.arguments import Commands, add_json, add_library, command, positive
+from fame.cli.network import OPEN, add_network, connected
+from fame.cli.output import note, print_json, table
+from fame.errors import ConfigError, FameError
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.deploy import Deployment, SplitterNode
+    from fame.middleware.interface import Middleware
+
+
+def add_deploy(commands: Commands) -> None:
+    """Declare the command."""
+    examples = ("fame deploy models/ground_vehicles.bpmn", "fame deploy models/other.bpmn --to Tractor_2")
+    parser = command(
+        commands, "deploy", run_deploy, examples=examples,
+        help="send a model to the engines of its robots; all start, or none does",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
+    parser.add_argument("--to", action="append", default=[], metavar="ROBOT", help="only to this robot; repeatable")
+    parser.add_argument(
+        "--stay", action="store_true", help="then stay, and send robots that come late (or back) their process"
+    )
+    parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
+    add_network(parser)
+    add_library(parser)
+    add_json(parser)
+
+
+def run_deploy(arguments: Namespace) -> int:
+    """Deploy, and print how each robot answered; then stay, if that is wanted."""
+    from fame.bpmn.library import Library
+    from fame.bpmn.pools import matches, pools_of
+    from fame.bpmn.reader import read
+    from fame.check.gate import refuse_errors
+    from fame.deploy.signing import read_private
+    from fame.scenario import Sending
+
+    definitions, library = read(arguments.model), Library(arguments.library)
+    key = read_private(arguments.key) if arguments.key is not None else None
+    names, pools = arguments.to, pools_of(definitions)
+    sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
+    refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
+    with connected(arguments) as (scheduler, middleware):
+        sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)
+        deployment = sending.deploy(arguments.to, arguments.wait, note)
+        _tell(deployment, json=arguments.json)
+        if arguments.stay and not deployment.failed:
+            deployment.close()
+            sending.stay(deployment.robots, note)
+    return 1 if deployment.failed else 0
+
+
+def _tell(deployment: Deployment, *, json: bool) -> None:
+    robots = deployment.robots.values()
+    if json:
+        results = {each.robot: {"state": each.state, "reason": each.reason, "seconds": each.took} for each in robots}
+        print_json({"status": "failed" if deployment.failed else "completed", "robots": results})
+    else:
+        rows = [
+            (each.robot, each.state, f"{1000 * each.took:.0f} ms" if each.state != "silent" else "", each.reason)
+            for each in robots
+        ]
+        print(table(("robot", "state", "time", "reason"), rows), flush=True)
+
+
+_OPEN = f"{OPEN}: give --key FILE.key, or --insecure to take what anybody sends"
+
+
+def add_splitter(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "splitter", run_splitter, examples=("fame splitter", "fame splitter --library behaviours"),
+        help="wait for collaborations on /collaboration_diagram, deploy them, and supply robots that come late",
+    )  # fmt: skip
+    parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE.key",
+        help="sign what is sent with this key, and take only diagrams that it or --trust signed (see fame keys)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
+        help="take diagrams that this key signed; repeatable",
+    )  # fmt: skip
+    parser.add_argument("--insecure", action="store_true", help="take (and sign) diagrams that anybody sends")
+    add_network(parser)
+    add_library(parser)
+
+
+def run_splitter(arguments: Namespace) -> int:
+    """Serve until interrupted."""
+    from fame.bpmn.library import Library
+    from fame.deploy import SplitterNode
+    from fame.deploy.signing import read_private, read_trusted
+    from fame.scenario import serve
+
+    key = read_private(arguments.key) if arguments.key is not None else None
+    trusted = read_trusted(arguments.trust) if arguments.trust else []
+    if key is not None:
+        trusted.append(key.public_key())
+    guarded = bool(trusted or arguments.insecure)
+    if arguments.network is not None and not guarded:
+        raise FameError(_OPEN)
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> SplitterNode:
+        if not (guarded or middleware.confined):
+            raise FameError(_OPEN)
+        return SplitterNode(
+            scheduler=scheduler,
+            middleware=middleware,
+            library=Library(arguments.library),
+            patience=arguments.wait,
+            key=key,
+            trusted=() if arguments.insecure else trusted,
+            say=lambda text: note(f"{scheduler.now / 1e9:9.1f} s   {text}"),
+        )
+
+    serve(arguments.middleware, arguments.network, build)
+    return 0
+
+
+def add_keys(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "keys", run_keys,
+        examples=(
+            "fame keys new team",
+            "fame keys robot REX --key team.key",
+            "fame keys diagram mission.bpmn --key team.key",
+        ),
+        help="make keys: of a team (new), which signs deployments; of a robot, which proves its name; sign a diagram",
+    )  # fmt: skip
+    parser.add_argument("action", choices=("new", "robot", "diagram"))
+    parser.add_argument(
+        "name", type=Path, metavar="NAME",
+        help="path of the keys to make, without endings; for robot its name comes last; for diagram a model",
+    )  # fmt: skip
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="the key of the team; for robot and diagram")
+
+
+def run_keys(arguments: Namespace) -> int:
+    """Make them and name them."""
+    if arguments.action == "new":
+        _new(arguments.name)
+    elif arguments.key is None:
+        raise ConfigError(f"fame keys {arguments.action} needs --key FILE.key, the key of the team")
+    elif arguments.action == "robot":
+        _robot(arguments.name, arguments.key)
+    else:
+        _diagram(arguments.name, arguments.key)
+    return 0
+
+
+def _new(name: Path) -> None:
+    from fame.deploy.signing import new_keys
+
+    secret, public = new_keys(name)
+    print(f"{secret}   keep it secret: fame deploy MODEL.bpmn --key {secret}")
+    print(f"{public}   give it to the robots: fame engine ROBOT --trust {public}")
+
+
+def _robot(name: Path, key: Path) -> None:
+    from fame.deploy.signing import new_identity, read_private
+
+    path = name.with_name(name.name + ".key")
+    new_identity(name.name, read_private(key), path)
+    print(f"{path}   give it to robot {name.name} alone: fame engine {name.name} --trust FILE.pub --identity {path}")
+
+
+def _diagram(model: Path, key: Path) -> None:
+    import json
+    import time
+
+    from fame.bpmn.reader import read
+    from fame.deploy.authentication import Diagram
+    from fame.deploy.signing import read_private
+
+    text = read(model).source.decode()
+    said = Diagram.of(text, purpose="deploy", now=time.time(), key=read_private(key)).to_json()
+    print(json.dumps({"data": said}))  # as `ros2 topic pub` takes it

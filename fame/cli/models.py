@@ -1,0 +1,213 @@
+"""Commands on model files: ``fame split``, ``convert``, ``draw``, ``library`` and ``templates``."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import textwrap
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.arguments import Commands, add_json, add_library, command
+from fame.cli.output import print_json
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fame.check.library import Behaviour
+
+
+def add_split(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "split", run_split, examples=("fame split models/ground_vehicles.bpmn -o out/split",),
+        help="write one self-contained, executable .bpmn file per pool of a collaboration",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder for the files")
+    add_library(parser)
+    add_json(parser)
+
+
+def run_split(arguments: Namespace) -> int:
+    """Write the files and name them."""
+    from fame.bpmn.library import Library
+    from fame.bpmn.reader import read
+    from fame.bpmn.split import split
+
+    parts = split(read(arguments.model), Library(arguments.library))
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    files = {part.name: arguments.output / part.filename for part in parts}
+    for part in parts:
+        files[part.name].write_bytes(part.source)
+    if arguments.json:
+        print_json({"status": "completed", "files": {name: str(path) for name, path in files.items()}})
+    else:
+        print(*files.values(), sep="\n")
+    return 0
+
+
+_CONVERT_EXAMPLES = (
+    "fame convert old.bpmn -o new.bpmn",
+    "fame convert old.bpmn -o new.bpmn --semantics original",
+)
+
+
+def add_convert(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "convert", run_convert, examples=_CONVERT_EXAMPLES,
+        help="write a model of the original FaMe, Camunda 8 or Flowable in the current form, which does the same",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.bpmn", required=True, help="file to write")
+    parser.add_argument(
+        "--semantics", choices=("standard", "original"),
+        help="of its interrupting event sub-processes from now on; original: they suspend and resume",
+    )  # fmt: skip
+    add_json(parser)
+
+
+def run_convert(arguments: Namespace) -> int:
+    """Write the file and name it."""
+    from fame.bpmn.conversion import convert
+    from fame.bpmn.reader import read, read_bytes
+
+    definitions = read(arguments.model)
+    source = convert(definitions, semantics=arguments.semantics)
+    read_bytes(source, file=str(arguments.output))
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    arguments.output.write_bytes(source)
+    if arguments.json:
+        changed = source != definitions.source
+        print_json({"status": "completed", "file": str(arguments.output), "changed": changed})
+    else:
+        print(arguments.output)
+    return 0
+
+
+_DRAW_EXAMPLES = (
+    "fame draw models/ground_vehicles.bpmn -o out/mission.svg",
+    "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.jsonl",
+)
+
+
+def add_draw(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "draw", run_draw, examples=_DRAW_EXAMPLES,
+        help="draw a model as SVG, with the path of a run on it if given its log",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.bpmn")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.svg", required=True, help="file to write")
+    parser.add_argument(
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="the .jsonl or .csv log of a run: what was completed, failed, cancelled, or still waits",
+    )
+    add_json(parser)
+
+
+def run_draw(arguments: Namespace) -> int:
+    """Write the drawing and name it."""
+    from fame.bpmn.draw.diagram import draw
+    from fame.bpmn.reader import read
+
+    output = arguments.output
+    if output.suffix.lower() != ".svg":
+        raise ConfigError(f"expected a file with the ending .svg, got {output.suffix!r}", file=str(output))
+    definitions = read(arguments.model)
+    if arguments.log is not None:
+        from fame.log import outcomes
+
+        drawing = draw(definitions, outcomes(arguments.log, definitions))
+    else:
+        drawing = draw(definitions)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(drawing, encoding="utf-8")
+    if arguments.json:
+        print_json({"status": "completed", "file": str(output)})
+    else:
+        print(output)
+    return 0
+
+
+_WORDS = {"subscribe": "hears", "publish": "tells", "call": "asks"}
+_WIDTH = 110
+"""Columns at most: longer lines are hard to read."""
+
+
+def add_library_command(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "library", run_library, examples=("fame library", "fame library my_behaviours --json"),
+        help="list the behaviours that a model may call: what each needs, its topics, what it does",
+    )  # fmt: skip
+    parser.add_argument(
+        "folders", type=Path, nargs="*", metavar="DIR", help="folders with called processes, besides what is built in"
+    )
+    add_json(parser)
+
+
+def run_library(arguments: Namespace) -> int:
+    """Print them, by name."""
+    from fame.check.library import behaviours
+
+    found = behaviours(arguments.folders)
+    if arguments.json:
+        print_json({"status": "completed", "behaviours": [asdict(behaviour) for behaviour in found]})
+    else:
+        width = min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDTH)
+        print("\n\n".join("\n".join(_lines(behaviour, width)) for behaviour in found))
+    return 0
+
+
+def _lines(behaviour: Behaviour, width: int) -> Iterator[str]:
+    """What a person reads of one behaviour."""
+    yield behaviour.name if behaviour.name == behaviour.label else f"{behaviour.name}: {behaviour.label}"
+    for paragraph in paragraphs(behaviour.documentation):
+        yield from textwrap.wrap(paragraph, width, initial_indent="    ", subsequent_indent="    ")
+    facts = [("needs", ", ".join(behaviour.inputs)), ("calls", ", ".join(behaviour.calls))]
+    names = max((len(topic.name) for topic in behaviour.topics), default=0)
+    facts += [(_WORDS[topic.direction], f"{topic.name:{names}}  {topic.type}") for topic in behaviour.topics]
+    for word, text in facts:
+        if text:
+            yield f"  {word}  {text}".rstrip()
+
+
+def paragraphs(documentation: str) -> list[str]:
+    """The text without the line breaks within sentences: a line that ends with a full stop ends a paragraph."""
+    return [" ".join(part.split()) for part in re.split(r"(?<=\.)\s*\n|\n\s*\n", documentation) if part.strip()]
+
+
+def add_templates(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "templates", run_templates, examples=("fame templates -o .camunda/element-templates",),
+        help="write element templates for Camunda Modeler: message types, payloads and behaviours to choose from",
+    )  # fmt: skip
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder for the files")
+    add_library(parser)
+    add_json(parser)
+
+
+def run_templates(arguments: Namespace) -> int:
+    """Write the files and name them."""
+    from fame.check.element_templates import templates, write
+    from fame.check.library import behaviours
+
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise ConfigError("expected a folder, got a file", file=str(arguments.output))
+    made = templates(behaviours(arguments.library))
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    files = {name: arguments.output / f"{name}.json" for name in made}
+    for name, path in files.items():
+        path.write_text(write(made[name]), encoding="utf-8")
+    if arguments.json:
+        print_json({"status": "completed", "files": {name: str(path) for name, path in files.items()}})
+    else:
+        print(*files.values(), sep="\n")
+    return 0

@@ -1,0 +1,258 @@
+"""Commands of monitoring: processing nodes, recording nodes and the training of autoencoders.
+
+``fame process``, ``fame record`` and ``fame train``.
+"""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Commands, add_json, add_types, command, positive
+from fame.cli.network import add_network
+from fame.cli.output import note, print_json, table
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.middleware.interface import Middleware
+    from fame.monitor.pipeline.configuration import Configuration
+    from fame.monitor.pipeline.recording import RecordingNode
+
+
+_PROCESS_EXAMPLES = (
+    "fame process models/monitoring/joint_monitor/low_pass.yaml",
+    "fame process encoder_0.yaml --processor my_model.py:Encoder --frequency 20",
+    "fame process low_pass.yaml encoders.yaml threshold.yaml --set cutoff=5",
+)
+
+
+def add_process(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "process", run_process, examples=_PROCESS_EXAMPLES,
+        help="run processing nodes: a model on topics, its verdict on topics, as a configuration says",
+    )  # fmt: skip
+    parser.add_argument("configurations", type=Path, nargs="+", metavar="CONFIG.yaml")
+    parser.add_argument(
+        "--processor", action="append", default=[], metavar="CLASS",
+        help="instead of the configuration's: LowPass ..., module:Class, file.py:Class; may be given several times",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], type=assignment, metavar="NAME=VALUE", dest="values",
+        help="a parameter of the processors; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--frequency", type=positive, metavar="HZ", help="of the calls, instead of the configuration's")
+    parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
+    parser.add_argument("--graph", type=Path, metavar="FILE.svg", help="draw the pipeline as configured, and end")
+    add_types(parser)
+    add_network(parser)
+
+
+def assignment(text: str) -> tuple[str, Any]:
+    """``cutoff=5``, ``names=[a, b]``: a value as YAML reads it."""
+    from fame.config.loader import parse_document
+    from fame.errors import ConfigError
+
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise ArgumentTypeError(f"expected NAME=VALUE, as in cutoff=5, got {text!r}")
+    try:
+        return name.strip(), parse_document(value).data
+    except ConfigError as error:
+        raise ArgumentTypeError(f"{value!r}: {error.text}") from None
+
+
+class Nodes:
+    """Several nodes in one process."""
+
+    def __init__(self, nodes: list[Any]) -> None:
+        self.nodes = nodes
+
+    def stop(self) -> bool:
+        """Nothing has to be waited for."""
+        return False
+
+    def close(self) -> None:
+        """Leave."""
+        for node in self.nodes:
+            node.close()
+
+
+def run_process(arguments: Namespace) -> int:
+    """Serve until interrupted."""
+    from fame.clock import SECOND
+    from fame.monitor.pipeline.node import ProcessingNode
+    from fame.monitor.pipeline.processors import assign, make_processors
+    from fame.scenario import serve
+
+    configurations = [_configured(path, arguments) for path in arguments.configurations]
+    if arguments.graph is not None:
+        from fame.monitor.plots import draw
+
+        draw(configurations, arguments.graph)
+        return 0
+    chains = [make_processors(configuration) for configuration in configurations]
+    for chain, configuration in zip(chains, configurations, strict=True):
+        assign(chain, configuration)
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> Nodes:
+        scheduler.run(scheduler.now + SECOND // 2)  # until others are found, and with them the types of topics
+        nodes = []
+        for chain, configuration in zip(chains, configurations, strict=True):
+            node = ProcessingNode(
+                middleware, scheduler, configuration, processors=chain, namespace=arguments.namespace, report=note
+            )
+            nodes.append(node)
+            for name, value in arguments.values:
+                node.set(name, value)
+            note(f"{configuration.name}: {' -> '.join(type(each).__name__ for each in chain)} "
+                 f"at {configuration.frequency:g} Hz")  # fmt: skip
+        return Nodes(nodes)
+
+    serve(arguments.middleware, arguments.network, build)
+    return 0
+
+
+def _configured(path: Path, arguments: Namespace) -> Configuration:
+    """A configuration, with what the command line says instead."""
+    from dataclasses import replace
+
+    from fame.config.values import ConfigValue
+    from fame.monitor.pipeline.configuration import hertz, load, stages_of
+
+    configuration = load(path)
+    if arguments.processor:
+        stages = stages_of(ConfigValue(list(arguments.processor), "--processor"))
+        own = configuration.stages
+        if len(own) == len(stages):  # another class, with the parameters that the file has for it
+            stages = tuple(replace(stage, parameters=old.parameters) for stage, old in zip(stages, own, strict=True))
+        configuration = replace(configuration, stages=stages)
+    if arguments.frequency is not None:
+        configuration = replace(configuration, frequency=hertz(ConfigValue(arguments.frequency, "--frequency")))
+    return configuration
+
+
+_RECORD_EXAMPLES = (
+    "fame record joints.yaml -o runs.csv",
+    "fame record joints.yaml -o runs.csv --append --run-topic /task_start",
+    "fame record joints.yaml --bag runs_bag -o runs.csv",
+    "fame record joints.yaml -o runs.mcap -o http://localhost:8086/robots",
+)
+
+
+def add_record(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "record", run_record, examples=_RECORD_EXAMPLES,
+        help="record the inputs of a configuration as CSV, MCAP, a bag of ROS 2, or into InfluxDB",
+    )  # fmt: skip
+    parser.add_argument("configuration", type=Path, metavar="CONFIG.yaml")
+    parser.add_argument(
+        "-o", "--output", action="append", required=True, metavar="WHERE",
+        help="FILE.csv, FILE.mcap, a folder (a bag), or http://host:8086/database; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--bag", type=Path, metavar="BAG", help="read a bag (ROS 1, ROS 2, MCAP) instead of listening")
+    parser.add_argument("--append", action="store_true", help="go on with a CSV file, as its next run")
+    parser.add_argument(
+        "--run-topic", default="", metavar="TOPIC", help="a message (std_msgs/Empty) begins the next run"
+    )
+    parser.add_argument("--duration", type=positive, metavar="S", help="end after this many seconds")
+    parser.add_argument("--namespace", default="", metavar="NAME", help="that topics are relative to")
+    add_types(parser)
+    add_network(parser)
+    add_json(parser)
+
+
+def run_record(arguments: Namespace) -> int:
+    """Record until interrupted, or until the bag ends."""
+    from fame.clock import SECOND
+    from fame.errors import MissionError
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.recording import RecordingNode, record_bag
+    from fame.scenario import serve
+
+    configuration = load(arguments.configuration)
+    options = {
+        "namespace": arguments.namespace, "append": arguments.append, "run_topic": arguments.run_topic, "report": note,
+    }  # fmt: skip
+    nodes: list[RecordingNode] = []
+
+    def build(scheduler: WallScheduler, middleware: Middleware) -> RecordingNode:
+        scheduler.run(scheduler.now + SECOND // 2)  # until others are found
+        node = RecordingNode(middleware, scheduler, configuration, arguments.output, **options)
+        nodes.append(node)
+        note(f"{configuration.name}: recording to {', '.join(arguments.output)}")
+        if arguments.duration:
+            scheduler.after(round(arguments.duration * SECOND), scheduler.stop)
+        return node
+
+    if arguments.bag is not None:
+        nodes.append(record_bag(arguments.bag, configuration, arguments.output, **options))
+    else:
+        serve(arguments.middleware, arguments.network, build)
+    rows, runs = nodes[0].rows, nodes[0].run + bool(nodes[0].rows)
+    if not rows:
+        raise MissionError("nothing was recorded: its topics were silent")
+    if arguments.json:
+        print_json({"status": "completed", "rows": rows, "runs": runs, "outputs": arguments.output})
+    else:
+        print(f"{', '.join(arguments.output)}: {rows} rows, {runs} {'run' if runs == 1 else 'runs'}")
+    return 0
+
+
+def add_train(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "train", run_train,
+        examples=("fame train monitor.yaml", "fame train monitor.yaml --onnx monitor.onnx"),
+        help="train an autoencoder per channel on recorded runs, and set its thresholds from runs held back",
+    )  # fmt: skip
+    parser.add_argument("configuration", type=Path, metavar="CONFIG.yaml", help="a configuration with Training")
+    parser.add_argument("-o", "--output", type=Path, metavar="MODEL.skops", help="instead of the configuration's Model")
+    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="write the model as ONNX too")
+    parser.add_argument("--check", action="store_true", help="only look whether the stored model is of these data")
+    add_json(parser)
+
+
+def run_train(arguments: Namespace) -> int:
+    """Train, store, and tell how it went."""
+    from dataclasses import asdict
+
+    from fame.errors import ConfigError
+    from fame.imports import require
+    from fame.monitor.data_files import hash_files
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.train import train, training_of
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    if arguments.onnx is not None:
+        require("onnx")
+    configuration = load(arguments.configuration)
+    file = str(configuration.file)
+    if configuration.training is None:
+        text = "has no section Training; expected Training: {Files: [runs.csv], Model: model.skops}"
+        raise ConfigError(text, file=file)
+    training = training_of(configuration.training, configuration.folder)
+    path = arguments.output or Path(training.model)
+    if arguments.check:
+        model = TrainedModel.load(path, columns=training.columns, data=hash_files(training.files))
+    else:
+        model = train(training)
+        model.save(path)
+    if arguments.onnx is not None:
+        model.save(arguments.onnx)
+    if arguments.json:
+        told = {"model": str(path), "columns": model.columns, "data": model.data, "rate": model.rate}
+        settings = {name: value for name, value in asdict(training).items() if name not in ("model", "columns")}
+        print_json({"status": "completed", **told, "thresholds": model.thresholds, "metrics": dict(model.metrics),
+                    "versions": dict(model.versions), "training": settings})  # fmt: skip
+        return 0
+    kinds = ("training_mean", "training_max", "validation_mean", "validation_max")
+    figures = zip(*(model.metrics[kind] for kind in kinds), model.thresholds, strict=True)
+    rows = [(name, *(f"{value:.4g}" for value in row)) for name, row in zip(model.columns, figures, strict=True)]
+    print(table(("loss of", "training mean", "maximum", "held back mean", "maximum", "threshold"), rows))
+    layers = "-".join(map(str, model.network.layers))
+    print(f"\n{path}: {layers} per channel, windows of {model.window} samples at {model.rate:.4g} Hz, "
+          f"data {model.data[:12]}")  # fmt: skip
+    return 0
