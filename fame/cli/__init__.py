@@ -1,7 +1,7 @@
 """The `fame` command.
 
 Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Every error is one line
-on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it (`COMMANDS`), and a
+on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it (`_DECLARATIONS`), and a
 function of its parsed arguments that returns the exit code; heavy parts are imported in that function.
 """
 
@@ -22,7 +22,7 @@ from fame.cli.network import without_ros_arguments
 from fame.cli.output import error_object, note, print_json
 from fame.errors import FameError
 
-COMMANDS: Mapping[str, str] = {
+_DECLARATIONS: Mapping[str, str] = {
     "run": "run.add",
     "split": "models.add_split",
     "check": "check.add",
@@ -45,8 +45,9 @@ COMMANDS: Mapping[str, str] = {
     "topic": "ros.add_topic",
     "adm": "adm.add",
 }
-"""The commands, and the function that declares each. A module is imported when one of its commands is asked for: an
-engine starts without what the other commands need."""
+"""The function that declares each command. A module is imported when one of its commands is asked for: an engine starts
+without what the other commands need."""
+COMMANDS = tuple(_DECLARATIONS)
 _BROKEN_PIPE, _INTERRUPTED = 141, 130  # as shells report a process that SIGPIPE or SIGINT ended
 
 
@@ -110,7 +111,7 @@ def parser(asked: str = "") -> Parser:
     )
     top.add_argument("--version", action=Version, help="show the version and exit")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
-    for place in dict.fromkeys([COMMANDS[asked]] if asked in COMMANDS else COMMANDS.values()):
+    for place in dict.fromkeys([_DECLARATIONS[asked]] if asked in COMMANDS else _DECLARATIONS.values()):
         module, add = place.split(".")
         getattr(import_module(f"fame.cli.{module}"), add)(commands)
     return top
