@@ -1,8 +1,8 @@
 """The `fame` command.
 
 Exit code 0: done. 1: the mission or a check failed. 2: the request was wrong. 130: interrupted. Every error is one line
-on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it (`_DECLARATIONS`), and
-a function of its parsed arguments that returns the exit code; heavy parts are imported in that function.
+on stderr or, with ``--json``, in the one object on stdout. A command is a function that declares it (`_DECLARATIONS`),
+and a function of its parsed arguments that returns the exit code; heavy parts are imported in that function.
 """
 
 from __future__ import annotations
