@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
+
+_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+NAMES = "letters, digits and _, not starting with a digit"
+"""What ROS 2 allows between the slashes of a name."""
 
 
 def printable(text: str) -> str:
@@ -21,3 +26,8 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     words = list(known)
     close = get_close_matches(word, words, n=1)
     return f"did you mean {close[0]!r}?" if close else f"known are: {', '.join(words) or 'none'}"
+
+
+def is_ros_name(name: str) -> bool:
+    """Whether ROS 2 accepts the full name of a topic or service."""
+    return _ROS_NAME.fullmatch(name) is not None

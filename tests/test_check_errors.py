@@ -30,8 +30,8 @@ from check_drawing import (
 )
 
 from fame.bpmn.library import Library
-from fame.bpmn.topics import NAMES
 from fame.check import check
+from fame.text import NAMES
 
 ERRORS = {
     "a script that is not valid Python": (

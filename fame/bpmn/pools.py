@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
-from fame.bpmn.topics import NAMES, TopicUse, is_ros_name, topic_table
+from fame.bpmn.topics import TopicUse, topic_table
 from fame.errors import ConfigError, ModelError
+from fame.text import NAMES, is_ros_name
 
 
 @dataclass(frozen=True, slots=True)

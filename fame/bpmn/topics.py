@@ -6,23 +6,12 @@ default type is std_msgs/msg/Empty.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from fame.bpmn.model import Definitions, Event, FlowNode, MessageDefinition, Process, SignalDefinition, Task, Topic
 from fame.errors import ModelError
-
-_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-NAMES = "letters, digits and _, not starting with a digit"
-"""What ROS 2 allows between the slashes of a name."""
-
-
-def is_ros_name(name: str) -> bool:
-    """Whether ROS 2 accepts the full name of a topic or service."""
-    return _ROS_NAME.fullmatch(name) is not None
-
 
 EMPTY_TYPE = "std_msgs/msg/Empty"
 

@@ -17,11 +17,12 @@ from fame.bpmn.model import (
     SubProcess,
 )
 from fame.bpmn.pools import pools_of
-from fame.bpmn.topics import NAMES, is_ros_name, topics_of
+from fame.bpmn.topics import topics_of
 from fame.check.expressions import expressions_in
 from fame.check.scope import CheckedProcess, CheckScope, Finding, of_error
 from fame.check.variables import sets_something
 from fame.errors import ModelError
+from fame.text import NAMES, is_ros_name
 
 # ---- the reader's notes, pools ---------------------------------------------------------------------------------------
 

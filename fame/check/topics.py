@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from fame.bpmn.model import Expression, FlowNode, Task, Topic
-from fame.bpmn.topics import EMPTY_TYPE, NAMES, TopicEnd, is_ros_name, topic_table
+from fame.bpmn.topics import EMPTY_TYPE, TopicEnd, topic_table
 from fame.check.endpoints import (
     TopicEndpoint,
     Topics,
@@ -30,6 +30,7 @@ from fame.scripting import UNDEFINED
 from fame.scripting.grammar import ExpressionError
 from fame.scripting.python import called_name, parse_python
 from fame.scripting.substitution import is_text, payload
+from fame.text import NAMES, is_ros_name
 
 
 def check_topic_types(scope: CheckScope) -> Iterator[Finding]:

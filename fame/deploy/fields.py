@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fame.bpmn.topics import is_ros_name
+from fame.text import is_ros_name
 
 Check = Callable[[Any], bool]
 """Whether a field may have a JSON value."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from fame.bpmn.topics import NAMES, is_ros_name
 from fame.errors import MessageError
 from fame.middleware.primitives import describe
+from fame.text import NAMES, is_ros_name
 
 _MAX_LENGTH = 247
 """Characters of a name, as in ROS 2 (`RMW_TOPIC_MAX_NAME_LENGTH`); Cyclone ends the process at far longer ones."""

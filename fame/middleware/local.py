@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from fame.bpmn.topics import NAMES, is_ros_name
 from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.errors import (
@@ -33,6 +32,7 @@ from fame.middleware.errors import (
 )
 from fame.middleware.interface import MAX_MESSAGE_SIZE, SIGNAL, Message, QoS, TopicInfo, deliver_response, resolve
 from fame.middleware.qos import compatible, counts_losses
+from fame.text import NAMES, is_ros_name
 
 
 class LocalMiddleware:
