@@ -145,9 +145,18 @@ class MissingTypeError(MessageError):
 
 
 class DeploymentError(FameError):
-    """A robot refused its process, or did not answer."""
+    """A robot refused its process, or did not answer.
+
+    ``cause`` is what refusals of different text have in common: ``size``, ``syntax``, ``robot``, ``clock``, ``hash``,
+    ``signature``, ``replay``, or empty.
+    """
 
     exit_code = 1
+    cause: str
+
+    def __init__(self, text: str, *, cause: str = "") -> None:
+        super().__init__(text)
+        self.cause = cause
 
 
 class UnavailableError(FameError):

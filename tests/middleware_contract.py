@@ -66,7 +66,10 @@ class LocalWorld:
     def __init__(self) -> None:
         self.scheduler = Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
-        self.warnings = self.middleware.warnings
+
+    @property
+    def warnings(self) -> list[str]:
+        return list(map(str, self.middleware.warnings))
 
     def node(self, name: str, namespace: str = "") -> Node:
         return self.middleware.node(name, namespace)
@@ -117,7 +120,8 @@ class WallWorld:
         for middleware in self.middlewares:
             middleware.close()
 
-    def _warn(self, text: str) -> None:
+    def _warn(self, warning: object) -> None:
+        text = str(warning)
         if text not in self.warnings:
             self.warnings.append(text)
 

@@ -231,7 +231,7 @@ def test_another_type_on_the_topic_elsewhere_is_told_on_both_sides(here: WallWor
     here.node("a").subscription("/x", TEXT, seen.append)
     here.node("b").publisher("/x", INT).publish(create(INT, 1))
     text = f"/x: /a receives nothing from /b: type: offered {INT}, requested {TEXT}"
-    here.until(lambda: [middleware.warnings for middleware in here.middlewares] == [[text], [text]])
+    here.until(lambda: [list(map(str, middleware.warnings)) for middleware in here.middlewares] == [[text], [text]])
     assert here.middlewares[0].graph()[0].types == (INT, TEXT)
     assert seen == []
 

@@ -14,7 +14,7 @@ from fame.cli.robots import rows
 from fame.clock import SECOND, Scheduler
 from fame.deploy import EngineNode
 from fame.middleware import messages
-from fame.middleware.interface import QoS
+from fame.middleware.interface import EndpointWarning, QoS
 from fame.middleware.local import LocalMiddleware
 from fame.robot.events import Event
 from fame.robot.waiting_tokens import PublisherGap, PublisherGaps
@@ -402,7 +402,7 @@ def test_what_the_middleware_warns_of_is_told_once_and_stays_in_the_reports():
     field = Field("A")
     told: list[Event] = []
     field.engines["A"]._on_report = told.append
-    field.middleware.warn("/x: /b hears nothing from /a")
+    field.middleware.warn(EndpointWarning("/x", "/b hears nothing from /a", "mismatch"))
     field.pass_time(5)
     assert [event.detail for event in told] == ["/x: /b hears nothing from /a"]
     assert field.said[-1].warnings == ["/x: /b hears nothing from /a"]

@@ -13,20 +13,21 @@ from fame.errors import DeploymentError
 from fame.middleware.local import LocalMiddleware
 
 
-def told(*texts: str, times: int = 1) -> list[str]:
+def told(*texts: str | tuple[str, str], times: int = 1) -> list[str]:
+    """What is said of refusals: a text that is its own cause, or (text, cause)."""
     scheduler, said = Scheduler(), []
     digest = RateLimiter(scheduler, said.append)
     for second in range(times):
         scheduler.run(second * SECOND)
         for text in texts:
-            digest(text)
+            digest(*([text] if isinstance(text, str) else text))
     scheduler.run()
     return said
 
 
 def test_the_first_is_told_at_once_and_the_others_with_their_number():
     many = [f"no task: '{number}'" for number in range(1500)]
-    assert told(*many) == [many[0], f"{many[-1]} (1499 like this within a second)"]
+    assert told(*((text, "syntax") for text in many)) == [many[0], f"{many[-1]} (1499 like this within a second)"]
 
 
 def test_a_flood_is_told_once_a_second():
@@ -34,7 +35,8 @@ def test_a_flood_is_told_once_a_second():
 
 
 def test_causes_are_told_apart_but_not_without_end():
-    assert told("no task: 'x'", "phase 'y'", "phase 'z'") == ["no task: 'x'", "phase 'y'", "phase 'z'"]
+    different = told(("no task: 'x'", "syntax"), ("phase 'y'", "phase"), ("phase 'z'", "phase"))
+    assert different == ["no task: 'x'", "phase 'y'", "phase 'z'"]
     assert len(told(*(f"{chr(97 + number % 26)}{chr(97 + number // 26)}" for number in range(400)))) == 22
 
 

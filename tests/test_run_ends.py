@@ -85,6 +85,11 @@ def test_nor_is_what_was_still_to_start(tmp_path: Path) -> None:
     assert result.messages[1] == "A waits at A_s0 for its start, due at 6 s"
 
 
+def test_a_start_by_a_date_is_said_with_the_date(tmp_path: Path) -> None:
+    result = run(tmp_path, pool("A", started_by("timeDate", "2026-11-22T09:00:00Z")), duration=5)
+    assert result.messages[-1] == "A waits at A_s0 for its start, due at 2026-11-22T09:00:00Z"
+
+
 def test_each_robot_of_a_pool_has_its_timers(tmp_path: Path) -> None:
     result = run(tmp_path, pool("Ant", started_by("timeCycle", "R2/PT2S"), many=3))
     assert (result.status, completed(result)) == ("completed", {"Ant_1": 2, "Ant_2": 2, "Ant_3": 2})

@@ -46,7 +46,7 @@ class Clock:
         middleware = LocalMiddleware(self.wall)
         self._says = middleware.node("world").publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
         self.jumps: list[str] = []
-        self.time = ClockFollower(self.wall, self.jumps.append)
+        self.time = ClockFollower(self.wall, lambda warning: self.jumps.append(str(warning)))
         self.time.subscribe(middleware.node("robot"))
 
     def say(self, seconds: float) -> None:

@@ -14,7 +14,7 @@ from fame.cli.output import note
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
-    from fame.middleware.interface import Middleware
+    from fame.middleware.interface import EndpointWarning, Middleware
     from fame.middleware.simulated_time import Lockstep
 
 OPEN = "other machines can reach this process, and a topic that carries code must not be open by accident"
@@ -84,9 +84,9 @@ def say_ready(text: str) -> None:
         note(f"{text}; Ctrl-C ends it")
 
 
-def say_warning(text: str) -> None:
+def say_warning(warning: EndpointWarning) -> None:
     """Print what a middleware warns of."""
-    note(f"fame: warning: {text}")
+    note(f"fame: warning: {warning}")
 
 
 def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Lockstep:

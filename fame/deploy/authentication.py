@@ -158,13 +158,14 @@ class DiagramReader:
         diagram = _read(text)
         verify_signature(asdict(diagram), self._trusted)
         if diagram.purpose != purpose or model_hash(diagram.model.encode(errors="replace")) != diagram.hash:
-            raise DeploymentError("the signature is about something else")
+            raise DeploymentError("the signature is about something else", cause="signature")
         if purpose == "deploy" and not abs(now - diagram.issued) <= FRESH:
             age = now - diagram.issued
-            raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")
+            text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
+            raise DeploymentError(text, cause="clock")
         newest = self._newest.get(purpose, 0.0)
         if diagram.issued < newest or (purpose == "deploy" and diagram.issued == newest):
-            raise DeploymentError("signed before what was taken last: it may have been recorded")
+            raise DeploymentError("signed before what was taken last: it may have been recorded", cause="replay")
         self._newest[purpose] = diagram.issued
         return diagram.model
 
@@ -177,4 +178,6 @@ def _read(text: str) -> Diagram:
             raise TypeError
         return Diagram(**said)
     except (ValueError, TypeError, KeyError, RecursionError):
-        raise DeploymentError("not signed; this splitter takes only what a trusted key signed") from None
+        raise DeploymentError(
+            "not signed; this splitter takes only what a trusted key signed", cause="signature"
+        ) from None

@@ -138,7 +138,9 @@ class EngineNode:
             scheduler=scheduler,
             warnings=self.warn,
         )
-        self._process.on_dropped = lambda text: self.status.publish("refused", reason=text)
+        self._process.on_dropped = lambda warning: self.status.publish(
+            "refused", reason=str(warning), cause=warning.kind
+        )
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
         self.status.begin()
 
@@ -179,11 +181,11 @@ class EngineNode:
             **progress(self.running),
         }
 
-    def _on_refusal(self, reason: str, deployment: str) -> None:
+    def _on_refusal(self, reason: str, deployment: str, cause: str) -> None:
         if not deployment:
             self._note(f"refused: {reason}")
         else:
-            self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}")
+            self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}", cause)
 
     def _note(self, text: str, kind: str = "report") -> None:
         """Tell whoever watches this engine; an ``answer`` goes to the sender as well."""
@@ -208,7 +210,7 @@ class EngineNode:
             if self._trusted:
                 self._verify(envelope)
         except DeploymentError as error:
-            self.status.publish("refused", deployment, str(error))
+            self.status.publish("refused", deployment, str(error), cause=error.cause)
             return
         self._protocol.handle(Received(envelope))
 
@@ -222,14 +224,14 @@ class EngineNode:
             envelope.deployment,
             envelope.sequence,
         ):
-            raise DeploymentError("asks about another deployment than was signed")
+            raise DeploymentError("asks about another deployment than was signed", cause="signature")
 
     def _verify_task(self, request: TaskRequest) -> None:
         """Raise DeploymentError for a person's request if keys are used and it was not signed for this robot."""
         if self._task_signers:
             verify(asdict(request), self._task_signers, self._wall_time(), self.born)
             if request.robot != self.robot:
-                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}")
+                raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}", cause="robot")
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 
@@ -238,7 +240,12 @@ class EngineNode:
         match action:
             case Reply():
                 self.status.publish(
-                    action.answer, action.deployment, action.reason, action.problem, repeated=action.repeated
+                    action.answer,
+                    action.deployment,
+                    action.reason,
+                    action.problem,
+                    repeated=action.repeated,
+                    cause="model" if action.problem is not None else "",
                 )
             case Note(text):
                 self._note(text)

@@ -239,7 +239,7 @@ def model_hash(model: bytes) -> str:
 def read_envelope(text: str, robot: str, now: float) -> Envelope:
     """The envelope that was received `now` (s since 1970); a bare model becomes one. Raises DeploymentError."""
     if len(text) > SIZE:
-        raise DeploymentError(f"{len(text)} characters; at most {SIZE} are taken")
+        raise DeploymentError(f"{len(text)} characters; at most {SIZE} are taken", cause="size")
     text = text.removeprefix("\ufeff")  # byte order mark
     if text.lstrip().startswith("<"):
         key = _text_hash(text)
@@ -250,17 +250,18 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
         envelope = _message(Envelope, found, _ENVELOPE)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         why = f" ({error})" if isinstance(error, TypeError) else ""
-        raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}") from None
+        raise DeploymentError(f"neither a .bpmn text nor an envelope{why}: {text[:60]!r}", cause="syntax") from None
     if envelope.robot.casefold() != robot.casefold():
-        raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}")
+        raise DeploymentError(f"meant for robot {envelope.robot!r}, not for {robot!r}", cause="robot")
     if is_ahead(envelope.sequence, now):
         ahead = (envelope.sequence / 1e6 - now) / 86_400
         raise DeploymentError(
             f"sequence {envelope.sequence} is {ahead:.0f} days ahead of this robot's clock; "
-            f"at most {AHEAD / 86_400:.0f} are accepted (are the clocks set?)"
+            f"at most {AHEAD / 86_400:.0f} are accepted (are the clocks set?)",
+            cause="clock",
         )
     if envelope.phase == "load" and _text_hash(envelope.model) != envelope.hash:
-        raise DeploymentError("the model does not have the hash that the envelope says")
+        raise DeploymentError("the model does not have the hash that the envelope says", cause="hash")
     return envelope
 
 
@@ -283,7 +284,7 @@ def _text_hash(text: str) -> str:
     try:
         return model_hash(text.encode())
     except UnicodeEncodeError:
-        raise DeploymentError("the model has a lone surrogate: it is not valid Unicode") from None
+        raise DeploymentError("the model has a lone surrogate: it is not valid Unicode", cause="syntax") from None
 
 
 def _message(cls: type[_Message], found: Any, checks: Mapping[str, fields.Check]) -> _Message:

@@ -79,19 +79,22 @@ def read_request(text: str) -> TaskRequest:
     from fame.engine.data import is_variable
 
     if len(text) > SIZE:
-        raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are taken")
+        raise DeploymentError(f"{len(text)} characters for a task; at most {SIZE} are taken", cause="size")
     try:
         found = json.loads(text)
         request = TaskRequest(**found) if fields.first_invalid(found, _REQUEST) is None else None
     except (ValueError, TypeError, AttributeError, RecursionError):
         request = None
     if request is None or not all(map(is_variable, request.values)) or (request.act == "activate" and request.values):
-        raise DeploymentError(f'no task: expected {{"id": ..., "element": ..., "values": {{}}}}, got {text[:60]!r}')
+        raise DeploymentError(
+            f'no task: expected {{"id": ..., "element": ..., "values": {{}}}}, got {text[:60]!r}', cause="syntax"
+        )
     return request
 
 
 class TaskServer:
-    """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason).
+    """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason,
+    and the cause of a refusal by keyword).
 
     `check` raises DeploymentError for a request that is not from somebody who is trusted.
     """
@@ -100,14 +103,14 @@ class TaskServer:
         self,
         node: Node,
         running: Callable[[], RobotNode | None],
-        report: Callable[[str, str, str], object],
+        report: Callable[..., object],
         check: Callable[[TaskRequest], object] = lambda request: None,
     ) -> None:
         self._running, self._report, self._check = running, report, check
         self._answers: dict[str, tuple[str, str]] = {}
         self._end = node.subscription("bpmn_task", STRING, self._on_request, PROCESS_QOS)
         self._end.max_size = SIZE
-        self._end.on_dropped = lambda text: report("refused", "", text)
+        self._end.on_dropped = lambda warning: report("refused", "", str(warning), cause=warning.kind)
 
     def close(self) -> None:
         """Close the endpoint."""
@@ -117,12 +120,12 @@ class TaskServer:
         try:
             request = read_request(message.data)
         except DeploymentError as error:
-            self._report("refused", "", str(error))
+            self._report("refused", "", str(error), cause=error.cause)
             return
         try:
             self._check(request)
         except DeploymentError as error:
-            self._report("refused", request.id, str(error))
+            self._report("refused", request.id, str(error), cause=error.cause)
             return
         if request.id not in self._answers:
             self._answers[request.id] = self._act(request)

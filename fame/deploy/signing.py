@@ -150,18 +150,18 @@ def verify_signature(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey
 
     signature = said.get("signature", "")
     if not signature:
-        raise DeploymentError("not signed; this robot runs only what a trusted key signed")
+        raise DeploymentError("not signed; this robot runs only what a trusted key signed", cause="signature")
     try:
         blob = base64.b64decode(signature, validate=True)
     except ValueError:
-        raise DeploymentError("the signature is not base64") from None
+        raise DeploymentError("the signature is not base64", cause="signature") from None
     for key in trusted:
         try:
             key.verify(blob, _signed_part(said))
             return
         except InvalidSignature:
             continue
-    raise DeploymentError("not signed by a key that this robot trusts")
+    raise DeploymentError("not signed by a key that this robot trusts", cause="signature")
 
 
 def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:
@@ -172,9 +172,12 @@ def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: fl
     verify_signature(said, trusted)
     age = now - float(said.get("issued", 0.0))
     if not abs(age) <= FRESH:
-        raise DeploymentError(f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)")
+        text = f"signed {age:.0f} s ago; at most {FRESH:g} s are accepted (are the clocks set?)"
+        raise DeploymentError(text, cause="clock")
     if said.get("born", 0) != born:
-        raise DeploymentError("signed for another run of this robot's engine: it may have been recorded")
+        raise DeploymentError(
+            "signed for another run of this robot's engine: it may have been recorded", cause="replay"
+        )
 
 
 def _write_public(private: Ed25519PrivateKey, path: Path) -> None:

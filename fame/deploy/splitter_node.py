@@ -149,7 +149,8 @@ class SplitterNode:
         try:
             diagram = self._read(message.data, "deploy")
         except FameError as error:
-            self._refused(f"refused: {error}")
+            cause = error.cause if isinstance(error, DeploymentError) else "model"
+            self._refused(f"refused: {error}", cause)
             return
         self._diagram = diagram
         self._election.handle(Woken(self.scheduler.now))
@@ -170,7 +171,7 @@ class SplitterNode:
         from fame.check.gate import refuse_errors
 
         if len(text) > LIMIT:
-            raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken")
+            raise DeploymentError(f"{len(text)} characters; at most {LIMIT} are taken", cause="size")
         text = self._diagrams.read(text, purpose, self._wall_time())
         definitions = read_text(text, file=DIAGRAM)
         library = self._options["library"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -15,7 +14,7 @@ from fame.deploy.envelope import STATUS_QOS, STRING, Problem, Report
 from fame.deploy.signing import Identity, sign
 from fame.errors import FameError
 from fame.middleware import messages
-from fame.middleware.interface import LATCHED, Middleware, Node
+from fame.middleware.interface import LATCHED, EndpointWarning, Middleware, Node
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -24,10 +23,11 @@ _KEPT = 10
 """How many warnings a report has."""
 _CAUSES = 20
 """How many causes are told apart within a second; all others count as one."""
+_OTHER_CAUSE = ""
 
 
 class Warnings:
-    """The warnings of an engine: call it with a text, and `tell` gets it; a report shows the latest ones.
+    """The warnings of an engine: call it with one, and `tell` gets its text; a report shows the latest ones.
 
     `poll` takes the new warnings of the middleware and its losses. Those from before this object was made are old.
     """
@@ -36,46 +36,43 @@ class Warnings:
         self._middleware, self._tell = middleware, tell
         self._seen = len(middleware.warnings)
         self._losses: list[str] = []
-        self._latest: deque[str] = deque(maxlen=_KEPT)
+        self._latest: deque[EndpointWarning] = deque(maxlen=_KEPT)
 
-    def __call__(self, text: str) -> None:
-        self._latest.append(text)
-        self._tell(text)
+    def __call__(self, warning: EndpointWarning) -> None:
+        self._latest.append(warning)
+        self._tell(str(warning))
 
-    def poll(self, except_for: str) -> list[str]:
-        """Tell the new warnings; those that begin with `except_for` are returned instead."""
+    def poll(self, except_for: str) -> list[EndpointWarning]:
+        """Tell the new warnings; those about the topic `except_for` are returned instead."""
         new = list(self._middleware.warnings[self._seen :])
         self._seen += len(new)
-        for text in new:
-            if not text.startswith(except_for):
-                self(text)
+        for warning in new:
+            if warning.topic != except_for:
+                self(warning)
         before, self._losses = self._losses, self._middleware.losses()
         for text in self._losses:  # they grow: the latest is told, and the report shows each once
             if text not in before:
                 self._tell(text)
-        return [text for text in new if text.startswith(except_for)]
+        return [warning for warning in new if warning.topic == except_for]
 
     def lines(self) -> list[str]:
         """For a report."""
-        return [*self._losses[:_KEPT], *self._latest]
+        return [*self._losses[:_KEPT], *map(str, self._latest)]
 
 
 class RateLimiter:
-    """Pass a text on to `tell` at once, and more of the same cause at the end of each second, as one with a count.
-
-    The cause is the beginning of a text, up to the first number or quotation: the rest comes from the sender.
-    """
+    """Pass a text on to `tell` at once, and more of the same cause at the end of each second, as one with a count."""
 
     def __init__(self, scheduler: Scheduler, tell: Callable[[str], object]) -> None:
         self._scheduler, self._pass_on = scheduler, tell
         self._held: dict[str, tuple[int, str]] = {}  # cause -> number held back, and the last of them
         self._timer: Entry | None = None
 
-    def __call__(self, text: str) -> None:
-        """Pass it on, now or with others."""
-        cause = re.split(r"[\d'\"]", text, maxsplit=1)[0]
+    def __call__(self, text: str, cause: str = "") -> None:
+        """Pass a text on, now or with others of its cause; without one the text is its own cause."""
+        cause = cause or text
         if cause not in self._held and len(self._held) >= _CAUSES:
-            cause = ""
+            cause = _OTHER_CAUSE
         if cause in self._held:
             self._held[cause] = self._held[cause][0] + 1, text
             return
@@ -110,7 +107,8 @@ class Status:
     `progress` gives what a `Report` has beside the answer. It reports messages of another type on `topic`, and listens
     to its own status: of two engines with one name the younger leaves, unless it runs something. Where keys are used
     (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
-    `on_refusal` gets reason and deployment (empty if it is not an answer) of each refusal; `note` gets other texts.
+    `on_refusal` gets reason, deployment (empty if it is not an answer) and cause of each refusal; `note` gets other
+    texts.
     Refusals that nobody waits for are reported once a second for each cause.
     """
 
@@ -123,7 +121,7 @@ class Status:
         *,
         node: Node,
         scheduler: Scheduler,
-        on_refusal: Callable[[str, str], object],
+        on_refusal: Callable[[str, str, str], object],
         warnings: Warnings,
         note: Callable[[str], object],
         identity: Identity | None = None,
@@ -134,7 +132,7 @@ class Status:
         self._met_others: set[str] = set()
         self._robot, self._topic, self._born, self._progress = robot, topic, born, progress
         self._scheduler, self._on_refusal, self._warnings = scheduler, on_refusal, warnings
-        self._garbage = RateLimiter(scheduler, lambda reason: self._publish_refusal("", reason, None))
+        self._garbage = RateLimiter(scheduler, lambda reason: self._publish_refusal("", reason, None, ""))
         self._out = node.publisher("bpmn_status", STRING, LATCHED)
         node.subscription("bpmn_status", STRING, self._on_own_status, STATUS_QOS)
 
@@ -152,18 +150,22 @@ class Status:
         problem: Problem | None = None,
         *,
         repeated: bool = False,
+        cause: str = "",
     ) -> None:
-        """Publish a report, perhaps as an answer; one that is `repeated` is for whoever asked, and for nobody else."""
+        """Publish a report, perhaps as an answer; one that is `repeated` is only for whoever asked.
+
+        `cause` is that of a refusal: what refusals with different texts have in common.
+        """
         if answer != "refused" or repeated:
             self._publish(answer, deployment, reason, problem)
         elif deployment:
-            self._publish_refusal(deployment, reason, problem)
+            self._publish_refusal(deployment, reason, problem, cause)
         else:
-            self._garbage(reason)
+            self._garbage(reason, cause)
 
-    def _publish_refusal(self, deployment: str, reason: str, problem: Problem | None) -> None:
+    def _publish_refusal(self, deployment: str, reason: str, problem: Problem | None, cause: str) -> None:
         self._publish("refused", deployment, reason, problem)
-        self._on_refusal(reason, deployment)
+        self._on_refusal(reason, deployment, cause)
 
     def _publish(self, answer: str, deployment: str, reason: str, problem: Problem | None) -> None:
         report = Report(
@@ -188,8 +190,8 @@ class Status:
 
     def _refuse_other_types(self) -> None:
         """Refuse messages of another type, which the middleware only warns of."""
-        for text in self._warnings.poll(f"{self._topic}:"):
-            self.publish("refused", reason=text)
+        for warning in self._warnings.poll(self._topic):
+            self.publish("refused", reason=str(warning), cause=warning.kind)
 
     def _on_own_status(self, message: Any) -> None:
         """Raise FameError if an older engine proves that it is this robot, and nothing runs here."""

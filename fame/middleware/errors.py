@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from fame.errors import MessageError
+from fame.middleware.interface import EndpointWarning
 from fame.middleware.primitives import describe
 from fame.text import NAMES, is_ros_name
 
@@ -47,14 +48,19 @@ def unavailable_error(name: str, request_type: str, offered: Iterable[str]) -> M
     return MessageError(f"no node offers the service {name}: wait until it is available", type=type)
 
 
-def mismatch_text(topic: str, subscriber: str, publisher: str, reason: str) -> str:
-    """Warn that two endpoints are not connected."""
-    return f"{topic}: {subscriber} receives nothing from {publisher}: {reason}"
+def mismatch_warning(topic: str, subscriber: str, publisher: str, reason: str) -> EndpointWarning:
+    """Two endpoints are not connected."""
+    return EndpointWarning(topic, f"{subscriber} receives nothing from {publisher}: {reason}", "mismatch")
 
 
-def unanswered_text(name: str, node: str) -> str:
-    """Warn that a service was closed while a client waited for its response."""
-    return f"{name}: the service was closed before it answered {node}"
+def unanswered_warning(name: str, node: str) -> EndpointWarning:
+    """A service was closed while a client waited for its response."""
+    return EndpointWarning(name, f"the service was closed before it answered {node}", "unanswered")
+
+
+def dropped_warning(topic: str, reason: str) -> EndpointWarning:
+    """A message could not be read."""
+    return EndpointWarning(topic, f"dropped a message: {reason}", "dropped")
 
 
 def lost_text(topic: str, node: str, count: int) -> str:

@@ -71,13 +71,13 @@ class Subscription(Protocol):
     """A subscription. `topic` is the full name.
 
     max_size    on the wire a message of more bytes is dropped
-    on_dropped  called with a text for each message that cannot be read; by default the first one is a warning
+    on_dropped  called with a warning for each message that cannot be read; by default the first one is told
     """
 
     topic: str
     type: str
     max_size: int
-    on_dropped: Callable[[str], object]
+    on_dropped: Callable[[EndpointWarning], object]
 
     def close(self) -> None: ...
 
@@ -170,15 +170,32 @@ class Node(Protocol):
         """Close all endpoints."""
 
 
+@dataclass(frozen=True, slots=True)
+class EndpointWarning:
+    """What a person should know of an endpoint; `topic` is its full name, or that of its service.
+
+    kind  ``name`` (ROS 2 would refuse it), ``mismatch`` (two endpoints are not connected), ``unanswered`` (a service
+          closed before it answered), ``dropped`` (a message that cannot be read), ``slow`` (a subscriber or client
+          does not keep up), ``clock`` (simulated time jumps), ``backend`` (an error of the backend itself)
+    """
+
+    topic: str
+    text: str
+    kind: Literal["name", "mismatch", "unanswered", "dropped", "slow", "clock", "backend"]
+
+    def __str__(self) -> str:
+        return f"{self.topic}: {self.text}" if self.topic else self.text
+
+
 class Middleware(Protocol):
     """A backend.
 
     confined      whether other machines cannot reach it: sending models without signatures relies on that
     use_sim_time  ROS's parameter of that name: time is that of ``/clock``
-    warnings      what a person should know, such as endpoints that do not match; one about a topic begins with its name
+    warnings      what a person should know, such as endpoints that do not match
     """
 
-    warnings: list[str]
+    warnings: list[EndpointWarning]
 
     @property
     def confined(self) -> bool: ...
@@ -186,8 +203,8 @@ class Middleware(Protocol):
     @property
     def use_sim_time(self) -> bool: ...
 
-    def warn(self, text: str, /) -> object:
-        """Add a text to `warnings`, once."""
+    def warn(self, warning: EndpointWarning, /) -> object:
+        """Add to `warnings`, once."""
 
     def losses(self) -> list[str]:
         """Which of its endpoints have lost messages, and how many each, in words."""

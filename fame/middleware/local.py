@@ -23,14 +23,23 @@ from fame.clock import SECOND, Scheduler
 from fame.middleware import messages
 from fame.middleware.errors import (
     lost_text,
-    mismatch_text,
+    mismatch_warning,
     publish_error,
     service_conflict,
     type_conflict,
-    unanswered_text,
+    unanswered_warning,
     unavailable_error,
 )
-from fame.middleware.interface import MAX_MESSAGE_SIZE, SIGNAL, Message, QoS, TopicInfo, deliver_response, resolve
+from fame.middleware.interface import (
+    MAX_MESSAGE_SIZE,
+    SIGNAL,
+    EndpointWarning,
+    Message,
+    QoS,
+    TopicInfo,
+    deliver_response,
+    resolve,
+)
 from fame.middleware.qos import compatible, counts_losses
 from fame.text import NAMES, is_ros_name
 
@@ -43,9 +52,9 @@ class LocalMiddleware:
 
     confined, use_sim_time = True, False
 
-    def __init__(self, scheduler: Scheduler, on_warning: Callable[[str], object] | None = None) -> None:
+    def __init__(self, scheduler: Scheduler, on_warning: Callable[[EndpointWarning], object] | None = None) -> None:
         self.scheduler = scheduler
-        self.warnings: list[str] = []
+        self.warnings: list[EndpointWarning] = []
         self.nodes: list[LocalNode] = []
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, LocalService] = {}
@@ -80,19 +89,19 @@ class LocalMiddleware:
         topic = self.topics.get(name)
         if topic is None:
             if not is_ros_name(name):
-                self.warn(f"{name}: ROS 2 would refuse this name: {NAMES}")
+                self.warn(EndpointWarning(name, f"ROS 2 would refuse this name: {NAMES}", "name"))
             topic = self.topics[name] = Topic(name, type)
         if topic.type != type:
             info = topic.info()
             raise type_conflict(name, topic.type, (*info.publishers, *info.subscribers), type)
         return topic
 
-    def warn(self, text: str) -> None:
+    def warn(self, warning: EndpointWarning) -> None:
         """Record a warning, unless it is recorded already."""
-        if text not in self.warnings:
-            self.warnings.append(text)
+        if warning not in self.warnings:
+            self.warnings.append(warning)
             if self._on_warning is not None:
-                self._on_warning(text)
+                self._on_warning(warning)
 
 
 @dataclass(slots=True)
@@ -176,7 +185,7 @@ class LocalNode:
             publisher.matched.append(subscription)
             return True
         nodes = subscription.node.full_name, publisher.node.full_name
-        self.middleware.warn(mismatch_text(publisher.topic, *nodes, mismatch))
+        self.middleware.warn(mismatch_warning(publisher.topic, *nodes, mismatch))
         return False
 
 
@@ -234,7 +243,9 @@ class LocalSubscription:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
         self._shared, self._callback = shared, callback
         self.max_size: int = MAX_MESSAGE_SIZE
-        self.on_dropped: Callable[[str], object] = node.middleware.warn  # never: nothing is written and read here
+        self.on_dropped: Callable[[EndpointWarning], object] = (
+            node.middleware.warn
+        )  # never: nothing is written and read here
         self._queue: deque[Message] = deque()
         self._depth = -1 if qos.history == "keep_all" else qos.depth
         self.lost = 0  # messages, since it was made
@@ -331,7 +342,7 @@ class LocalClient:
         if middleware.services.get(self.name) is service:
             service.handle(request, lambda said: middleware.scheduler.soon(partial(self._deliver, said, callback)))
         else:
-            middleware.warn(unanswered_text(self.name, self.node.full_name))
+            middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def _deliver(self, response: Message, callback: Callable[[Message], object]) -> None:
         if self in self.node.endpoints:

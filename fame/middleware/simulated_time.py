@@ -17,7 +17,7 @@ from typing import Protocol
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.middleware import messages
-from fame.middleware.interface import Message, Node, QoS
+from fame.middleware.interface import EndpointWarning, Message, Node, QoS
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 CLOCK_QOS = QoS(depth=10)
@@ -52,12 +52,12 @@ class Lockstep(Protocol):
 class ClockFollower(Scheduler):
     """Simulated time that follows a clock. `wall` is the scheduler whose thread does all the work.
 
-    `on_jump` is called with a text when the clock jumps.
+    `on_jump` is called with a warning when the clock jumps.
     """
 
-    def __init__(self, wall: Scheduler, on_jump: Callable[[str], object] = lambda text: None) -> None:
+    def __init__(self, wall: Scheduler, on_jump: Callable[[EndpointWarning], object] = lambda warning: None) -> None:
         super().__init__()
-        self.on_jump: Callable[[str], object] = on_jump
+        self.on_jump: Callable[[EndpointWarning], object] = on_jump
         self._wall = wall
         self._last: int | None = None  # the last time of the clock, ns
         self._last_at = 0  # when it came, ns of the wall clock
@@ -123,10 +123,11 @@ class ClockFollower(Scheduler):
         if self._reported_at is None or self._wall.now - self._reported_at >= _REPORT_PERIOD:
             self._reported_at = self._wall.now
             way = "back" if time < last else "ahead"
-            self.on_jump(
+            text = (
                 f"{CLOCK} jumped {way} from {last / SECOND:.1f} to {time / SECOND:.1f} s: a world was started again, "
                 "or there is a second one; timers wait for the rest of their time"
             )
+            self.on_jump(EndpointWarning("", text, "clock"))
 
 
 def nanoseconds(time: Message) -> int:

@@ -23,15 +23,25 @@ from fame.errors import MessageError
 from fame.middleware import codec, messages
 from fame.middleware.errors import (
     check_name,
+    dropped_warning,
     lost_text,
     publish_error,
     service_conflict,
     type_conflict,
-    unanswered_text,
+    unanswered_warning,
     unavailable_error,
     unreadable_text,
 )
-from fame.middleware.interface import MAX_MESSAGE_SIZE, SIGNAL, Message, QoS, TopicInfo, deliver_response, resolve
+from fame.middleware.interface import (
+    MAX_MESSAGE_SIZE,
+    SIGNAL,
+    EndpointWarning,
+    Message,
+    QoS,
+    TopicInfo,
+    deliver_response,
+    resolve,
+)
 from fame.middleware.qos import counts_losses
 
 NAMING_DELAY = SECOND // 5
@@ -42,23 +52,23 @@ _POLL = 0.002
 """How often `wait_matched` checks (s)."""
 
 Callback = Callable[[Message], object]
-OnText = Callable[[str], object]
+OnWarning = Callable[[EndpointWarning], object]
 
 
 class Warnings:
-    """Called with what a person should know. Keeps each text once, and passes it to `on_warning` in the scheduler."""
+    """Called with each warning. Keeps it once, and passes it to `on_warning` in the scheduler."""
 
-    def __init__(self, scheduler: Scheduler, on_warning: OnText | None) -> None:
-        self.texts: list[str] = []
+    def __init__(self, scheduler: Scheduler, on_warning: OnWarning | None) -> None:
+        self.kept: list[EndpointWarning] = []
         self._scheduler, self._on_warning, self._lock = scheduler, on_warning, threading.Lock()
 
-    def __call__(self, text: str) -> None:
+    def __call__(self, warning: EndpointWarning) -> None:
         with self._lock:
-            if text in self.texts or len(self.texts) >= _MAX_WARNINGS:
+            if warning in self.kept or len(self.kept) >= _MAX_WARNINGS:
                 return
-            self.texts.append(text)
+            self.kept.append(warning)
         if self._on_warning is not None:
-            self._scheduler.soon(partial(self._on_warning, text))
+            self._scheduler.soon(partial(self._on_warning, warning))
 
 
 class WireMiddleware(ABC):
@@ -67,12 +77,12 @@ class WireMiddleware(ABC):
     scheduler: Scheduler
     network: str | None
 
-    def __init__(self, scheduler: Scheduler, network: str | None, on_warning: OnText | None) -> None:
+    def __init__(self, scheduler: Scheduler, network: str | None, on_warning: OnWarning | None) -> None:
         self.scheduler, self.network = scheduler, network
         self.closed: bool = False
         self.nodes: list[Any] = []
         self.warn: Warnings = Warnings(scheduler, on_warning)
-        self.warnings: list[str] = self.warn.texts
+        self.warnings: list[EndpointWarning] = self.warn.kept
 
     @abstractmethod
     def node(self, name: str, namespace: str = "") -> WireNode:
@@ -285,7 +295,7 @@ class WireSubscription(TopicEndpoint):
     def __init__(self, node: WireNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self.max_size: int = MAX_MESSAGE_SIZE
-        self.on_dropped: OnText = self._warn_once
+        self.on_dropped: OnWarning = self._warn_once
         self.counts_losses: bool = counts_losses(qos)
         self._callback = callback
         self._queue: deque[bytes] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
@@ -317,12 +327,12 @@ class WireSubscription(TopicEndpoint):
         if self.closed:
             return
         if len(data) > self.max_size:
-            self.on_dropped(f"{self.topic}: dropped a message: {len(data)} bytes; at most {self.max_size} are taken")
+            self.on_dropped(dropped_warning(self.topic, f"{len(data)} bytes; at most {self.max_size} are taken"))
             return
         try:
             message = codec.deserialize(data, self.type)
         except MessageError as error:
-            self.on_dropped(f"{self.topic}: dropped a message: {error}")
+            self.on_dropped(dropped_warning(self.topic, str(error)))
         else:
             self._callback(message)
 
@@ -334,11 +344,11 @@ class WireSubscription(TopicEndpoint):
         self._queue.clear()
         super().close()
 
-    def _warn_once(self, text: str) -> None:
+    def _warn_once(self, warning: EndpointWarning) -> None:
         """Warn of the first unreadable message of a flood, and count the others."""
         self._unreadable += 1
         if self._unreadable == 1:
-            self.node.middleware.warn(text)
+            self.node.middleware.warn(warning)
 
 
 class ServiceEndpoint(Endpoint):
@@ -403,7 +413,7 @@ class WireClient(ServiceEndpoint):
         """If the service is gone, warn and forget the requests under way."""
         if self._waiting and not self.available:
             self._waiting.clear()
-            self.node.middleware.warn(unanswered_text(self.name, self.node.full_name))
+            self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def close(self) -> None:
         self._waiting.clear()

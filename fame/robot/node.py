@@ -235,7 +235,7 @@ class RobotNode:
         """Every waiting token, and what it waits for. If nothing runs: the start events that wait for their trigger."""
         waiting = self._waiting.list(self.engine)
         due = {} if self.engine.instances else self._starts_due()
-        return [*waiting, *self._waiting.starts(self.engine, due, by_message=not self.instances)]
+        return [*waiting, *self._waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
 
     def offers(self) -> list[str]:
         """The ids of the elements that `activate` can start now."""

@@ -10,11 +10,12 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from fame.bpmn import model
-from fame.clock import SECOND, Scheduler
+from fame.clock import SECOND, Scheduler, date_at, date_text
 from fame.engine import Engine, waiting
 from fame.engine.program import USER, Node as ProgramNode
 from fame.engine.state import Wait, joins_reached
@@ -120,11 +121,18 @@ class WaitingTokens:
             found.append(WaitingToken(self._robot, join.id, text, self._seen[scope.key, join.id]))
         return found
 
-    def starts(self, engine: Engine, due: Mapping[int, int], *, by_message: bool) -> Iterator[WaitingToken]:
-        """The start events that wait for their trigger. `due`: key of an armed timer start -> its time (ns)."""
+    def starts(
+        self, engine: Engine, due: Mapping[int, int], *, epoch: datetime, by_message: bool
+    ) -> Iterator[WaitingToken]:
+        """The start events that wait for their trigger. `due`: key of an armed timer start -> its time (ns).
+
+        `epoch` is the date of time 0.
+        """
         for key, time in due.items():
-            text = f"its start, due at {time / SECOND:g} s"
-            yield WaitingToken(self._robot, engine.armed_starts[key].id, text)
+            start = engine.armed_starts[key]
+            by_date = start.catch is not None and start.catch.timer == "date"
+            moment = date_text(date_at(epoch, time)) if by_date else f"{time / SECOND:g} s"
+            yield WaitingToken(self._robot, start.id, f"its start, due at {moment}")
         publishers = self._publishers() if by_message else {}
         for topic, nodes in engine.program.starts.items() if by_message else ():
             full = resolve(topic, self._node.namespace)

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
-from fame.middleware.interface import Middleware
+from fame.middleware.interface import EndpointWarning, Middleware
 
 BACKENDS = ("dds", "ros")
 _ENDING = 3
@@ -52,7 +52,7 @@ def connect(
     backend: str,
     scheduler: WallScheduler,
     network: str | None = None,
-    on_warning: Callable[[str], object] | None = None,
+    on_warning: Callable[[EndpointWarning], object] | None = None,
 ) -> Middleware:
     """The middleware of a process. Raises UnavailableError for one that is not installed."""
     if backend == "dds":
@@ -85,7 +85,7 @@ def serve(
     backend: str,
     network: str | None,
     build: Callable[[WallScheduler, Middleware], Part],
-    on_warning: Callable[[str], object] | None = None,
+    on_warning: Callable[[EndpointWarning], object] | None = None,
 ) -> None:
     """Build a part and let it live until SIGINT or SIGTERM; then close it safely.
 

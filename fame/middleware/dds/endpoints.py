@@ -23,7 +23,8 @@ from fame.middleware import codec, messages
 from fame.middleware.dds import wire
 from fame.middleware.dds.participant import Participant
 from fame.middleware.dds.wire import matched, samples_lost, user_data
-from fame.middleware.interface import Message, QoS
+from fame.middleware.errors import dropped_warning
+from fame.middleware.interface import EndpointWarning, Message, QoS
 from fame.middleware.qos import one_deeper
 from fame.middleware.wire_base import Warnings, WireClient, WireNode, WirePublisher, WireService, WireSubscription
 
@@ -58,7 +59,7 @@ class DdsPublisher(WirePublisher):
         if self._unflushed:
             self._unflushed = False
             if not self._writer.wait_for_acks(patience):
-                self.node.middleware.warn(f"{self.topic}: a subscriber does not keep up")
+                self.node.middleware.warn(EndpointWarning(self.topic, "a subscriber does not keep up", "slow"))
 
     def subscriber_count(self) -> int:
         return len(matched(self._writer))
@@ -221,7 +222,7 @@ class _Exchange:
         try:
             message = codec.deserialize(data[: wire.HEADER] + data[_START:], self._received_type)
         except MessageError as error:
-            self._warn(f"{self.name}: dropped a message: {error}")
+            self._warn(dropped_warning(self.name, str(error)))
         else:
             if not self.closed:
                 self._on_message(message, _NUMBERS.unpack_from(data, wire.HEADER), sender)
@@ -259,7 +260,8 @@ class DdsService(WireService):
         elif scheduler.now < deadline:
             scheduler.after(_RETRY, partial(self._respond, response, numbers, client, deadline))
         else:
-            self.node.middleware.warn(f"{self.name}: a client does not listen to the response to its request")
+            text = "a client does not listen to the response to its request"
+            self.node.middleware.warn(EndpointWarning(self.name, text, "slow"))
 
     def _reaches(self, client: int) -> bool:
         reader, writer = self.exchange.reader, self.exchange.writer

@@ -22,7 +22,7 @@ from fame.middleware.dds.discovery import Endpoint, NodeEntry
 from fame.middleware.dds.domain import domain_id
 from fame.middleware.dds.endpoints import DdsClient, DdsPublisher, DdsService, DdsSubscription
 from fame.middleware.dds.participant import Participant
-from fame.middleware.interface import UNKNOWN_NODE, Message, QoS, TopicInfo
+from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, Message, QoS, TopicInfo
 from fame.middleware.wire_base import WireMiddleware, WireNode
 
 _FLUSH_PATIENCE = 4 * SECOND
@@ -46,7 +46,7 @@ class DdsMiddleware(WireMiddleware):
         *,
         domain: int | None = None,
         network: str | None = None,
-        on_warning: Callable[[str], object] | None = None,
+        on_warning: Callable[[EndpointWarning], object] | None = None,
     ) -> None:
         super().__init__(scheduler, network, on_warning)
         self.domain: int = domain_id(domain)

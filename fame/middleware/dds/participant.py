@@ -27,8 +27,8 @@ from fame.middleware.dds.discovery import Discovery, Endpoint, NodeEntry
 from fame.middleware.dds.domain import confined, open_domain
 from fame.middleware.dds.waitset import DataWaiter, DdsScheduler, delete
 from fame.middleware.dds.wire import Entities
-from fame.middleware.errors import mismatch_text
-from fame.middleware.interface import UNKNOWN_NODE, QoS
+from fame.middleware.errors import mismatch_warning
+from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, QoS
 from fame.middleware.qos import compatible
 from fame.middleware.wire_base import NAMING_DELAY
 
@@ -49,7 +49,7 @@ class Participant:
         scheduler: Scheduler,
         domain: int,
         network: str | None,
-        warn: Callable[[str], object],
+        warn: Callable[[EndpointWarning], object],
         on_service_gone: Callable[[], object],
     ) -> None:
         self.scheduler: Scheduler = scheduler
@@ -150,7 +150,7 @@ class Participant:
         if not own and {writer.gid, reader.gid} <= present:
             owners, topic = self.discovery.owners(), writer.topic.removeprefix(wire.TOPIC)
             subscriber, publisher = (owners.get(end.gid, UNKNOWN_NODE) for end in (reader, writer))
-            self._warn(mismatch_text(topic, subscriber, publisher, mismatch))
+            self._warn(mismatch_warning(topic, subscriber, publisher, mismatch))
 
 
 def _mismatch(writer: Endpoint, reader: Endpoint) -> str | None:

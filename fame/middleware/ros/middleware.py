@@ -20,8 +20,8 @@ from rclpy.node import Node
 
 from fame.clock import WallScheduler
 from fame.errors import ConfigError
-from fame.middleware.errors import mismatch_text
-from fame.middleware.interface import Message, QoS, TopicInfo, resolve
+from fame.middleware.errors import mismatch_warning
+from fame.middleware.interface import EndpointWarning, Message, QoS, TopicInfo, resolve
 from fame.middleware.qos import compatible
 from fame.middleware.ros.endpoints import (
     RosClient,
@@ -56,7 +56,7 @@ class RosMiddleware(WireMiddleware):
         *,
         domain: int | None = None,
         network: str | None = None,
-        on_warning: Callable[[str], object] | None = None,
+        on_warning: Callable[[EndpointWarning], object] | None = None,
     ) -> None:
         super().__init__(scheduler, network, on_warning)
         confine(network)
@@ -132,7 +132,7 @@ class RosMiddleware(WireMiddleware):
                 nodes = owner(reader), owner(writer)
                 mismatch = compatible(from_profile(writer.qos_profile), from_profile(reader.qos_profile))
                 if mismatch is not None and own.intersection(nodes) and nodes[0] != nodes[1]:
-                    self.warn(mismatch_text(topic, *nodes, mismatch))
+                    self.warn(mismatch_warning(topic, *nodes, mismatch))
 
     def _spin(self) -> None:
         while self.context.ok():
@@ -143,7 +143,7 @@ class RosMiddleware(WireMiddleware):
             except ExternalShutdownException:
                 return  # the context was shut down
             except Exception as error:  # rclpy raises what its C++ gives it, and stops; a robot must not go deaf
-                self.warn(f"ROS 2: {error}")
+                self.warn(EndpointWarning("", f"ROS 2: {error}", "backend"))
 
 
 class RosNode(WireNode):
