@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from fame.clock import SECOND
 from fame.config.values import Point, parameter
 from fame.errors import MissingTypeError
-from fame.middleware.interface import Message
+from fame.middleware.interface import EndpointWarning, Message
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters
 from robots.planner import DirectPlanner
 from robots.sensors import Camera, CameraParameters, Motion, Odometer, OdometerParameters
@@ -220,7 +220,8 @@ class Drone:
         try:
             node.service("tello_action", "tello_msgs/srv/TelloAction", self._act)
         except MissingTypeError as error:  # topics of unknown types are left out with a warning too
-            world.middleware.warn(f"{config.name} offers no service tello_action: {error}")
+            text = f"{config.name} offers no service tello_action: {error}"
+            world.middleware.warn(EndpointWarning("", text, "backend"))
 
     def _act(self, request: Message) -> Mapping[str, int]:
         """Start a command of a Tello; the response does not wait until it is done."""
