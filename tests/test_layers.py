@@ -36,6 +36,7 @@ HEAVY = {
     "cyclonedds",
     "lxml",
     "matplotlib",
+    "mcap",
     "numpy",
     "onnx",
     "onnxruntime",

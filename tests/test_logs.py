@@ -204,7 +204,7 @@ def test_a_log_where_no_file_can_be_is_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_an_unknown_ending_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"one of \.jsonl, \.csv, \.xes, got '\.txt'"):
+    with pytest.raises(ConfigError, match=r"one of \.jsonl, \.csv, \.xes, \.mcap, got '\.txt'"):
         logged(tmp_path / "run.txt")
     assert list(tmp_path.iterdir()) == []
 

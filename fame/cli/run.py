@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import sys
 from argparse import ArgumentTypeError, Namespace
@@ -18,6 +19,7 @@ from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
+    from fame.log import About
     from fame.robot.events import Observer
     from fame.scenario import Result, Scenario, TeamStatus
 
@@ -81,7 +83,8 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument(
         "--log", action="append", default=[], type=Path, metavar="FILE",
-        help="write the events to a new .jsonl, .csv or .xes file, in place of an old one; may be given several times",
+        help="write the events to a new .jsonl, .csv or .xes file, or a recording (.mcap) with variables, "
+        "what tokens wait for and the world, in place of an old one; may be given several times",
     )  # fmt: skip
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the ways of the robots")
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
@@ -219,9 +222,27 @@ def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Observer]]
         return
     from fame.log import logging_to
 
-    files = scenario.closures()
+    files, about = scenario.closures(), _about(scenario)
     with ExitStack() as stack:
-        yield [stack.enter_context(logging_to(path, files)) for path in paths]
+        yield [stack.enter_context(logging_to(path, files, about)) for path in paths]
+
+
+def _about(scenario: Scenario) -> About:
+    """What a recording says of a run."""
+    from fame.clock import date_text
+    from fame.log import About
+
+    metadata = {
+        "command": shlex.join(["fame", *sys.argv[1:]]),
+        "seed": str(scenario.seed),
+        "duration": f"{scenario.duration:g}",
+        "epoch": date_text(scenario.epoch),
+        "scenario": Path(scenario.file).name,
+    }
+    path = Path(scenario.file)
+    yaml = path.suffix.lower() in (".yaml", ".yml")
+    attachments = [(f"scenario/{path.name}", "application/yaml", path.read_bytes())] if yaml else []
+    return About(metadata=metadata, attachments=attachments)
 
 
 # ---- drawings --------------------------------------------------------------------------------------------------------

@@ -22,6 +22,9 @@ from __future__ import annotations
 
 from fame.log.lines import COLUMNS
 from fame.log.reading import outcomes, visits
+from fame.log.recorder import About
+from fame.log.recording import Recording
+from fame.log.team_state import RobotState, TeamState
 from fame.log.writing import logging_to
 
-__all__ = ["COLUMNS", "logging_to", "outcomes", "visits"]
+__all__ = ["COLUMNS", "About", "Recording", "RobotState", "TeamState", "logging_to", "outcomes", "visits"]

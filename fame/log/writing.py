@@ -16,11 +16,14 @@ from fame.engine.state import Trail
 from fame.errors import ConfigError
 from fame.log.elements import ElementInfo, element_info
 from fame.log.lines import jsonl, table
+from fame.log.recorder import About, Recorder, recording_to
 from fame.log.xes import xes
 from fame.robot.events import Event, Observer, trail_handler
 
 _BUFFER = 1 << 16
 """Bytes written at a time."""
+
+RECORDING = ".mcap"
 
 _Form: TypeAlias = Callable[[BinaryIO, Mapping[str, ElementInfo]], AbstractContextManager[Observer]]
 """Creates an observer that writes events to a stream in one format."""
@@ -33,8 +36,10 @@ _FORMS: Mapping[str, _Form] = {
 
 
 @contextmanager
-def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Observer]:
+def logging_to(path: str | Path, files: Iterable[Definitions], about: About | None = None) -> Iterator[Observer]:
     """An observer that writes events to the log `path`. `files` are the models of the run.
+
+    A recording (``.mcap``) also gets what it says `about` itself.
 
     An existing file is overwritten by the first event, or when the block ends without an error. A run that is refused
     leaves it unchanged. Raises ConfigError for an unknown suffix, for a file that another log is being written to, and
@@ -42,14 +47,19 @@ def logging_to(path: str | Path, files: Iterable[Definitions]) -> Iterator[Obser
     """
     path = Path(path)
     is_new = not path.exists()
-    form = _FORMS.get(path.suffix.lower())
-    if form is None:
-        raise ConfigError(
-            f"expected a file name that ends in one of {', '.join(_FORMS)}, got {path.suffix!r}", file=str(path)
-        )
+    suffix = path.suffix.lower()
+    form = _FORMS.get(suffix)
+    if form is None and suffix != RECORDING:
+        known = ", ".join((*_FORMS, RECORDING))
+        raise ConfigError(f"expected a file name that ends in one of {known}, got {path.suffix!r}", file=str(path))
     with ExitStack() as stack:
         file = stack.enter_context(_opened(path))
-        log = _Log(lambda: stack.enter_context(_written(file, form, files)))
+        log: _Log | Recorder
+        if form is None:
+            log = stack.enter_context(recording_to(lambda: _emptied(file), files, about or About()))
+        else:
+            chosen = form
+            log = _Log(lambda: stack.enter_context(_written(file, chosen, files)))
         try:
             yield log
         except BaseException:
@@ -90,10 +100,15 @@ class _Log:
 @contextmanager
 def _written(file: _File, form: _Form, files: Iterable[Definitions]) -> Iterator[Observer]:
     """An observer that overwrites a file."""
+    with _emptied(file) as stream, form(stream, element_info(files)) as write:
+        yield write
+
+
+def _emptied(file: _File) -> BufferedWriter:
+    """A stream that overwrites a file."""
     if S_ISREG(os.fstat(file.fileno()).st_mode):
         file.truncate(0)
-    with BufferedWriter(file, _BUFFER) as stream, form(stream, element_info(files)) as write:
-        yield write
+    return BufferedWriter(file, _BUFFER)
 
 
 class _File(FileIO):

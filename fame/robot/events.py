@@ -5,7 +5,9 @@ been handled (and in between, if that takes long); all of it has the same time. 
 each record is passed on at once.
 
 An observer is a function of an `Event`. An observer with a method `trail` gets the records as they are, so that no
-event need be made of each: logs do that.
+event need be made of each: logs do that. One with a method `watch` gets each `RobotNode` whose events it will get, and
+returns a function that is called after each step of a script. One with a method `watch_world` gets a function that
+records the simulated world. Recordings use both (`fame.log.recorder`).
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from fame.imports import require
 
 if TYPE_CHECKING:
     import pandas
+
+    from fame.robot.node import RobotNode
 
 Observer = Callable[["Event"], object]
 OnTrail = Callable[[int, str, Trail], object]
@@ -98,6 +102,17 @@ def combine_observers(observers: Sequence[Observer]) -> Observer | None:
 class _CombinedObserver:
     def __init__(self, observers: Sequence[Observer]) -> None:
         self._observers, self._trails = observers, [trail_handler(observer) for observer in observers]
+
+    def watch(self, node: RobotNode) -> Callable[[], object]:
+        """Let those watch a robot that want to."""
+        steps = [observer.watch(node) for observer in self._observers if hasattr(observer, "watch")]
+        return steps[0] if len(steps) == 1 else lambda: [step() for step in steps]
+
+    def watch_world(self, record: Callable[[Callable[[str, int, str], object]], object]) -> None:
+        """Let those record a simulated world that want to."""
+        for observer in self._observers:
+            if hasattr(observer, "watch_world"):
+                observer.watch_world(record)
 
     def __call__(self, event: Event) -> None:
         for observer in self._observers:

@@ -19,6 +19,7 @@ from typing import Any, Literal
 from fame.bpmn.model import CallActivity, Process
 from fame.clock import EPOCH, SECOND, Kind, Scheduler, WallScheduler
 from fame.engine import Engine, Instance, Program, compile_program
+from fame.engine.state import Wait
 from fame.errors import MessageError
 from fame.middleware import messages
 from fame.middleware.interface import Middleware, Node, resolve
@@ -110,6 +111,9 @@ class RobotNode:
         self._early: deque[tuple[str, Any]] | None = deque(maxlen=_EARLY)  # messages between `load` and `start`
         if compiled:
             self._assemble_or_close()
+        watch: Callable[[RobotNode], Callable[[], object]] | None = getattr(observer, "watch", None)
+        if watch is not None:
+            self.host.scripts.on_step = watch(self)
 
     # ---- life --------------------------------------------------------------------------------------------------------
 
@@ -236,6 +240,14 @@ class RobotNode:
         waiting = self._waiting.list(self.engine)
         due = {} if self.engine.instances else self._starts_due()
         return [*waiting, *self._waiting.starts(self.engine, due, epoch=self.epoch, by_message=not self.instances)]
+
+    def wait_state(self, wait: Wait) -> object:
+        """What changes while a token waits, cheap to compare: `wait_details` differ only if it does."""
+        return wait.paused, self.runner.request(wait.key)
+
+    def wait_details(self, wait: Wait) -> dict[str, Any]:
+        """What a token waits for, as in recordings (docs/recordings.md)."""
+        return self._waiting.details(wait)
 
     def offers(self) -> list[str]:
         """The ids of the elements that `activate` can start now."""

@@ -27,6 +27,7 @@ class Scripts:
     runner      drives the steps of scripts that wait
     javascript  the interface that only scripts in JavaScript find
     engine      to be set before the first script runs
+    on_step     called when a script has gone on and waits again: variables may have changed
     robot       name of the robot, and its `node`
     epoch       date of the scheduler's time 0
     report      (element, text): takes what a person should know
@@ -45,12 +46,13 @@ class Scripts:
         log: Callable[[str, str], object],
     ) -> None:
         self.engine: Engine
+        self.on_step: Callable[[], object] | None = None
         self._namespace, self._endpoints = node.namespace, endpoints
         self.runner: Runner = Runner(
             scheduler,
             node,
             self._on_ended,
-            stepped=lambda key: self.engine.stepped(),
+            stepped=lambda key: self._on_stepped(),
             report=lambda key, text: report("", text),
             types=endpoints.type,
         )
@@ -96,8 +98,13 @@ class Scripts:
     def _is_alive(self, variables: dict[str, Any]) -> bool:
         return self.engine.is_alive(variables)
 
-    def _on_callback_ended(self) -> None:
+    def _on_stepped(self) -> None:
         self.engine.stepped()
+        if self.on_step is not None:
+            self.on_step()
+
+    def _on_callback_ended(self) -> None:
+        self._on_stepped()
         self.runner.poll()
 
     def _signal(self, name: str, payload: Any = None) -> None:

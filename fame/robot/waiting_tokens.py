@@ -140,6 +140,25 @@ class WaitingTokens:
             for node in nodes:
                 yield WaitingToken(self._robot, node.id, text, topics=counts)
 
+    def details(self, wait: Wait) -> dict[str, Any]:
+        """What a token waits for: its kind, in words, and the topics and condition that would move it."""
+        catch = wait.catch
+        describe = _Describer(self._node.namespace, self._runner, self._conditions, lambda topic: "", _ANY_TOPIC)
+        found: dict[str, Any] = {"kind": _kind(wait), "text": describe.wait(wait)}
+        topics = self._awaited(wait)
+        if topics:
+            found["topics"] = list(topics)
+        if wait.paused:
+            found["suspended"] = True
+        parts = [(node.file, node.id) for node in (wait.node, *catch.parts)]
+        conditions = [condition for part in parts if (condition := self._conditions.get(part)) is not None]
+        if conditions:
+            found["conditions"] = [
+                {"text": condition.text, "reads": sorted(script_names(condition, script=False)[0])}
+                for condition in conditions
+            ]
+        return found
+
     def _note(self, keys: Iterable[Hashable], now: int) -> None:
         self._seen = {key: self._seen.get(key, now) for key in keys}
 
@@ -218,6 +237,30 @@ class _Describer:
             f"{name} = {reprlib.repr(variables[name])}" if name in variables else f"{name} is not set" for name in names
         ]
         return f"condition {condition.text}" + (f" ({', '.join(values)})" if values else "")
+
+
+class _AnyTopic(dict[str, Collection[str]]):
+    """Publishers of topics, where it does not matter whether somebody publishes."""
+
+    def get(self, topic: str, default: Any = None) -> Any:
+        return ("",)
+
+
+_ANY_TOPIC = _AnyTopic()
+
+
+def _kind(wait: Wait) -> str:
+    """What moves a token: ``timer``, ``user``, ``alternatives``, ``topic``, ``condition`` or ``script``."""
+    catch = wait.catch
+    if catch.timer:
+        return "timer"
+    if catch.trigger is USER:
+        return "user"
+    if catch.parts:
+        return "alternatives"
+    if catch.topic:
+        return "topic"
+    return "condition" if catch.trigger is waiting.CONDITION else "script"
 
 
 def _topic_text(topic: str, publishers: Mapping[str, Collection[str]]) -> str:

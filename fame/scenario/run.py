@@ -114,6 +114,11 @@ class Run:
             self.scenario.world, seed=self.scenario.seed, scheduler=self.scheduler, middleware=self.middleware
         )
         recorder = Recorder(world) if record else None
+        watch_world = getattr(self.observer, "watch_world", None)
+        if watch_world is not None:
+            from sim2d.scene import SceneRecorder
+
+            watch_world(partial(SceneRecorder, world))
         world.watchers.append(lambda _: self.scheduler.stop() if self._over() else None)
         return world, recorder
 

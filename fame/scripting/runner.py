@@ -113,6 +113,11 @@ class Runner:
         task.grace = self._scheduler.after(self._grace, partial(self._close, task))
         return False
 
+    def request(self, key: int) -> Request | None:
+        """What a script awaits, None for an unknown script."""
+        task = self._tasks.get(key)
+        return task.request if task is not None else None
+
     def waits(self, key: int) -> str:
         """What a script waits for, as text; empty for an unknown script."""
         task = self._tasks.get(key)

@@ -1,0 +1,156 @@
+"""Where the chunks of an MCAP file are, and what else is in it.
+
+A whole file has an index at its end. One that was cut short has none: it is read from its beginning, up to where it is
+whole.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """Where a chunk is in the file, its times (ns), and the channels that it has messages of."""
+
+    offset: int
+    start: int
+    end: int
+    channels: frozenset[int]
+
+
+@dataclass(slots=True)
+class McapIndex:
+    """What is in a file. `counts`: messages by number of the channel; chunks are in the order of their starts."""
+
+    chunks: Sequence[ChunkPlace] = ()
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    counts: Mapping[int, int] = field(default_factory=dict)
+    metadata: dict[str, str] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+def read_index(stream: BinaryIO, file: str) -> McapIndex:
+    """The index of a file. Raises ConfigError if it is not MCAP."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    from mcap.stream_reader import read_magic
+
+    try:
+        read_magic(ReadDataStream(stream))
+    except (McapError, struct.error):
+        raise ConfigError("is not an MCAP file", file=file) from None
+    try:
+        index = _read_summary(stream)
+    except _broken():
+        index = None
+    if index is None:
+        index = _scan(stream)
+        if not index.chunks:
+            raise ConfigError("was cut short before anything was recorded", file=file)
+        index.warnings.append(f"{file}: was cut short; it is read up to where it is whole")
+    index.chunks = sorted(index.chunks, key=attrgetter("start"))
+    return index
+
+
+def chunk_messages(stream: BinaryIO, offset: int, file: str) -> Iterator[tuple[int, int, bytes]]:
+    """The messages of the chunk at an offset: ns, number of the channel, content.
+
+    Raises ConfigError if it is damaged.
+    """
+    from mcap.records import Message
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    try:
+        stream.seek(offset)
+        chunk: Any = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
+        for record in breakup_chunk(chunk):
+            if isinstance(record, Message):
+                yield record.log_time, record.channel_id, record.data
+    except _broken() as error:
+        raise ConfigError(f"is damaged at byte {offset}: {error}", file=file) from None
+
+
+def _broken() -> tuple[type[Exception], ...]:
+    """What reading damaged bytes may raise."""
+    from mcap.exceptions import McapError
+
+    return McapError, struct.error, zlib.error, ValueError, OSError, EOFError, StopIteration, MemoryError, KeyError
+
+
+def _read_summary(stream: BinaryIO) -> McapIndex | None:
+    """The index that the file has at its end; None if it has none."""
+    from mcap.reader import SeekingReader
+
+    stream.seek(0)
+    reader = SeekingReader(stream)
+    summary = reader.get_summary()
+    if summary is None or (not summary.chunk_indexes and not summary.channels):
+        return None
+    index = McapIndex(channels=summary.channels, schemas=summary.schemas)
+    index.chunks = [
+        ChunkPlace(
+            each.chunk_start_offset,
+            each.message_start_time,
+            each.message_end_time,
+            frozenset(each.message_index_offsets),
+        )
+        for each in summary.chunk_indexes
+    ]
+    if summary.statistics is not None:
+        index.counts = summary.statistics.channel_message_counts
+    for metadata in reader.iter_metadata():
+        if metadata.name == "fame":
+            index.metadata.update(metadata.metadata)
+    index.attachments = {item.name: item.data for item in reader.iter_attachments()}
+    return index
+
+
+def _scan(stream: BinaryIO) -> McapIndex:
+    """What is whole in a file, read from its beginning."""
+    from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    index, counts, chunks = McapIndex(), Counter[int](), []
+    stream.seek(0)
+    size = os.fstat(stream.fileno()).st_size
+    offset = 8
+    try:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if stream.tell() > size:
+                break
+            if isinstance(record, Chunk):
+                channels: set[int] = set()
+                for inner in breakup_chunk(record, validate_crc=True):
+                    if isinstance(inner, Schema):
+                        index.schemas[inner.id] = inner
+                    elif isinstance(inner, Channel):
+                        index.channels[inner.id] = inner
+                    elif isinstance(inner, Message):
+                        channels.add(inner.channel_id)
+                        counts[inner.channel_id] += 1
+                place = ChunkPlace(offset, record.message_start_time, record.message_end_time, frozenset(channels))
+                chunks.append(place)
+            elif isinstance(record, Metadata) and record.name == "fame":
+                index.metadata.update(record.metadata)
+            elif isinstance(record, Attachment):
+                index.attachments[record.name] = record.data
+            offset = stream.tell()
+    except _broken():
+        pass
+    index.chunks, index.counts = chunks, counts
+    return index

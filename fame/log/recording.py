@@ -1,0 +1,245 @@
+"""Reads the recording of a run: events, the state at any time, the world, the messages (docs/recordings.md).
+
+Messages are read chunk by chunk; those used last are kept. A file that was cut short, as by the crash of its recorder,
+is read up to where it is whole: `Recording.warnings` says so.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from operator import attrgetter
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+
+from fame.clock import SECOND
+from fame.errors import ConfigError
+from fame.log.channels import CHANNELS, EVENTS, FORMAT, GROUND, KEY, VARIABLES, WAITING, WORLD
+from fame.log.mcap_index import ChunkPlace, chunk_messages, read_index
+from fame.log.team_state import TeamState
+from fame.robot.events import Event
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+_KEPT_CHUNKS = 32
+
+
+class Message(NamedTuple):
+    """A message of a recording: ns, topic, content (JSON or CDR)."""
+
+    time: int
+    topic: str
+    data: bytes
+
+    def json(self) -> Any:
+        """The content of a message of FAME's own channels."""
+        return json.loads(self.data)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a recording: name of its schema, encoding of its messages, and how many there are."""
+
+    name: str
+    type: str
+    encoding: str
+    count: int
+
+
+class Recording:
+    """The recording of a run. To be closed, or used in a ``with`` block.
+
+    file         its path
+    metadata     what it says of itself: format, seed, versions, command, epoch
+    models       name -> XML of the models and called processes; `attachments` has all files
+    topics       what was recorded, by name
+    robots       names of the robots
+    start, end   ns of the first and the last message
+    warnings     what a person should know
+    """
+
+    metadata: Mapping[str, str]
+    attachments: Mapping[str, bytes]
+    topics: Mapping[str, Topic]
+    robots: Sequence[str]
+    start: int
+    end: int
+    warnings: Sequence[str]
+
+    def __init__(self, path: str | Path) -> None:
+        """Raises ConfigError for a file that cannot be read, is no recording of FAME, or has a newer format."""
+        self.file: str = str(path)
+        try:
+            self._stream: BinaryIO = Path(path).open("rb")  # noqa: SIM115 (open until `close`)
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=self.file) from None
+        try:
+            self._open()
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def _open(self) -> None:
+        index = read_index(self._stream, self.file)
+        self.warnings, self._chunks = index.warnings, index.chunks
+        self._channels: Mapping[int, Channel] = index.channels
+        self._schemas: Mapping[int, Schema] = index.schemas
+        self.metadata, self.attachments = index.metadata, index.attachments
+        self._check_format()
+        self.topics = {
+            channel.topic: Topic(
+                channel.topic,
+                index.schemas[channel.schema_id].name if channel.schema_id else "",
+                channel.message_encoding,
+                index.counts.get(number, 0),
+            )
+            for number, channel in sorted(index.channels.items(), key=lambda item: item[1].topic)
+        }
+        self.start = min((chunk.start for chunk in self._chunks), default=0)
+        self.end = max((chunk.end for chunk in self._chunks), default=0)
+        self._load: Callable[[ChunkPlace], list[Message]] = lru_cache(_KEPT_CHUNKS)(self._read_chunk)
+        last = self.state(self.end)
+        self.robots = sorted(last.robots)
+
+    def _check_format(self) -> None:
+        known = [channel.topic for channel in self._channels.values() if channel.topic in CHANNELS]
+        if not known and "format" not in self.metadata:
+            found = ", ".join(sorted({channel.topic for channel in self._channels.values()})[:5]) or "no topic"
+            raise ConfigError(
+                f"expected a recording of FAME, got an MCAP file without {EVENTS}; it has {found}", file=self.file
+            )
+        written = self.metadata.get("format", "1")
+        if not written.isdecimal() or int(written) > FORMAT:
+            by = self.metadata.get("fame", "")
+            text = f"expected format {FORMAT} or older, got format {written}" + (f" of FAME {by}" if by else "")
+            raise ConfigError(f"{text}: update FAME to read it", file=self.file)
+
+    # ---- content -----------------------------------------------------------------------------------------------------
+
+    @property
+    def models(self) -> dict[str, bytes]:
+        """The models of the run, the mission first: file name -> XML."""
+        found = {name.removeprefix("models/"): data for name, data in self.attachments.items() if _is_model(name)}
+        return found
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        return (self.end - self.start) / SECOND
+
+    def messages(
+        self, topics: Collection[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> Iterator[Message]:
+        """Messages in the order of time, from `start` to `end` (ns, both inclusive). `topics`: all by default."""
+        first, last = self.start if start is None else start, self.end if end is None else end
+        wanted = None if topics is None else frozenset(topics)
+        for group in self._overlapping(wanted, first, last):
+            found = self._load(group[0]) if len(group) == 1 else sorted(
+                (message for chunk in group for message in self._load(chunk)), key=attrgetter("time")
+            )  # fmt: skip
+            begin = 0 if found[0].time >= first else bisect_right(found, first - 1, key=attrgetter("time"))
+            for message in found[begin:]:
+                if message.time > last:
+                    break
+                if wanted is None or message.topic in wanted:
+                    yield message
+
+    def events(
+        self, start: int | None = None, end: int | None = None, robots: Collection[str] | None = None
+    ) -> Iterator[Event]:
+        """What happened, in order, from `start` to `end` (ns, both inclusive)."""
+        for message in self.messages((EVENTS,), start, end):
+            data = message.json()
+            robot = data["robot"]
+            if robots is None or robot in robots:
+                for group in data["events"]:
+                    for mark in group["marks"]:
+                        yield Event(message.time, robot, group["instance"], group["scope"], *mark)
+
+    def state(self, time: int) -> TeamState:
+        """The state of the team at the end of the instant `time` (ns)."""
+        key = self._last(KEY, time)
+        state = TeamState(time) if key is None else TeamState.from_key(key.time, key.json())
+        for message in self.messages((EVENTS, VARIABLES, WAITING), state.time if key is not None else None, time):
+            state.apply(message.time, message.topic, message.json())
+        state.time = time
+        return state
+
+    def world(self, time: int) -> dict[str, dict[str, Any]]:
+        """How the robots of the simulated world looked last at `time` (ns), by name; empty without a world."""
+        message = self._last(WORLD, time)
+        entities = message.json()["entities"] if message is not None else []
+        return {entity["id"]: _metadata(entity, "appearance") for entity in entities}
+
+    def ground(self, time: int) -> dict[str, Any]:
+        """What stood and lay on the ground at `time` (ns); empty without a world."""
+        message = self._last(GROUND, time) or self._last(GROUND, self.end)
+        return _metadata(message.json()["entities"][0], "ground") if message is not None else {}
+
+    def _last(self, topic: str, time: int) -> Message | None:
+        """The last message of a topic until `time` (ns)."""
+        numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
+        best: Message | None = None
+        chunks = [chunk for chunk in self._chunks if chunk.start <= time and chunk.channels & numbers]
+        for chunk in sorted(chunks, key=attrgetter("end"), reverse=True):
+            if best is not None and chunk.end < best.time:
+                break
+            for message in reversed(self._load(chunk)):
+                if message.topic == topic and message.time <= time:
+                    if best is None or message.time > best.time:
+                        best = message
+                    break
+        return best
+
+    # ---- chunks ------------------------------------------------------------------------------------------------------
+
+    def _overlapping(self, topics: frozenset[str] | None, start: int, end: int) -> Iterator[list[ChunkPlace]]:
+        """Groups of chunks with messages of that time: those of one group overlap, and come before the next group."""
+        numbers = {number for number, channel in self._channels.items() if topics is None or channel.topic in topics}
+        group: list[ChunkPlace] = []
+        for chunk in self._chunks:  # by their starts
+            if chunk.end < start or chunk.start > end or not chunk.channels & numbers:
+                continue
+            if group and chunk.start >= max(each.end for each in group):
+                yield group
+                group = []
+            group.append(chunk)
+        if group:
+            yield group
+
+    def _read_chunk(self, chunk: ChunkPlace) -> list[Message]:
+        """The messages of a chunk, by time."""
+        found = [
+            Message(time, self._channels[channel].topic, data)
+            for time, channel, data in chunk_messages(self._stream, chunk.offset, self.file)
+        ]
+        found.sort(key=attrgetter("time"))
+        return found
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _is_model(name: str) -> bool:
+    return name.startswith("models/")
+
+
+def _metadata(entity: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """A value of FAME's own in the metadata of a scene entity."""
+    found = (pair["value"] for pair in entity["metadata"] if pair["key"] == key)
+    value: dict[str, Any] = json.loads(next(found, "{}"))
+    return value

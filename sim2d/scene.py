@@ -1,0 +1,222 @@
+"""A simulated world as `foxglove.SceneUpdate`, for recordings: Foxglove and Lichtblick show it as it is.
+
+What stands still is on ``/fame/ground``, again whenever a weed was cut; robots are on ``/fame/world``, ten times a
+second while something moves. The metadata of each entity has what FAME's own view draws: ``appearance`` of a robot,
+``ground`` of the ground.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from fame.config.values import Point
+from sim2d import style
+from sim2d.ground import Circle, Shape, disc
+from sim2d.robot import Appearance, SimulatedRobot
+
+if TYPE_CHECKING:
+    from sim2d.world import World
+
+Put = Callable[[str, int, str], object]
+"""Takes a topic, a time (ns) and JSON."""
+
+_RATE = 10.0
+_FRAME = "world"
+_LINE_LOOP = 1
+_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
+
+
+class SceneRecorder:
+    """Samples a world ten times a second (as near as its step allows), from its start to its stop."""
+
+    def __init__(self, world: World, put: Put) -> None:
+        self._put = put
+        self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
+        self._outlines = {name: _outline(robot, number) for number, (name, robot) in enumerate(world.robots.items())}
+        self._last: list[Appearance] = []
+        self._cut = -1
+        world.watchers.append(self._watch)
+
+    def _watch(self, world: World) -> None:
+        if world.steps % self._every:
+            return
+        cut = sum(weed.cut_at is not None for weed in world.weeds.all)
+        if cut != self._cut:
+            self._cut = cut
+            self._put("/fame/ground", world.scheduler.now, ground_scene(world))
+        looks = [robot.appearance for robot in world.robots.values()]
+        if looks != self._last:
+            self._last = looks
+            self._put("/fame/world", world.scheduler.now, self._scene(world, looks))
+
+    def _scene(self, world: World, looks: Sequence[Appearance]) -> str:
+        now = _time(world.now)
+        entities = ",".join(
+            self._entity(robot, look, now) for robot, look in zip(world.robots.values(), looks, strict=True)
+        )
+        return f'{{"deletions":[],"entities":[{entities}]}}'
+
+    def _entity(self, robot: SimulatedRobot, look: Appearance, now: str) -> str:
+        """One robot: its outline, its name above it, and its appearance."""
+        x, y, heading = look.pose
+        half = heading / 2
+        pose = (
+            f'{{"position":{{"x":{x:.4f},"y":{y:.4f},"z":{look.altitude:.3f}}},'
+            f'"orientation":{{"x":0,"y":0,"z":{math.sin(half):.5f},"w":{math.cos(half):.5f}}}}}'
+        )
+        name = _encode(robot.name)
+        line, text = self._outlines[robot.name]
+        look_text = _encode(_encode(appearance(robot, look)))
+        return (
+            f'{{"timestamp":{now},"frame_id":"{_FRAME}","id":{name},"lifetime":{{"sec":0,"nsec":0}},'
+            f'"frame_locked":false,"metadata":[{{"key":"appearance","value":{look_text}}}],'
+            f'"arrows":[],"cubes":[],"spheres":[],"cylinders":[],"lines":[{line % pose}],"triangles":[],'
+            f'"texts":[{text % pose}],"models":[]}}'
+        )
+
+
+def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
+    """How a robot looks, as plain data: m, rad; what is as usual is left out."""
+    x, y, heading = look.pose
+    data: dict[str, Any] = {"type": robot.type, "x": round(x, 4), "y": round(y, 4), "heading": round(heading, 4)}
+    if look.altitude:
+        data["altitude"] = round(look.altitude, 3)
+    if look.led != "off":
+        data["led"] = look.led
+    if look.cone is not None:
+        cone = look.cone
+        place = [round(value, 4) for value in cone.pose]
+        data["cone"] = {"pose": place, "angle": round(cone.field_of_view, 4), "length": round(cone.length, 3)}
+    for key, value, usual in (
+        ("footprint", look.footprint, 0.0),
+        ("blade", look.blade, 0.0),
+        ("charge", look.charge, 1.0),
+        ("jaws", look.jaws, -1.0),
+    ):
+        if value != usual:
+            data[key] = round(value, 4)
+    if look.limb:
+        data["limb"] = _rounded(look.limb)
+    if look.workpieces:
+        data["workpieces"] = [
+            {"kind": piece.kind, "corners": _rounded(piece.corners), "closed": piece.closed}
+            for piece in look.workpieces
+        ]
+    if look.note:
+        data["note"] = look.note
+    data["outline"] = _rounded(robot.outline)
+    return data
+
+
+def ground_data(world: World) -> dict[str, Any]:
+    """What stands and lies on the ground, as plain data: m."""
+    config = world.config
+    return {
+        "bounds": list(config.bounds),
+        "walls": config.walls,
+        "obstacles": [{"name": thing.name, **_shape(thing.shape)} for thing in config.obstacles],
+        "targets": [{"name": thing.name, **_shape(thing.shape)} for thing in config.targets],
+        "chargers": [{"name": one.name, "at": list(one.at), "radius": one.radius} for one in config.chargers],
+        "weeds": [
+            {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": weed.cut_at, "by": weed.cut_by}
+            for weed in world.weeds.all
+        ],
+    }
+
+
+def ground_scene(world: World) -> str:
+    """The ground as a SceneUpdate with one entity."""
+    config = world.config
+    low_x, low_y, high_x, high_y = config.bounds
+    solid = [(thing.shape, style.OBSTACLE, 0.3) for thing in config.obstacles]
+    solid += [(thing.shape, style.TARGET, 0.3) for thing in config.targets]
+    solid += [
+        (Circle(weed.at, weed.radius), style.WEED if weed.cut_at is None else style.STUBBLE, 0.01)
+        for weed in world.weeds.all
+    ]
+    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.chargers]
+    edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
+    entity = {
+        **_empty_entity("ground", world.now),
+        "metadata": [{"key": "ground", "value": _encode(ground_data(world))}],
+        "lines": [_line(edge, style.LINES, 0.02)],
+        "triangles": [_prism(shape, colour, height) for shape, colour, height in solid],
+    }
+    return _encode({"deletions": [], "entities": [entity]})
+
+
+def _empty_entity(name: str, now: float) -> dict[str, Any]:
+    kinds = ("metadata", "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+    return {
+        "timestamp": json.loads(_time(now)),
+        "frame_id": _FRAME,
+        "id": name,
+        "lifetime": {"sec": 0, "nsec": 0},
+        "frame_locked": False,
+        **{kind: [] for kind in kinds},
+    }
+
+
+def _outline(robot: SimulatedRobot, number: int) -> tuple[str, str]:
+    """JSON of a robot's outline and name, each with a place for its pose."""
+    colour = style.robot_colour(number)
+    line = _line(robot.outline, colour, 0.03)
+    text = {
+        "pose": "%s",
+        "billboard": True,
+        "font_size": 14,
+        "scale_invariant": True,
+        "color": _colour(colour),
+        "text": robot.name,
+    }
+    return tuple(
+        _encode({**part, "pose": 0}).replace("%", "%%").replace('"pose":0', '"pose":%s') for part in (line, text)
+    )  # type: ignore[return-value]
+
+
+def _line(points: Iterable[Point], colour: str, thickness: float) -> dict[str, Any]:
+    return {
+        "type": _LINE_LOOP,
+        "pose": _ORIGIN,
+        "thickness": thickness,
+        "scale_invariant": False,
+        "points": [{"x": round(x, 4), "y": round(y, 4), "z": 0} for x, y in points],
+        "color": _colour(colour),
+        "colors": [],
+        "indices": [],
+    }
+
+
+def _prism(shape: Shape, colour: str, height: float) -> dict[str, Any]:
+    """The top of a solid as a fan of triangles."""
+    corners = disc(shape.centre, shape.radius) if isinstance(shape, Circle) else list(shape.corners)
+    fan = [index for number in range(1, len(corners) - 1) for index in (0, number, number + 1)]
+    points = [{"x": round(x, 4), "y": round(y, 4), "z": height} for x, y in corners]
+    return {"pose": _ORIGIN, "points": points, "color": _colour(colour), "colors": [], "indices": fan}
+
+
+_ORIGIN: Mapping[str, Any] = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+
+
+def _colour(colour: str) -> dict[str, float]:
+    """A colour ``#rrggbb``."""
+    red, green, blue = (int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5))
+    return {"r": round(red, 3), "g": round(green, 3), "b": round(blue, 3), "a": 1}
+
+
+def _shape(shape: Shape) -> dict[str, Any]:
+    if isinstance(shape, Circle):
+        return {"at": list(shape.centre), "radius": shape.radius}
+    return {"corners": _rounded(shape.corners)}
+
+
+def _rounded(points: Iterable[Point]) -> list[list[float]]:
+    return [[round(x, 4), round(y, 4)] for x, y in points]
+
+
+def _time(seconds: float) -> str:
+    whole = math.floor(seconds)
+    return f'{{"sec":{whole},"nsec":{round((seconds - whole) * 1e9)}}}'

@@ -1,0 +1,168 @@
+"""A recording has what happened in a run, its variables, what tokens waited for, and the world, at any time of it."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import fame
+from fame.errors import ConfigError
+from fame.log import About, Recording, TeamState, logging_to
+from fame.log.channels import EVENTS, VARIABLES, WAITING
+from fame.robot.events import EventLog, combine_observers
+from fame.robot.plain_values import json_text
+from fame.scenario import Scenario
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+SECOND = 1_000_000_000
+CHANGES = (EVENTS, VARIABLES, WAITING)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, EventLog]:
+    """Twenty seconds of the agriculture example, as a recording and as events."""
+    path = tmp_path_factory.mktemp("recordings") / "run.mcap"
+    pytest.MonkeyPatch().setattr("fame.log.recorder._CHUNK", 1 << 14)  # several chunks also of a short run
+    scenario, events = Scenario.load(EXAMPLES / "agriculture.yaml", duration=20), EventLog()
+    about = About(metadata={"seed": "1"}, attachments=[("scenario/s.yaml", "application/yaml", b"seed: 1\n")])
+    with logging_to(path, scenario.closures(), about) as log:
+        scenario.run(observer=combine_observers([events, log]))
+    return path, events
+
+
+def test_the_events_are_those_of_the_run(run: tuple[Path, EventLog]) -> None:
+    path, events = run
+    with Recording(path) as recording:
+        written = [tuple(event) for event in recording.events()]
+    # Events of several robots at one instant are written robot by robot.
+    assert Counter(map(str, written)) == Counter(str(tuple(event)) for event in events)
+    assert [event[0] for event in written] == sorted(event[0] for event in written)
+
+
+def test_seeking_gives_the_state_that_playing_gives(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        times = random.Random(1).sample(range(recording.start, recording.end), 25)
+        played = TeamState()
+        messages = list(recording.messages(CHANGES))
+        place = 0
+        for time in sorted(times):
+            while place < len(messages) and messages[place].time <= time:
+                played.apply(messages[place].time, messages[place].topic, messages[place].json())
+                place += 1
+            sought = recording.state(time)
+            for name, robot in sought.robots.items():
+                known = played.robots.get(name)
+                if known is not None:
+                    robot.process = known.process
+                    assert robot == known, (name, time)
+                else:
+                    assert not robot.tokens
+
+
+def test_the_last_state_is_that_of_the_end(run: tuple[Path, EventLog]) -> None:
+    path, events = run
+    entered = Counter(event.element for event in events if event.robot == "Drone" and event.what == "enter")
+    with Recording(path) as recording:
+        state = recording.state(recording.end)
+        assert {id: each["enter"] for id, each in state.robots["Drone"].counts.items() if "enter" in each} == entered
+        assert "Drone" in recording.robots
+
+
+def test_a_token_says_where_it_is_and_what_it_waits_for(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        tokens = recording.state(10 * SECOND).robots["Drone"].tokens.values()
+        assert tokens
+        for token in tokens:
+            assert token["element"]
+            assert token["text"] or token["kind"] == "join"
+            assert token["since"] <= 10 * SECOND
+
+
+def test_the_world_is_recorded_with_robots_and_ground(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        assert recording.world(10 * SECOND)["Drone"]["type"] == "drone"
+        assert len(recording.ground(0)["bounds"]) == 4
+        moved = {recording.world(time * SECOND)["Drone"]["x"] for time in range(1, 20)}
+        assert len(moved) > 3
+
+
+def test_models_scenario_and_metadata_are_in_it(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        assert recording.metadata["format"] == "1"
+        assert recording.metadata["seed"] == "1"
+        assert recording.attachments["scenario/s.yaml"] == b"seed: 1\n"
+        name, text = next(iter(recording.models.items()))
+        assert fame.bpmn.read_bytes(text, file=name).processes
+
+
+def test_equal_runs_give_equal_recordings(tmp_path: Path) -> None:
+    written = []
+    for name in ("a.mcap", "b.mcap"):
+        scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=3)
+        with logging_to(tmp_path / name, scenario.closures()) as log:
+            scenario.run(observer=log)
+        written.append((tmp_path / name).read_bytes())
+    assert written[0] == written[1]
+
+
+def test_a_run_is_the_same_with_and_without_a_recording(run: tuple[Path, EventLog]) -> None:
+    events = EventLog()
+    Scenario.load(EXAMPLES / "agriculture.yaml", duration=20).run(observer=events)
+    assert list(map(str, events)) == list(map(str, run[1]))
+
+
+def test_a_recording_that_was_cut_short_opens_as_far_as_it_is_whole(run: tuple[Path, EventLog], tmp_path: Path) -> None:
+    data = run[0].read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    with Recording(run[0]) as whole, Recording(tmp_path / "cut.mcap") as cut:
+        assert not whole.warnings
+        assert "cut short" in cut.warnings[0]
+        assert 0 < cut.end < whole.end
+        assert list(cut.events()) == list(whole.events(end=cut.end))[: len(list(cut.events()))]
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [(b"{}", "is not an MCAP file"), (b"", "is not an MCAP file"), (b"\x89MCAP0\r\n", "cut short before anything")],
+)
+def test_what_is_no_recording_is_refused_in_one_line(content: bytes, text: str, tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(content)
+    with pytest.raises(ConfigError, match=text):
+        Recording(tmp_path / "x.mcap")
+
+
+def test_a_newer_format_and_a_foreign_file_are_refused(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    for name, metadata in (("newer.mcap", {"format": "2", "fame": "9.0"}), ("foreign.mcap", None)):
+        with (tmp_path / name).open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            if metadata:
+                writer.add_metadata("fame", metadata)
+            schema = writer.register_schema("a", "jsonschema", b"{}")
+            channel = writer.register_channel("/odom", "json", schema)
+            writer.add_message(channel, 1, b"{}", 1)
+            writer.finish()
+    with pytest.raises(ConfigError, match="expected format 1 or older, got format 2 of FAME 9"):
+        Recording(tmp_path / "newer.mcap")
+    with pytest.raises(ConfigError, match="expected a recording of FAME"):
+        Recording(tmp_path / "foreign.mcap")
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [
+        (float("nan"), "NaN"),
+        (list(range(100)), {"$cut": "list of 100", "first": [0, 1, 2, 3, 4, 5, 6, 7]}),
+        ("x" * 2000, {"$cut": "text of 2000", "first": "x" * 80}),
+        ({"a": (1, 2.5, None)}, {"a": [1, 2.5, None]}),
+        ([["y" * 900] * 20], {"$cut": "list of 18063 characters"}),
+    ],
+)
+def test_large_values_are_cut_and_say_so(value: object, written: object) -> None:
+    assert json.loads(json_text(value)) == written
