@@ -1,4 +1,4 @@
-"""The 2D physics world: bodies, obstacles, targets, the map of them, and drawings of a run.
+"""The 2D physics world: bodies, obstacles, targets, their map, and drawings of a run.
 
 `sim2d.world.World` is built from a checked `sim2d.config.WorldConfig` and run by the scheduler.
 `sim2d.record.Recorder` watches it; `sim2d.picture` and `sim2d.animation` draw what was recorded. The robots

@@ -1,39 +1,46 @@
-"""Draws a run as a moving picture, GIF or MP4: robots with their names, sensors and ways, weeds, what each is at.
+"""Draws a run as an animation, GIF or MP4: robots with names, sensors and trails, weeds, captions.
 
-Pillow draws each frame at twice its size, over a background that holds all that never moves and the ways so far, and
-shrinks it: that smooths the edges and is many times faster than a plotting library.
+Pillow draws each frame at twice its size, over a background with everything static and the trails so far, and shrinks
+it. This smooths the edges and is many times faster than a plotting library.
+
+All frames of a GIF share one palette, made of the colours of the style: a thing has the same colour in all frames, and
+only changes are stored. MP4 is written with ffmpeg.
 """
 
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fame.errors import ConfigError
+from fame.errors import ConfigError, UnavailableError
 from fame.imports import require
 from sim2d import style
 from sim2d.canvas import EDGE, HEAD, LINE, SMOOTH, View, background, draw_weed, faint, fitting, font, view_of, write
-from sim2d.film import WRITERS, writing
 from sim2d.ground import disc, placed
 from sim2d.record import Record, Track
 from sim2d.robot import Appearance, Pose
-from sim2d.style import larger, symbol
+from sim2d.style import larger, symbol, writing
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+
 Label = tuple[float, str, str]
-"""From this time (s) on, what the process of this robot is at."""
+"""From this time (s) on, the caption of this robot."""
 
 _LONGEST = 15.0
-"""Seconds that a film lasts if nobody asks for a speed."""
+"""Maximum duration of an animation without a given speed, s."""
 _MOST_CAPTIONS = 12
 _NEAR, _SMALLEST = 45.0, 30.0
-"""Pixels: robots nearer than this have their names away from each other; and how long a robot is drawn at least."""
+"""Pixels: distance below which names of robots avoid each other, and minimum length of a drawn robot."""
 
 
 def animate(
@@ -46,12 +53,12 @@ def animate(
     title: str = "",
     progress: Callable[[int, int], object] | None = None,
 ) -> None:
-    """Write a run as `.gif`, or as `.mp4` with ffmpeg; `fps` frames and `speed` seconds of the run per second of film.
+    """Write a run as `.gif`, or as `.mp4` with ffmpeg, with `fps` frames per second at `speed` times simulated time.
 
-    Without a `speed` the film is as fast as the run, but lasts 15 s at most. `progress` is told after each frame how
-    many are drawn, and how many there will be.
+    Without `speed` the animation has the speed of the run, but lasts at most 15 s. `progress` is called after each
+    frame with the number of frames drawn and their total.
 
-    Raises ConfigError for another kind of file, one that cannot be written or nothing recorded, UnavailableError if
+    Raises ConfigError for another kind of file, one that cannot be written, or an empty record, UnavailableError if
     Pillow or ffmpeg is missing.
     """
     kind = Path(path).suffix.lower()
@@ -75,7 +82,7 @@ def _number_of_frames(record: Record, step: float) -> int:
 
 
 def _counted(frames: Iterator[Image], count: int, progress: Callable[[int, int], object] | None) -> Iterator[Image]:
-    """The same frames, told of as they are drawn."""
+    """Yield the frames and report each to `progress`."""
     for number, frame in enumerate(frames, 1):
         yield frame
         if progress is not None:
@@ -83,7 +90,7 @@ def _counted(frames: Iterator[Image], count: int, progress: Callable[[int, int],
 
 
 class _Captions:
-    """What each robot is at, by time: those of the world, then the computers, which are not in it."""
+    """The captions of robots by time: robots of the world first, then computers, which have no body."""
 
     def __init__(self, record: Record, labels: Iterable[Label]) -> None:
         self._times: dict[str, list[float]] = {track.name: [] for track in record.tracks}
@@ -94,11 +101,11 @@ class _Captions:
 
     @property
     def names(self) -> Sequence[str]:
-        """Whom captions are shown of."""
+        """The robots whose captions are shown."""
         return list(self._times)[:_MOST_CAPTIONS]
 
     def at(self, robot: str, time: float, until: float) -> str:
-        """The caption that holds longest from `time` until `until` (s): what takes no time would only flicker."""
+        """The caption with the largest share of the time between `time` and `until` (s); shorter ones would flicker."""
         times, texts = self._times[robot], self._texts[robot]
         begin, end = max(bisect_right(times, time + 1e-9) - 1, 0), bisect_left(times, until)
         held: dict[str, float] = {}
@@ -138,7 +145,7 @@ def _extend_ways(still: Image, record: Record, view: View, drawn: int, sample: i
 
 
 def _cut_weeds(still: Image, record: Record, view: View, since: float, until: float) -> None:
-    """Show the weeds as cut that were, between two times (s)."""
+    """Draw the weeds that were cut between two times (s) as stubble."""
     from PIL import ImageDraw
 
     draw = ImageDraw.Draw(still)
@@ -157,7 +164,7 @@ def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
         _draw_senses(draw, track.appearances[sample], style.robot_colour(index), view)
     inked = sorted(
         enumerate(record.tracks), key=lambda item: item[1].appearances[sample].altitude
-    )  # who flies is above
+    )  # flying robots are on top
     for index, track in inked:
         _draw_robot(draw, track, style.robot_colour(index), view, sample)
         if track.appearances[sample].charge < style.LOW:
@@ -173,7 +180,7 @@ def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
 
 
 def _draw_senses(draw: Any, appearance: Appearance, colour: str, view: View) -> None:
-    """The ground that a range sensor saw free, and that a camera sees."""
+    """Draw the ground that a range sensor saw free, and that a camera sees."""
     cone = appearance.cone
     if cone is not None:
         (x, y), radius = view.at(cone.pose), cone.length * view.scale
@@ -197,7 +204,7 @@ def _name_robot(draw: Any, view: View, track: Track, sample: int, index: int, ab
 
 
 def _growth(track: Track, view: View) -> float:
-    """How many times larger than in truth a robot is drawn, to be seen on a large ground."""
+    """The factor by which a robot is enlarged to be visible on a large ground."""
     return max(1.0, _SMALLEST * SMOOTH / (2 * max(x for x, _ in track.outline) * view.scale))
 
 
@@ -227,7 +234,7 @@ def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -
 
 
 def _draw_battery(draw: Any, place: tuple[float, float], charge: float) -> None:
-    """A low battery: a case in red with what is left in it, crossed out if that is nothing."""
+    """Draw a low battery with its charge in red, crossed out if it is empty."""
     (x, y), red = place, style.LEDS["red"]
     draw.rectangle((x + 20, y - 9, x + 24, y + 9), fill=style.INK)
     draw.rectangle((x - 24, y - 14, x + 20, y + 14), fill=style.PAPER, outline=style.INK, width=4)
@@ -255,8 +262,8 @@ def _draw_captions(frame: Image, record: Record, view: View, captions: _Captions
         if appearance.led in style.LEDS:
             draw.ellipse((x + 5, y - 7, x + 19, y + 7), fill=style.LEDS[appearance.led], outline=style.PAPER, width=2)
         write(draw, (x + 36, y), name, colour, anchor="lm", size=13, bold=True)
-        told = style.doing(captions.at(name, time, time + step), appearance.note, appearance.charge)
-        text = fitting(told, width - widest - 80, 13)
+        activity = style.activity_text(captions.at(name, time, time + step), appearance.note, appearance.charge)
+        text = fitting(activity, width - widest - 80, 13)
         write(draw, (x + 60 + widest, y), text, style.INK, anchor="lm", size=13)
 
 
@@ -265,3 +272,75 @@ def _caption_table(robots: int) -> tuple[int, int]:
     shown = min(robots, _MOST_CAPTIONS)
     columns = 1 if shown <= _MOST_CAPTIONS // 3 else 2
     return columns, math.ceil(shown / columns)
+
+
+_PARTS = (1.0, 0.8, 0.6, 0.4, *(part / 255 for part in (style.LAMP, style.GLOW, style.CONE)))
+"""Shares of a colour in its mixtures with the ground: at smooth edges and in faint areas."""
+_PAUSE = 3000
+"""Time of the last frame before a GIF begins again, ms."""
+
+
+def write_gif(frames: Iterator[Image], path: str, fps: float) -> None:
+    """Write a GIF that repeats for ever."""
+    from PIL import Image
+
+    colours = Image.new("P", (1, 1))
+    colours.putpalette([part for colour in _gif_colours() for part in colour])
+    flat = [frame.quantize(palette=colours, dither=Image.Dither.NONE) for frame in frames]
+    durations = [round(100 / fps) * 10] * (len(flat) - 1) + [_PAUSE]
+    flat[0].save(path, save_all=True, append_images=flat[1:], duration=durations, loop=0, optimize=True)
+
+
+def _gif_colours() -> list[tuple[int, int, int]]:
+    """At most 256 colours: those of the style, and mixtures with ground and paper for smooth edges and faint areas."""
+    from PIL.ImageColor import getrgb
+
+    def mixed(colour: str, other: str, part: float) -> tuple[int, int, int]:
+        r, g, b = (round(a * part + b * (1 - part)) for a, b in zip(getrgb(colour)[:3], getrgb(other)[:3], strict=True))
+        return r, g, b
+
+    things = (
+        style.INK,
+        style.OBSTACLE,
+        style.OBSTACLE_EDGE,
+        style.TARGET,
+        style.TARGET_EDGE,
+        style.WEED,
+        style.WEED_EDGE,
+        style.STUBBLE,
+        style.MATERIALS["fixture"][0],
+    )
+    lights = (colour for colour in style.LEDS.values() if colour != style.PAPER)
+    on_ground = [mixed(colour, style.GROUND, part) for colour in (*things, *style.ROBOTS, *lights) for part in _PARTS]
+    on_paper = [mixed(colour, style.PAPER, part / 3) for colour in (style.INK, *style.ROBOTS) for part in (0, 1, 2)]
+    lines = [mixed(style.LINES, style.GROUND, part / 2) for part in (0, 1, 2)]
+    return list(dict.fromkeys([*on_ground, *on_paper, *lines]))
+
+
+def ffmpeg() -> str:
+    """Return the path of the program ffmpeg. Raises UnavailableError if it is not installed."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise UnavailableError("an .mp4 needs ffmpeg: apt install ffmpeg (a .gif needs nothing more)")
+    return found
+
+
+def write_mp4(frames: Iterator[Image], path: str, fps: float) -> None:
+    """Write an MP4. Raises UnavailableError without ffmpeg."""
+    program = ffmpeg()
+    first = next(frames)
+    size = f"{first.width}x{first.height}"
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(fps), "-i", "-"]
+    target = ["-pix_fmt", "yuv420p", "-movflags", "+faststart", path]
+    with subprocess.Popen([program, "-y", "-loglevel", "error", *source, *target], stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        with suppress(BrokenPipeError):  # ffmpeg ended early: its exit code and messages say why
+            for frame in chain([first], frames):
+                process.stdin.write(frame.tobytes())
+            process.stdin.close()
+    if process.returncode:
+        raise UnavailableError(f"ffmpeg could not write {path}: it ended with code {process.returncode}")
+
+
+WRITERS: Mapping[str, Callable[[Iterator[Image], str, float], None]] = {".gif": write_gif, ".mp4": write_mp4}
+"""By file extension; each takes frames, path, frames per second."""

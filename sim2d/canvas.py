@@ -1,6 +1,6 @@
-"""The still part of an animation: how metres become pixels, the ground and what stands on it, text.
+"""The static part of an animation: the scale, the ground and the things on it, text.
 
-Everything is drawn `SMOOTH` times larger than it is shown.
+Everything is drawn `SMOOTH` times larger than shown.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ SMOOTH = 2
 EDGE, LINE, HEAD = 16, 22, 30
 """Pixels around the ground, per caption line, and above the ground."""
 _WIDTH, _HEIGHT = 840, 640
-"""The most that the ground covers, pixels."""
+"""Maximum size of the ground, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """From metres on the ground to pixels of the large image. `size` is that of the large image."""
+    """The transformation from metres on the ground to pixels of the large image, and the `size` of that image."""
 
     scale: float
     left: float
@@ -38,16 +38,16 @@ class View:
     captions_top: int
 
     def at(self, place: Sequence[float]) -> Point:
-        """Where a place on the ground is on the image."""
+        """Return the pixel of a place on the ground."""
         return self.left + place[0] * self.scale, self.bottom - place[1] * self.scale
 
     def all(self, places: Iterable[Sequence[float]]) -> list[Point]:
-        """The same for several."""
+        """Return the pixels of several places."""
         return [self.at(place) for place in places]
 
 
 def view_of(record: Record, lines: int) -> View:
-    """Where the ground of a record goes on an image with so many caption lines below it."""
+    """Return the view of a record's ground on an image with `lines` of captions below it."""
     xmin, ymin, xmax, ymax = record.config.bounds
     scale = min(_WIDTH / (xmax - xmin), _HEIGHT / (ymax - ymin))
     ground = round((xmax - xmin) * scale), round((ymax - ymin) * scale)
@@ -62,7 +62,7 @@ def view_of(record: Record, lines: int) -> View:
 
 
 def background(record: Record, view: View, title: str) -> Image:
-    """A large image of the world without its robots."""
+    """Draw a large image of the world without its robots."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGB", view.size, style.PAPER)
@@ -99,7 +99,7 @@ def background(record: Record, view: View, title: str) -> Image:
 
 
 def draw_weed(draw: Any, view: View, weed: Weed, fill: str, edge: str) -> None:
-    """A weed, large enough to be seen."""
+    """Draw a weed, large enough to be seen."""
     corners = view.all(style.weed(weed.at, _weed_radius(view, weed) / view.scale))
     draw.polygon(corners, fill=fill, outline=edge, width=3)
 
@@ -110,7 +110,7 @@ def _weed_radius(view: View, weed: Weed) -> float:
 
 
 def _round_length(least: float) -> float:
-    """The power of ten, or five times one, that is at least so long (m)."""
+    """The smallest power of ten, or five times one, that is at least `least` (m)."""
     power: float = 10.0 ** math.floor(math.log10(least))
     return next(length for length in (power, 5 * power, 10 * power) if length >= least * (1 - 1e-9))
 
@@ -120,12 +120,12 @@ def _multiples(of: float, low: float, high: float) -> list[float]:
 
 
 def _whole_pixel(large: float) -> int:
-    """The nearest place of the large image that begins a pixel of the small one: thin lines stay sharp."""
+    """Round to the edge of a pixel of the small image, which keeps thin lines sharp."""
     return round(large / SMOOTH) * SMOOTH
 
 
 def _name_target(draw: Any, view: View, target: Thing, record: Record) -> None:
-    """Away from where a robot ends."""
+    """Write the name of a target on the side without a robot."""
     (x, y), (_, low, _, high) = target.shape.centre, bounding_box(target.shape)
     last = [track.poses[-1] for track in record.tracks]
     if style.name_goes_above((x, y), last, near=1.0, top=-math.inf):
@@ -157,19 +157,19 @@ def _solid(draw: Any, view: View, shape: Shape, fill: str, edge: str) -> None:
 def write(
     draw: Any, place: Point, text: str, colour: str, *, anchor: str, size: int, bold: bool = False, halo: bool = False
 ) -> None:
-    """Write text; `size` in pixels of the final image, `anchor` as Pillow names them."""
+    """Write text; `size` in pixels of the final image, `anchor` as in Pillow."""
     outline = {"stroke_width": 4, "stroke_fill": style.PAPER} if halo else {}
     draw.text(place, text, fill=colour, font=font(size, bold), anchor=anchor, **outline)
 
 
 def faint(colour: str, alpha: int) -> str:
-    """A colour that is `alpha` of 255 opaque."""
+    """Return a colour with opacity `alpha` (of 255)."""
     return f"{colour}{alpha:02x}"
 
 
 @cache
 def font(size: int, bold: bool) -> Any:
-    """A font of the large image; `size` in pixels of the final one. It is matplotlib's: there on every machine."""
+    """Return a font of the large image; `size` in pixels of the final one. It is the one shipped with matplotlib."""
     import matplotlib as mpl
     from PIL import ImageFont
 
@@ -178,7 +178,7 @@ def font(size: int, bold: bool) -> Any:
 
 
 def fitting(text: str, width: float, size: int) -> str:
-    """The text, cut if it is longer than `width` pixels of the large image."""
+    """Shorten text to at most `width` pixels of the large image."""
     letters = font(size, False)
     if letters.getlength(text) <= width:
         return text

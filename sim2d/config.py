@@ -1,4 +1,4 @@
-"""What a world file says, checked: bounds, what stands and lies there, robots. `docs/world.md` describes the file."""
+"""Reads and checks world files: bounds, obstacles, flat things, robots. `docs/world.md` describes the file."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from fame.config.loader import read_document
 from fame.config.values import ConfigValue, Point, Source, fill
 from fame.errors import ConfigError
 from sim2d.ground import ChargerConfig, Circle, Shape, Thing, WeedConfig, bounding_box, box, convex
-from sim2d.registry import robot_class, robot_types
-from sim2d.robot import RobotConfig
+from sim2d.robot import RobotConfig, robot_class, robot_types
 
 _LEAST, _MOST = 0.01, 1000.0
-"""m, of a side of the ground."""
+"""Limits of the sides of the ground, m."""
 _CELLS = 25_000_000
-"""Of a map, at most: one of a hundred million would take gigabytes while it is made."""
+"""Maximum number of cells of a map: making one with a hundred million takes gigabytes."""
 
 Bounds = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
@@ -39,7 +38,7 @@ _Flat = TypeVar("_Flat", WeedConfig, ChargerConfig)
 
 @dataclass(frozen=True, slots=True)
 class WorldConfig:
-    """A world as its file says. `step` in s; `resolution` of the robots' map in m per cell."""
+    """The content of a world file. `step` in s; `resolution` of the robots' map in m per cell."""
 
     bounds: Bounds
     robots: tuple[RobotConfig, ...] = ()
@@ -54,12 +53,12 @@ class WorldConfig:
 
 
 def read_world(path: str | PathLike[str]) -> WorldConfig:
-    """The world of a YAML file. Raises ConfigError with file, line and key."""
+    """Read a world from a YAML file. Raises ConfigError with file, line and key."""
     return world_config(read_document(path, "world"))
 
 
 def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
-    """The world that a mapping describes. Raises ConfigError."""
+    """Check a world given as a mapping. Raises ConfigError."""
     value = world if isinstance(world, ConfigValue) else ConfigValue(world)
     keys = value.mapping(_KEYS)
     bounds = _bounds(value, keys)
@@ -105,7 +104,7 @@ def _things(listed: ConfigValue | None, kind: str, bounds: Bounds) -> tuple[Thin
             raise value.error(f"expected a name of its own, got a second {kind} named {thing.name!r}")
         xmin, ymin, xmax, ymax = bounding_box(thing.shape)
         if xmax <= bounds[0] or ymax <= bounds[1] or xmin >= bounds[2] or ymin >= bounds[3]:
-            raise value.error(f"expected a place inside {list(bounds)}; {thing.name} is outside the ground")
+            raise value.error(f"expected a place inside {list(bounds)}; {thing.name} is outside")
         things.append(thing)
     return tuple(things)
 
@@ -140,7 +139,7 @@ def _shape(kind: str, value: ConfigValue, keys: Mapping[str, ConfigValue]) -> Sh
 
 
 def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Bounds) -> Iterator[_Flat]:
-    """What lies on the ground: a name, a place, and numbers above 0 that have defaults."""
+    """Flat things: each with a name, a place, and positive numbers that have defaults."""
     numbers: list[str] = [one.name for one in fields(make) if one.name not in ("name", "at")]
     names: set[str] = set()
     for number, value in enumerate(listed.items() if listed else (), 1):

@@ -1,14 +1,15 @@
-"""The map: what is known of the ground, as a grid of cells that are free or occupied.
+"""Occupancy grids: the map of the ground, inflation by a robot's size, and random placement of robots on free ground.
 
-Obstacles and the edge of the ground are in it, targets and robots are not. A cell that an obstacle touches is
-occupied, so the map never shows less than there is.
+The map contains obstacles and the edge of the ground, but neither targets nor robots. A cell that an obstacle touches
+is occupied, so the map never underestimates obstacles.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,10 @@ from numpy.typing import NDArray
 
 from fame.config.values import Point
 from fame.middleware.interface import Message
+from sim2d.config import WorldConfig
 from sim2d.ground import Circle, Shape
+from sim2d.randomness import generator
+from sim2d.robot import RobotConfig
 
 Array = NDArray[np.floating[Any]]
 
@@ -26,7 +30,7 @@ OCCUPIED = 100
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """`occupied[row, column]`: rows go with y, columns with x; `origin` is the outer corner of cell [0, 0], m."""
+    """`occupied[row, column]` with rows along y and columns along x; `origin` is the outer corner of cell [0, 0], m."""
 
     occupied: NDArray[np.bool_]
     resolution: float
@@ -49,7 +53,8 @@ class Grid:
 
 
 def from_message(message: Message) -> Grid:
-    """The grid of a nav_msgs/msg/OccupancyGrid. Cells unknown, or more likely occupied than not, are occupied."""
+    """Return the grid of a nav_msgs/msg/OccupancyGrid. Unknown cells, and those with a value of 50 or more, are
+    occupied."""
     info = message.info
     cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
     position = info.origin.position
@@ -57,9 +62,9 @@ def from_message(message: Message) -> Grid:
 
 
 def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Shape], resolution: float) -> Grid:
-    """The map of the ground within `bounds` with solid `shapes`, and a rim one cell wide around it that is occupied.
+    """Return the map of the ground within `bounds` (m) with solid `shapes`, and an occupied rim one cell wide.
 
-    A cell of which only a part is on the ground belongs to the rim.
+    A cell that is only partly on the ground belongs to the rim.
     """
     xmin, ymin, xmax, ymax = bounds
     columns, rows = (math.floor((high - low) / resolution + 1e-9) for low, high in ((xmin, xmax), (ymin, ymax)))
@@ -75,7 +80,7 @@ def rasterise(bounds: tuple[float, float, float, float], shapes: Iterable[Shape]
 
 
 def _distance(shape: Shape, x: Array, y: Array) -> Array:
-    """How far (m) points are outside of a shape; inside it is negative. At a polygon's corners less than in truth."""
+    """Distance (m) of points from a shape, negative inside. Near a polygon's corners it is underestimated."""
     if isinstance(shape, Circle):
         outside: Array = np.hypot(x - shape.centre[0], y - shape.centre[1]) - shape.radius
         return outside
@@ -89,7 +94,8 @@ def _distance(shape: Shape, x: Array, y: Array) -> Array:
 
 
 def inflate(grid: Grid, distance: float) -> Grid:
-    """The grid with every cell occupied whose centre is within `distance` (m) of the centre of an occupied one."""
+    """Return the grid with every cell occupied whose centre is within `distance` (m) of the centre of an occupied
+    one."""
     cells = distance / grid.resolution
     rows, columns = grid.occupied.shape
     result = grid.occupied.copy()
@@ -101,7 +107,76 @@ def inflate(grid: Grid, distance: float) -> Grid:
 
 
 def _widen(cells: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
-    """Every cell that has an occupied one at most `by` to its left or right: a running count, compared with itself."""
+    """Cells with an occupied one at most `by` cells to the left or right, by differences of cumulative counts."""
     count = np.cumsum(np.pad(cells, ((0, 0), (by + 1, by))), axis=1, dtype=np.int32)
     wide: NDArray[np.bool_] = count[:, 2 * by + 1 :] > count[:, : -2 * by - 1]
     return wide
+
+
+_APART = 0.3
+"""Minimum distance between the circumscribed circles of two robots, m."""
+
+
+def place(config: WorldConfig, name: str, count: int, seed: int) -> tuple[RobotConfig, ...]:
+    """Return all robots of a world with `count` robots ``<name>_1``, ``<name>_2``, ...
+
+    Robots of the file keep their places; further ones are copies of the last of them on free ground, drawn by the
+    `seed`. A robot ``<name>_<n>`` with n above `count` is left out. Raises ConfigError if the file has no such robot to
+    copy, and if the ground is full.
+    """
+    group = re.compile(re.escape(name) + r"_[0-9]+")
+    models = [robot for robot in config.robots if group.fullmatch(robot.name)]
+    if not models:
+        text = f"expected a robot {name}_1 to copy for {name}={count}; robots are: "
+        raise config.source.error("robots", text + (", ".join(robot.name for robot in config.robots) or "none"))
+    names = [f"{name}_{number}" for number in range(1, count + 1)]
+    kept = [robot for robot in config.robots if robot not in models or robot.name in names]
+    missing = [other for other in names if all(robot.name != other for robot in kept)]
+    return (*kept, *_placed(config, kept, models[-1], missing, seed))
+
+
+def _placed(
+    config: WorldConfig, kept: list[RobotConfig], model: RobotConfig, names: list[str], seed: int
+) -> list[RobotConfig]:
+    """Copies of `model` with these names, at a distance from obstacles and each other."""
+    solid = [thing.shape for thing in (*config.obstacles, *config.targets)]
+    radius = _radius(model)
+    grid = inflate(rasterise(config.bounds, solid, config.resolution), radius + _APART / 2 + config.resolution / 2)
+    for robot in kept:
+        _occupy(grid, robot, _radius(robot) + radius + _APART)
+    random = generator(seed, "placement", model.name.rpartition("_")[0])
+    placed = []
+    for number, name in enumerate(names):
+        free = np.flatnonzero(~grid.occupied)
+        if not len(free):
+            raise config.source.error(
+                "robots", f"expected room for {len(names)} more robots like {model.name}, got room for {number}"
+            )
+        row, column = divmod(int(random.choice(free)), grid.occupied.shape[1])
+        at = tuple(
+            round(start + (cell + 0.5) * grid.resolution, 4)
+            for start, cell in zip(grid.origin, (column, row), strict=True)
+        )
+        robot = replace(model, name=name, at=at, heading=round(float(random.uniform(-math.pi, math.pi)), 4))
+        _occupy(grid, robot, 2 * radius + _APART)
+        placed.append(robot)
+    return placed
+
+
+def _radius(robot: RobotConfig) -> float:
+    p = robot.parameters
+    sides = (p.length, p.width) if hasattr(p, "length") else (p.base, p.base)  # the square base of an arm
+    return math.hypot(*sides) / 2
+
+
+def _occupy(grid: Grid, robot: RobotConfig, radius: float) -> None:
+    """Mark the cells as occupied whose centre is within `radius` (m) of a robot."""
+    reach = math.ceil(radius / grid.resolution) + 1
+    column, row = (
+        math.floor((place - start) / grid.resolution) for place, start in zip(robot.at, grid.origin, strict=True)
+    )
+    rows, columns = (slice(max(0, middle - reach), middle + reach + 1) for middle in (row, column))
+    around: NDArray[np.bool_] = grid.occupied[rows, columns]
+    y = grid.origin[1] + (np.arange(rows.start, rows.start + around.shape[0]) + 0.5) * grid.resolution
+    x = grid.origin[0] + (np.arange(columns.start, columns.start + around.shape[1]) + 0.5) * grid.resolution
+    around |= np.hypot(x[np.newaxis, :] - robot.at[0], y[:, np.newaxis] - robot.at[1]) <= radius

@@ -1,4 +1,4 @@
-"""What stands, lies and grows on the ground: solid shapes, weeds, chargers. In m.
+"""Things on the ground: solid shapes, weeds, chargers. All lengths in m.
 
 Shapes are circles and convex polygons, seen from above. Weeds and chargers are flat: neither solid nor in the map.
 """
@@ -23,7 +23,7 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Polygon:
-    """A convex polygon, its corners counter-clockwise."""
+    """A convex polygon with counter-clockwise corners."""
 
     corners: tuple[Point, ...]
 
@@ -37,19 +37,19 @@ Shape = Circle | Polygon
 
 
 def box(centre: Point, width: float, height: float, angle: float) -> Polygon:
-    """A rectangle turned counter-clockwise by `angle` (rad)."""
+    """Return a rectangle turned counter-clockwise by `angle` (rad)."""
     cos, sin = math.cos(angle), math.sin(angle)
     half = [(-width / 2, -height / 2), (width / 2, -height / 2), (width / 2, height / 2), (-width / 2, height / 2)]
     return Polygon(tuple((centre[0] + x * cos - y * sin, centre[1] + x * sin + y * cos) for x, y in half))
 
 
 def convex(corners: Sequence[Point]) -> Polygon | None:
-    """The polygon with these corners in either direction, or None if it is not convex or has no area."""
+    """Return the polygon with these corners, in either direction, or None if it is not convex or has no area."""
     turns = [_turn(corners[i - 2], corners[i - 1], corners[i]) for i in range(len(corners))]
     if len(corners) < 3 or None in turns:
         return None
     angles = [turn for turn in turns if turn is not None]
-    # One turn around, always to the same side: a star turns to one side as well, but more than once around.
+    # A star turns to one side as well, but more than once around; hence the sum of all turns has to be one turn.
     if not math.isclose(abs(sum(angles)), math.tau, rel_tol=1e-6):
         return None
     left = sum(angles) > 0
@@ -59,7 +59,7 @@ def convex(corners: Sequence[Point]) -> Polygon | None:
 
 
 def _turn(a: Point, b: Point, c: Point) -> float | None:
-    """By what angle (rad, left is positive) the way from a over b to c turns; None if back, or if it stands still."""
+    """The angle (rad, left positive) by which the path a-b-c turns at b; None if it turns back or b equals a or c."""
     first, second = (b[0] - a[0], b[1] - a[1]), (c[0] - b[0], c[1] - b[1])
     cross = first[0] * second[1] - first[1] * second[0]
     dot = first[0] * second[0] + first[1] * second[1]
@@ -69,13 +69,13 @@ def _turn(a: Point, b: Point, c: Point) -> float | None:
 
 
 def disc(at: Point, radius: float) -> list[Point]:
-    """The corners of a polygon that looks round."""
+    """Return the corners of a polygon that approximates a disc."""
     turns = [math.tau * step / 24 for step in range(24)]
     return [(at[0] + radius * math.cos(turn), at[1] + radius * math.sin(turn)) for turn in turns]
 
 
 def bounding_box(shape: Shape) -> tuple[float, float, float, float]:
-    """xmin, ymin, xmax, ymax."""
+    """Return xmin, ymin, xmax, ymax."""
     if isinstance(shape, Circle):
         (x, y), r = shape.centre, shape.radius
         return x - r, y - r, x + r, y + r
@@ -84,7 +84,7 @@ def bounding_box(shape: Shape) -> tuple[float, float, float, float]:
 
 
 def placed(points: Sequence[Point], pose: tuple[float, float, float]) -> list[Point]:
-    """Points of a frame that stands at a pose (x, y in m, heading in rad), as places in the world."""
+    """Transform points of a frame at a pose (x, y in m, heading in rad) to places in the world."""
     x, y, heading = pose
     cos, sin = math.cos(heading), math.sin(heading)
     return [(x + ahead * cos - left * sin, y + ahead * sin + left * cos) for ahead, left in points]
@@ -92,7 +92,7 @@ def placed(points: Sequence[Point], pose: tuple[float, float, float]) -> list[Po
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """An obstacle or a target: solid, and never moved. `path` is its key in the file."""
+    """An obstacle or a target, solid and static. `path` is its key in the file."""
 
     name: str
     shape: Shape
@@ -110,7 +110,7 @@ class WeedConfig:
 
 @dataclass(frozen=True, slots=True)
 class ChargerConfig:
-    """A place that charges the batteries of robots that stand on it with `power` W. Flat as a weed; in m."""
+    """A place that charges the batteries of robots on it with `power` W. Flat, in m."""
 
     name: str
     at: Point
@@ -120,9 +120,9 @@ class ChargerConfig:
 
 @dataclass(slots=True)
 class Weed:
-    """A weed. `cut_at` is the second since the start at which `cut_by` has cut it; None if it still grows.
+    """A weed. `cut_at` is the second since the start at which robot `cut_by` cut it, None before.
 
-    No blade gets to one that is `covered`: it grows in something solid.
+    A weed inside something solid is `covered`: no blade can reach it.
     """
 
     name: str
@@ -133,7 +133,7 @@ class Weed:
     covered: bool = False
 
     def summary(self) -> dict[str, Any]:
-        """How it stands, fit for JSON."""
+        """Return its state, JSON-serialisable."""
         cut = None if self.cut_at is None else round(self.cut_at, 4)
         return {"x": self.at[0], "y": self.at[1], "cut": cut, "by": self.cut_by}
 
@@ -146,9 +146,9 @@ class Weeds:
         self._clock = clock
 
     def near(self, place: Point, distance: float) -> list[Weed]:
-        """Those that grow with their middle within `distance` (m) of a place."""
+        """Return the uncut weeds whose centre is within `distance` (m) of a place."""
         return [weed for weed in self.all if weed.cut_at is None and math.dist(weed.at, place) <= distance]
 
     def cut(self, weed: Weed, by: str) -> None:
-        """It grows no more."""
+        """Mark a weed as cut by a robot."""
         weed.cut_at, weed.cut_by = self._clock(), by

@@ -1,4 +1,4 @@
-"""Draws a run as one picture: the ground, what stands and grows on it, and the way that each robot took."""
+"""Draws a run as one picture: the ground, the things on it, and the trail of each robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from fame.imports import require
 from sim2d import style
-from sim2d.film import writing
 from sim2d.ground import Circle, Shape, Thing, Weed, bounding_box, disc, placed
 from sim2d.record import Record, Track
 from sim2d.robot import Cone
@@ -32,13 +31,14 @@ from sim2d.style import (
     name_goes_above,
     paint,
     robot_colour,
+    writing,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LONGEST = 9.0
-"""Inches of the longer side of the ground."""
+"""Length of the longer side of the ground in the picture, inches."""
 
 
 def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> None:
@@ -71,7 +71,7 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
                 _name(axes, track, record, robot_colour(index))
     _legend(axes, record)
     with writing(path), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # a box stands in its place
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # matplotlib draws a box instead
         figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
 
 
@@ -107,7 +107,7 @@ def _target(axes: Axes, target: Thing, record: Record) -> None:
 
 
 def _weed(axes: Axes, weed: Weed, record: Record) -> None:
-    """Green if it grows; pale, with the colour of the robot and the time, if it was cut."""
+    """Draw a weed: green, or, if it was cut, pale with the time and the colour of the robot."""
     cutter = record.cutter(weed)
     grown, edge = weed.cut_at is None, WEED_EDGE if cutter is None else robot_colour(cutter)
     radius = max(weed.radius, 0.012 * _longer(record))
@@ -153,7 +153,7 @@ def _longer(record: Record) -> float:
 
 
 def _growth(track: Track, record: Record) -> float:
-    """How many times larger than in truth a robot is drawn, to be seen on a large ground."""
+    """The factor by which a robot is enlarged to be visible on a large ground."""
     return max(1.0, 0.033 * _longer(record) / (2 * max(x for x, _ in track.outline)))
 
 
@@ -168,7 +168,7 @@ def _cone(axes: Axes, cone: Cone, colour: str) -> None:
 
 
 def _name(axes: Axes, track: Track, record: Record, colour: str) -> None:
-    """Away from the target or robot that it stands at."""
+    """Write the name of a robot on the side without another robot or target."""
     pose, altitude = track.poses[-1], track.appearances[-1].altitude
     others = [other.poses[-1][:2] for other in record.tracks if other is not track]
     others += [target.shape.centre for target in record.config.targets]

@@ -1,4 +1,4 @@
-"""Random numbers for sensors: a generator for each, so that adding a robot changes no other; noise drawn in blocks."""
+"""Random numbers: one generator per sensor, so that adding a robot does not change others; noise drawn in blocks."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def generator(seed: int, *owner: str) -> np.random.Generator:
-    """The generator of one owner, such as ``generator(7, "REX", "range")``: the same on every run and machine.
+    """Return the generator of one owner, such as ``generator(7, "REX", "range")``, the same on every run and machine.
 
-    Independent of all others: its key is a cryptographic hash of seed and names (Python's own hash differs from run
-    to run).
+    Generators of different owners are independent: the key is a cryptographic hash of seed and names (Python's own hash
+    differs from run to run).
     """
     key = "\0".join([str(seed), *owner]).encode()
     return np.random.Generator(np.random.PCG64(int.from_bytes(hashlib.sha256(key).digest()[:16], "big")))

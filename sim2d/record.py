@@ -1,4 +1,4 @@
-"""Watches a world and keeps what a drawing of its run needs: how robots look at a fixed rate, and the weeds."""
+"""Records a run for drawings: the appearance of robots at a fixed rate, collisions, and the weeds."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One robot through a run, an entry per sample. `outline` is its corners in its own frame, m."""
+    """One robot during a run, with one entry per sample. `outline` has its corners in its own frame, m."""
 
     name: str
     type: str
@@ -37,7 +37,7 @@ class Record:
     weeds: list[Weed]
 
     def cutter(self, weed: Weed) -> int | None:
-        """The number of the robot that cut a weed."""
+        """The index of the robot that cut a weed, or None."""
         names = [track.name for track in self.tracks]
         return names.index(weed.cut_by) if weed.cut_by in names else None
 
@@ -56,7 +56,7 @@ class Recorder:
             self._sample(world)
 
     def finish(self, world: World) -> None:
-        """Keep how things stand at the end, too."""
+        """Record the final state."""
         if not self.record.times or world.now > self.record.times[-1]:
             self._sample(world)
         else:

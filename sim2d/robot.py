@@ -1,20 +1,27 @@
-"""What the world asks of a robot, and what a robot may ask of the world.
+"""The interface between the world and its robots, and the registry of robot types.
 
-A robot is made with its configuration and its surroundings: it puts its bodies into the space and its nodes into the
-middleware. From then on the world calls, in the order of the file, `move` before each step of the physics and `sense`
-after it. A robot obeys and publishes topics in its own namespace, as its real counterpart would; nobody else tells it
-anything.
+A robot is constructed with its configuration and the world: it adds its bodies to the physics space and its nodes to
+the middleware. Then the world calls, in the order of the file, `move` before each step of the physics and `sense` after
+it. A robot communicates only by topics, services and actions in its own namespace, like its real counterpart.
+
+The `type:` of a robot in a world file is the name of a built-in type, a name registered by an installed package as an
+entry point of the group ``fame.robots``, or a class as ``module:Class`` or ``file.py:Class``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
+from fame.config.loader import find_object
 from fame.config.values import Point
+from fame.errors import ConfigError
 from fame.middleware.interface import Message, QoS
+from fame.text import suggestion
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,7 +47,7 @@ class Pose(NamedTuple):
     heading: float
 
     def ahead(self, distance: float) -> Point:
-        """The place so far (m) in front of it."""
+        """The place at a distance (m) in front of it."""
         return self.x + distance * math.cos(self.heading), self.y + distance * math.sin(self.heading)
 
 
@@ -54,7 +61,7 @@ class TopicCommand(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cone:
-    """What a range sensor covers: its place, the angle it opens (rad), and how far it saw free ground (m)."""
+    """The cone of a range sensor: its pose, opening angle (rad), and length of free ground that it saw (m)."""
 
     pose: Pose
     field_of_view: float
@@ -73,16 +80,16 @@ class Workpiece(NamedTuple):
 
 
 class Appearance(NamedTuple):
-    """How a robot looks at an instant, for those who draw it.
+    """How a robot looks at an instant, for drawings.
 
     altitude   m above the ground
     led        ``off`` or a name of `robots.equipment.COLOURS`
     cone       what its range sensor saw last, if it has one
-    footprint  the radius (m) of the ground that its camera sees, 0 if it sees none
-    blade      the radius (m) of its blade, 0 unless that turns
-    charge     what is left in its battery, 0 to 1; always 1 if it has none
+    footprint  the radius (m) of the ground that its camera sees, 0 without a camera
+    blade      the radius (m) of its turning blade, else 0
+    charge     state of charge of its battery, 0 to 1; 1 without a battery
     limb       an arm's joints and tool from above, in its own frame, m
-    jaws       how far its gripper is open, m; negative if it has none
+    jaws       opening of its gripper, m; negative without a gripper
     workpieces what an arm works on
     note       what its body does, in a few words
     """
@@ -117,7 +124,7 @@ class RobotConfig:
 
 
 class RobotWorld(Protocol):
-    """The world as a robot meets it. `step` in s; `map` is a nav_msgs/msg/OccupancyGrid of the known obstacles."""
+    """The world as seen by a robot. `step` in s; `map` is a nav_msgs/msg/OccupancyGrid of the known obstacles."""
 
     space: pymunk.Space
     scheduler: Scheduler
@@ -127,18 +134,18 @@ class RobotWorld(Protocol):
     step: float
 
     def random(self, robot: str, sensor: str) -> np.random.Generator:
-        """The generator of one sensor."""
+        """Return the random generator of one sensor."""
 
     def charging(self, place: Point) -> float:
-        """What a battery at a place gets from chargers, W."""
+        """Return the power (W) of the chargers at a place."""
 
 
 class SimulatedRobot(Protocol):
-    """A robot of any type. `outline` is its corners in its own frame, m: x ahead, y to the left.
+    """A robot of any type. `outline` has its corners in its own frame, m: x forward, y left.
 
-    SAFE_STATE      what is published to it when its mission has ended, however that was
+    SAFE_STATE      commands published to it when its mission has ended, for whatever reason
     SAFE_SUSPENDED  the same while its mission is suspended
-    FAULTS          what can break
+    FAULTS          kinds of faults that can be injected
     """
 
     Parameters: ClassVar[type[Any]]
@@ -155,45 +162,45 @@ class SimulatedRobot(Protocol):
 
     @property
     def pose(self) -> Pose:
-        """Where it truly is."""
+        """Its true pose."""
 
     @property
     def appearance(self) -> Appearance:
-        """How it truly looks."""
+        """Its true appearance."""
 
     @property
     def status(self) -> Mapping[str, Any]:
-        """What a summary tells of it besides its place, fit for JSON."""
+        """The entries of its type in the world's summary, besides its pose; JSON-serialisable."""
 
     def start(self) -> None:
-        """Publish what is said once."""
+        """Publish latched topics once, before the first step."""
 
     def move(self, now: int, duration: float) -> None:
-        """Push the bodies for one step of `duration` s that begins at `now` (ns)."""
+        """Apply forces to its bodies for one step of `duration` s that begins at `now` (ns)."""
 
     def sense(self, now: int, count: int) -> None:
-        """Publish what the sensors measure after step number `count`, if it is their turn."""
+        """Publish the measurements that are due after step number `count`."""
 
     def fault(self, kind: str) -> None:
-        """Break one of `FAULTS`, for good."""
+        """Inject one of `FAULTS`, permanently. Raises ConfigError for another."""
 
     def close(self) -> None:
-        """Leave the middleware."""
+        """Close its nodes."""
 
 
 def period(rate: float, step: float) -> int:
-    """How many steps (s) of the world make one period of a rate (Hz): the whole number nearest to it."""
+    """Return the number of steps (s) per period of a rate (Hz), rounded, at least 1."""
     return max(1, math.floor(1 / (rate * step) + 0.5))
 
 
 def rectangle(length: float, width: float) -> tuple[Point, ...]:
-    """The corners of a body, m: x ahead, y to the left."""
+    """Return the corners of a rectangular outline, m: x forward, y left."""
     x, y = length / 2, width / 2
     return (x, y), (-x, y), (-x, -y), (x, -y)
 
 
 def body_of(space: pymunk.Space, start: Pose, outline: Sequence[Point], mass: float) -> tuple[pymunk.Body, pymunk.Poly]:
-    """A body of `mass` kg in the space, and its shape. The filter of the shape leaves out the body itself."""
+    """Add a body of `mass` kg to the space; return it and its shape, whose filter excludes the body itself."""
     import pymunk
 
     body = pymunk.Body(mass, pymunk.moment_for_poly(mass, outline))
@@ -205,3 +212,51 @@ def body_of(space: pymunk.Space, start: Pose, outline: Sequence[Point], mass: fl
     shape.filter = pymunk.ShapeFilter(group=len(space.bodies) + 1)
     space.add(body, shape)
     return body, shape
+
+
+GROUP = "fame.robots"
+"""Group of the entry points by which packages register robot types."""
+BUILT_IN = {
+    "car": "robots.vehicles:Car",
+    "drone": "robots.drone:Drone",
+    "mh5": "robots.arm.cutter:Cutter",
+    "tractor": "robots.vehicles:Tractor",
+    "ur5e": "robots.arm.handler:Handler",
+}
+"""Where the types are that come with FAME, in the form of an entry point."""
+
+
+def robot_types() -> dict[str, str]:
+    """Return all registered types, each with its ``module:Class``."""
+    return {**{entry.name: entry.value for entry in entry_points(group=GROUP)}, **BUILT_IN}
+
+
+def robot_class(type: str, folder: Path = Path()) -> type[SimulatedRobot]:
+    """Return the class of a robot type; ``file.py:Class`` is relative to `folder`. Raises ConfigError."""
+    place = type if ":" in type else robot_types().get(type)
+    if place is None:
+        raise ConfigError(f"expected a robot type, got {type!r}; {_registered(type)}")
+    found = find_object(place, folder)
+    missing = list(_missing(found))
+    if missing:
+        raise ConfigError(f"expected a class of robots (sim2d.robot), got {type!r}, which has no {', '.join(missing)}")
+    return found  # type: ignore[no-any-return]
+
+
+def absolute(type: str, folder: Path) -> str:
+    """Return a type that is valid in another folder: a ``file.py:Class`` with the absolute path of its file."""
+    file, colon, name = type.rpartition(":")
+    return f"{(folder / file).resolve()}:{name}" if colon and file.endswith(".py") else type
+
+
+def _registered(type: str) -> str:
+    """A suggestion for an unknown type: the closest one, or all types."""
+    known = suggestion(type, robot_types())
+    return known if known.endswith("?") else f"{known}, module:Class, file.py:Class"
+
+
+def _missing(found: object) -> Iterator[str]:
+    """The required members that an object lacks."""
+    for name in ("Parameters", "SAFE_STATE", "SAFE_SUSPENDED", "FAULTS", "move", "sense", "close"):
+        if not hasattr(found, name):
+            yield name

@@ -1,13 +1,18 @@
-"""What pictures and films have in common: colours, where names go, and symbols of robots and weeds (polygons, m)."""
+"""The common style of pictures and animations: colours, positions of names, symbols of robots and weeds (polygons,
+m)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
+from os import PathLike
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 from fame.config.values import Point
+from fame.errors import ConfigError
 from sim2d.ground import disc
 from sim2d.robot import Appearance
 
@@ -24,9 +29,9 @@ WEED = "#4f9a2f"
 WEED_EDGE = "#2c5d17"
 CHARGER = "#1b7f8c"
 STUBBLE = "#d9cfae"
-"""A weed that was cut; its edge has the colour of who cut it."""
+"""A cut weed; its edge has the colour of the robot that cut it."""
 ROBOTS = ("#2364c9", "#d9630b", "#1f8a4c", "#8a3ab9", "#0d8fa3", "#c2257e", "#6b6f1a", "#7a4a2b")
-"""One for each robot, in the order of the file, and round again."""
+"""One colour for each robot, in the order of the file, cyclic."""
 LEDS: Mapping[str, str] = {
     "red": "#ff1f1f",
     "green": "#16d943",
@@ -38,11 +43,9 @@ LEDS: Mapping[str, str] = {
 }
 """Lit LEDs; one that is off is not drawn."""
 CONE, GLOW, LAMP = 34, 60, 110
-"""How opaque, of 255, a range cone is, the glow of an LED far from it, and near."""
-
-
+"""Opacity (of 255) of a range cone and of the outer and inner glow of an LED."""
 LOW = 0.2
-"""Part of a battery's charge from which on it is shown that it is low."""
+"""State of charge below which a battery is drawn as low."""
 MATERIALS: Mapping[str, tuple[str, str | None]] = {
     "paper": (PAPER, None),
     "ink": (INK, None),
@@ -50,39 +53,39 @@ MATERIALS: Mapping[str, tuple[str, str | None]] = {
     "part": (TARGET, TARGET_EDGE),
     "cut": (TARGET_EDGE, TARGET_EDGE),
 }
-"""Fill and edge of what is not in the colour of its robot."""
+"""Fill and edge of parts that do not have the colour of their robot."""
 
 
 def paint(material: str, robot: str) -> tuple[str, str | None]:
-    """Fill and edge of a part of a robot with a colour."""
+    """Return fill and edge of a part of a robot with a colour."""
     return MATERIALS.get(material, (robot, INK))
 
 
-def doing(caption: str, note: str, charge: float) -> str:
-    """What is told of a robot: what its body does, that its battery is empty, and what its process is at."""
+def activity_text(caption: str, note: str, charge: float) -> str:
+    """Join what a robot's body does, an empty battery, and the caption of its process."""
     return " \N{MIDDLE DOT} ".join(text for text in (note, "" if charge else "battery empty", caption) if text)
 
 
 def robot_colour(index: int) -> str:
-    """The colour of robot number `index`."""
+    """Return the colour of robot number `index`."""
     return ROBOTS[index % len(ROBOTS)]
 
 
 MOST_NAMES = 24
-"""Of more robots or weeds than this no names are written: nobody could read them."""
+"""With more robots or weeds than this no names are drawn, because they would overlap."""
 
 
 def name_goes_above(place: Sequence[float], others: Iterable[Sequence[float]], *, near: float, top: float) -> bool:
-    """Whether the name of what stands at a place is better written above it than below.
+    """Return whether the name of a thing at a place is drawn above it rather than below.
 
-    That is away from the closest other thing, if one is `near` (m); else above, but below at the `top` of the ground.
+    It goes away from the closest other thing, if one is `near` (m); else above, but below at the `top` of the ground.
     """
     distance, height = min(((math.dist(place[:2], other[:2]), other[1]) for other in others), default=(math.inf, 0.0))
     return height <= place[1] if distance <= near else place[1] < top - near
 
 
 class Part(NamedTuple):
-    """A filled polygon, or a line if it is not `closed`. `colour`: that of the robot, or what it is made of."""
+    """A filled polygon, or a line if not `closed`. `colour` is that of the robot or the name of a material."""
 
     corners: Sequence[Point]
     colour: Literal["robot", "paper", "ink", "fixture", "part", "cut"]
@@ -90,7 +93,7 @@ class Part(NamedTuple):
 
 
 def symbol(kind: str, outline: Sequence[Point], appearance: Appearance) -> list[Part]:
-    """The parts of a robot of some type as it looks, from below to above; x is ahead."""
+    """Return the parts of the symbol of a robot type, from bottom to top; x is forward."""
     pieces = [Part(piece.corners, piece.kind, piece.closed) for piece in appearance.workpieces]
     return [*pieces, *_SYMBOLS.get(kind, _vehicle)(outline), *_limb(outline, appearance)]
 
@@ -130,7 +133,7 @@ def _arm(outline: Sequence[Point]) -> list[Part]:
 
 
 def _limb(outline: Sequence[Point], appearance: Appearance) -> list[Part]:
-    """The links of an arm from joint to joint, and at its tool a gripper's two fingers, or the tip of a blade."""
+    """The links of an arm, and at its tool the two fingers of a gripper or the tip of a blade."""
     if not appearance.limb:
         return []
     far, last = max(x for x, _ in outline), len(appearance.limb) - 1
@@ -160,7 +163,7 @@ _SYMBOLS: Mapping[str, Callable[[Sequence[Point]], list[Part]]] = {
     "tractor": _tractor,
     "ur5e": _arm,
 }
-"""All others look like a vehicle."""
+"""Other types are drawn as vehicles."""
 
 
 def weed(at: Point, radius: float) -> list[Point]:
@@ -174,7 +177,7 @@ def weed(at: Point, radius: float) -> list[Point]:
 
 
 def larger(corners: Sequence[Point], times: float) -> list[Point]:
-    """The same about its origin."""
+    """Scale corners about the origin."""
     return [(x * times, y * times) for x, y in corners]
 
 
@@ -185,3 +188,13 @@ def _box(x: float, y: float, length: float, width: float) -> list[Point]:
 def _turned(corners: Sequence[Point], angle: float) -> list[Point]:
     cos, sin = math.cos(angle), math.sin(angle)
     return [(x * cos - y * sin, x * sin + y * cos) for x, y in corners]
+
+
+@contextmanager
+def writing(path: str | PathLike[str]) -> Iterator[None]:
+    """Make the parent folder of a file to be written; turn OSError into ConfigError with the file's name."""
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror or error}", file=str(path)) from None

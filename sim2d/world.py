@@ -1,8 +1,8 @@
-"""The world: bodies that move by fixed steps, run by the scheduler.
+"""The world: bodies that move in fixed steps, run by the scheduler.
 
 World time is the step count times the step, never a sum. Each step is one entry of the scheduler, the last of its
-instant: it lets the robots push their bodies, moves all bodies, then lets the robots measure, always in the order of
-the file. What a robot hears at an instant moves it from the next step on.
+instant: robots apply forces, all bodies move, then robots measure, always in the order of the file. A command that a
+robot receives at an instant takes effect in the next step.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     import numpy as np
 
 require("pymunk")
-import pymunk  # noqa: E402 (its absence has been told)
+import pymunk  # noqa: E402 (a missing package is reported first)
 
 _WALL = 0.05
-"""Half the thickness of the walls, m; they stand outside of the ground."""
+"""Half the thickness of the walls, m; they are outside of the ground."""
 _BREATH = 0.2
-"""The part of a step that is left to robots between two, when a world on the wall clock is late and hurries."""
+"""Minimum pause between two steps, as a share of the step, when a world on the wall clock is late: time for engines."""
 
 
 class Collision(NamedTuple):
-    """Robot `a` began to touch `b` at `time` (s): a robot, an obstacle, a target, or ``wall``."""
+    """Robot `a` began to touch `b`, a robot, an obstacle, a target or ``wall``, at `time` (s)."""
 
     time: float
     a: str
@@ -46,10 +46,10 @@ class Collision(NamedTuple):
 
 
 class World:
-    """A world with its robots. Raises ConfigError if the mapping is wrong or a robot stands in something.
+    """A world with its robots. Raises ConfigError if the mapping is wrong or a robot overlaps something.
 
-    `robots` are by name in the order of the file, `collisions` all that have begun since the start, `faults` what is
-    broken by robot, `steps` those done. `watchers` are called with the world after each step.
+    `robots` are by name in the order of the file, `collisions` all since the start, `faults` the injected faults by
+    robot, `steps` the number of steps done. `watchers` are called with the world after each step.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class World:
         self.step = self.config.step
         self.space = pymunk.Space()
         self.space.collision_slop = 0.001  # m; the default suits pixels
-        self.space.sleep_time_threshold = 0.5  # s; only what does not move at all falls asleep, and costs nothing
+        self.space.sleep_time_threshold = 0.5  # s; bodies at complete rest fall asleep and cost nothing
         self.grid: Grid = rasterise(
             self.config.bounds, (thing.shape for thing in self.config.obstacles), self.config.resolution
         )
@@ -71,7 +71,7 @@ class World:
         self.faults: dict[str, list[str]] = {}
         self.watchers: list[Callable[[World], object]] = []
         self.steps = 0
-        self._sensed = -1  # after which step the robots have measured last
+        self._sensed = -1  # number of the step after which the robots measured last
         self._origin = 0
         self._next: Entry | None = None
         self._names: dict[pymunk.Shape, str] = {}
@@ -87,15 +87,15 @@ class World:
         return self.steps * self.step
 
     def random(self, robot: str, sensor: str) -> np.random.Generator:
-        """The generator of one sensor of one robot."""
+        """Return the random generator of one sensor of one robot."""
         return generator(self.seed, robot, sensor)
 
     def charging(self, place: Point) -> float:
-        """What a battery at a place (m) gets from the chargers there, W."""
+        """Return the power (W) of the chargers at a place (m)."""
         return sum(one.power for one in self.config.chargers if math.dist(one.at, place) <= one.radius)
 
     def start(self) -> None:
-        """Let the robots say what they say once and measure what is; then step, until `stop`. Once is enough."""
+        """Publish latched topics and first measurements; then step until `stop`. Further calls have no effect."""
         if self._next is not None:
             return
         self._origin = self.scheduler.now - self._nanoseconds(self.steps)
@@ -107,23 +107,23 @@ class World:
         self._next = self.scheduler.soon(self._sense, Kind.WORLD)
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stop stepping; `start` goes on."""
         if self._next is not None:
             self._next.cancel()
             self._next = None
 
     def close(self) -> None:
-        """Stand still, and take the robots out of the middleware. Nothing can be asked of the space afterwards."""
+        """Stop, close the nodes of all robots, and empty the physics space."""
         self.stop()
         for robot in self.robots.values():
             robot.close()
         self._clear()
 
     def summary(self) -> dict[str, Any]:
-        """How things stand, fit for JSON: m, rad, s, rounded to 0.1 mm.
+        """Return the state of the world, JSON-serialisable: m, rad, s, rounded to 0.1 mm.
 
-        Each robot has its pose, the number of its collisions, its distance from each target (centre to centre), what
-        its type adds (`SimulatedRobot.status`), and its faults; each weed when it was cut, and by whom.
+        Each robot has its pose, number of collisions, distance from each target (centre to centre), the entries of its
+        type (`SimulatedRobot.status`), and its faults; each weed has the time it was cut, and the robot that cut it.
         """
         touched = Counter(name for _, a, b in self.collisions for name in (a, b))
         return {
@@ -148,18 +148,18 @@ class World:
         }
 
     def fault(self, robot: str, kind: str) -> None:
-        """Break something of a robot, now and for good. Raises ConfigError for a robot or a fault there is not."""
+        """Inject a fault into a robot, permanently. Raises ConfigError for an unknown robot or fault."""
         if robot not in self.robots:
-            raise ConfigError(f"unknown robot {robot!r} to be at fault; {suggestion(robot, self.robots)}")
+            raise ConfigError(f"unknown robot {robot!r} in a fault; {suggestion(robot, self.robots)}")
         self.robots[robot].fault(kind)
         self.faults.setdefault(robot, []).append(kind)
 
     def _clear(self) -> None:
-        """Take the space apart.
+        """Empty the physics space.
 
-        The destructors of pymunk are Python functions that the garbage collector calls, wherever a script may stand
-        then. Where one fails, at the end of a deep recursion, a body is freed that the space still holds, and the
-        process dies. An empty space holds none.
+        The garbage collector may call pymunk's destructors, which are Python functions, in the middle of a script. If
+        one fails there because of a deep recursion, a body is freed that the space still refers to, and the process
+        crashes. An empty space refers to no body.
         """
         self.space.remove(*self.space.shapes, *self.space.bodies)
 
@@ -202,7 +202,7 @@ class World:
             for shape in robot.body.shapes:
                 touched = sorted(self._names[hit.shape] for hit in self.space.shape_query(shape) if hit.shape)
                 if touched:
-                    text = f"expected a free place; {config.name} stands in {touched[0]}"
+                    text = f"expected a free place; {config.name} overlaps {touched[0]}"
                     raise self.config.source.error(config.path, text)
                 self._names[shape] = config.name
         self.space.on_collision(ROBOT, None, begin=self._on_touch)
@@ -215,7 +215,7 @@ class World:
     def _on_touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
         a, b = (self._names[shape] for shape in arbiter.shapes)
         time = (self.steps + 1) * self.step
-        if self.collisions[-1:] != [Collision(time, b, a)]:  # two robots: told of either side, one after the other
+        if self.collisions[-1:] != [Collision(time, b, a)]:  # two robots: pymunk reports the pair twice
             self.collisions.append(Collision(time, a, b))
 
 

@@ -142,7 +142,7 @@ def test_a_weed_inside_an_obstacle_is_reported_and_the_mission_goes_on() -> None
     run = play(tractors((0, 2)), field=FIELD, obstacles=[pond], weeds=weeds((3, 2), (5.5, 3.5)))
     assert run.result.status == "completed"
     assert [weed["by"] for weed in run.weeds.values()] == [None, "Tractor_1"]
-    assert run.result.messages == [f"nobody cut the weed {next(iter(run.weeds))}"]
+    assert run.result.messages == [f"weed {next(iter(run.weeds))} was not cut"]
     assert [robot for robot, _ in run.reports] == ["Tractor_1", "Drone"]
     assert "no way to the weed at (3.0" in run.reports[0][1] or "no way to the weed at (2.9" in run.reports[0][1]
     assert run.result.world["robots"]["Drone"]["landed"]
@@ -162,7 +162,7 @@ def test_a_tractor_that_cannot_move_any_more_leaves_its_weed_uncut_and_the_other
     assert run.result.status == "failed"
     assert [weed["by"] for weed in run.weeds.values()] == [None, "Tractor_2"]
     assert [error.code for robot in run.result.robots for error in robot.errors] == ["blocked"]
-    assert run.result.messages[-1] == f"nobody cut the weed {next(iter(run.weeds))}"
+    assert run.result.messages[-1] == f"weed {next(iter(run.weeds))} was not cut"
     assert run.result.world["robots"]["Drone"]["landed"]
 
 

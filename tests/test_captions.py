@@ -49,7 +49,7 @@ def test_a_robot_that_has_not_begun_says_what_it_waits_for() -> None:
         (catch("c", "go", SIGNAL.format("go")), "waits for go"),
         (catch("c", "a few parts later", TIMER.format(50)), "waits: a few parts later"),
         ('<receiveTask id="c" name="an answer" messageRef="M"/>', "waits for an answer"),
-        ('<userTask id="c" name="Sign"/>', "Sign, waits for somebody"),
+        ('<userTask id="c" name="Sign"/>', "Sign, waits for a person"),
     ],
 )
 def test_a_robot_that_waits_says_for_what(event: str, text: str) -> None:

@@ -7,7 +7,7 @@ import math
 import pytest
 from grounds import ground
 
-from sim2d.registry import robot_class
+from sim2d.robot import robot_class
 
 QUIET = {"odom": {"position_noise": 0, "heading_noise": 0, "speed_noise": 0}, "range": {"noise": 0}}
 

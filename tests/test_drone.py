@@ -7,7 +7,7 @@ import math
 import pytest
 from grounds import Ground
 
-from sim2d.registry import robot_class
+from sim2d.robot import robot_class
 
 ODOMETRY, POSES, BATTERY = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseArray", "sensor_msgs/msg/BatteryState"
 SHARP = {"noise": 0, "missed": 0}

@@ -14,7 +14,7 @@ from fame.cli.engine import _epoch
 from fame.clock import EPOCH, SECOND, Scheduler, parse_epoch
 from fame.errors import ConfigError
 from fame.scenario import Scenario
-from fame.scenario.subprocesses import command_lines
+from fame.scenario.distributed import command_lines
 
 MAY = datetime(2026, 5, 1, 12, tzinfo=UTC)
 

@@ -240,9 +240,10 @@ def test_an_empty_battery_is_seen_and_told(kind, tmp_path):
 
 
 def test_what_is_told_of_a_robot_is_what_it_does_then_what_its_process_waits_for():
-    assert style.doing("waits for part_cut", "cuts part 2", 1.0) == "cuts part 2 \N{MIDDLE DOT} waits for part_cut"
-    assert style.doing("Go To", "", 0.0) == "battery empty \N{MIDDLE DOT} Go To"
-    assert style.doing("", "", 0.5) == ""
+    text = style.activity_text("waits for part_cut", "cuts part 2", 1.0)
+    assert text == "cuts part 2 \N{MIDDLE DOT} waits for part_cut"
+    assert style.activity_text("Go To", "", 0.0) == "battery empty \N{MIDDLE DOT} Go To"
+    assert style.activity_text("", "", 0.5) == ""
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from fame.cli import COMMANDS, parser
-from sim2d.registry import BUILT_IN
+from sim2d.robot import BUILT_IN
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -11,11 +11,11 @@ from grounds import Ground
 from fame.config.values import ConfigValue, Source
 from fame.errors import ConfigError
 from fame.scenario import Scenario
-from fame.scenario.subprocesses import command_lines
+from fame.scenario.distributed import command_lines
 from robots.vehicles import Car
-from sim2d import registry
+from sim2d import robot as robot_module
 from sim2d.config import read_world, world_config
-from sim2d.registry import BUILT_IN, robot_class
+from sim2d.robot import BUILT_IN, robot_class
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -53,7 +53,7 @@ def test_a_mission_runs_with_a_robot_that_fame_does_not_know() -> None:
 
 def test_an_installed_package_registers_a_type_by_an_entry_point(monkeypatch) -> None:
     entry = EntryPoint("rover", "robots.vehicles:Car", "fame.robots")
-    monkeypatch.setattr(registry, "entry_points", lambda group: [entry] if group == "fame.robots" else [])
+    monkeypatch.setattr(robot_module, "entry_points", lambda group: [entry] if group == "fame.robots" else [])
     assert robot_class("rover") is Car
     assert Ground(world("rover")).world.robots["REX"].type == "rover"
 

@@ -42,8 +42,8 @@ def test_what_the_file_says_is_done_at_its_second(model: Path) -> None:
     result = Scenario.load(scenario).run()
     assert (result.status, result.simulated) == ("completed", 7.0)
     assert [(event.time / 1e9, event.element, event.detail) for event in result.reports] == [
-        (2.5, "sign", "somebody completed it"),
-        (7.0, "load", "somebody completed it"),
+        (2.5, "sign", "completed by a person"),
+        (7.0, "load", "completed by a person"),
         (7.0, "", "Ada at 7.0"),
     ]
 
@@ -66,13 +66,13 @@ def test_where_nobody_is_waited_for_it_is_reported_and_nothing_happens(model: Pa
     result = Scenario.load(model, completions=[LOAD], duration=20).run()
     (said,) = result.reports
     assert (said.time / 1e9, said.element) == (7.0, "load")
-    assert said.detail == "somebody wanted to complete it: is not waiting; currently waiting: sign"
+    assert said.detail == "could not be completed by a person: is not waiting; currently waiting: sign"
     assert result.status == "timeout"
 
 
 WRONG = {
     "{at: 7, robot: PORTR, element: load}": (
-        "s.yaml:3: unknown robot 'PORTR', to complete load of; robots are: PORTER"
+        "s.yaml:3: unknown robot 'PORTR' in the completion of load; robots are: PORTER"
     ),
     "{at: 7, robot: PORTER, element: t}": (
         "s.yaml:3: expected a user, manual or receive task of PORTER, got 't'; it has sign, load"

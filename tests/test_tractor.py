@@ -8,7 +8,7 @@ import pytest
 from grounds import ground
 
 from fame.errors import ConfigError
-from sim2d.registry import robot_class
+from sim2d.robot import robot_class
 
 BATTERY = "sensor_msgs/msg/BatteryState"
 

@@ -11,7 +11,7 @@ from grounds import Ground, ground
 
 from fame.errors import ConfigError
 from sim2d.config import world_config
-from sim2d.placement import place
+from sim2d.grid import place
 
 FIELD = {
     "size": [20, 15],

@@ -6,7 +6,7 @@ import pytest
 from grounds import Ground
 
 from fame.middleware import codec
-from sim2d.registry import BUILT_IN
+from sim2d.robot import BUILT_IN
 
 
 @pytest.mark.parametrize("kind", BUILT_IN)

@@ -194,10 +194,10 @@ def test_an_alias_that_contains_itself_is_refused_without_end_of_memory(tmp_path
 @pytest.mark.parametrize(
     ("place", "thing"),
     [
-        ([2, 2], "stands in rock"),
-        ([0.05, 2], "stands in wall"),
-        ([5, 3.5], "stands in target"),
-        ([0.6, 3.5], "stands in DINGO"),
+        ([2, 2], "overlaps rock"),
+        ([0.05, 2], "overlaps wall"),
+        ([5, 3.5], "overlaps target"),
+        ([0.6, 3.5], "overlaps DINGO"),
     ],
 )
 def test_a_robot_that_stands_in_something_is_refused(tmp_path, place, thing):
@@ -298,7 +298,7 @@ def test_a_robot_is_broken_by_name_and_the_summary_says_so():
     assert g.world.robots["REX"].pose == (1, 2, 0)
     with pytest.raises(ConfigError, match="unknown fault 'wings' of REX, a car; known are: range, wheels"):
         g.world.fault("REX", "wings")
-    with pytest.raises(ConfigError, match="unknown robot 'RIX' to be at fault; did you mean 'REX'"):
+    with pytest.raises(ConfigError, match="unknown robot 'RIX' in a fault; did you mean 'REX'"):
         g.world.fault("RIX", "wheels")
 
 

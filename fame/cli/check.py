@@ -102,7 +102,7 @@ def _read(path: Path, folders: Sequence[Path]) -> _File:
         if str(path) == "-":
             file.model = read(sys.stdin.buffer.read(), file="<stdin>")
         elif path.suffix.lower() in (".yaml", ".yml"):
-            from fame.scenario.file import read_scenario
+            from fame.scenario.plan import read_scenario
 
             said = read_scenario(path)
             file.scenario, file.library = path, Library([*folders, *said.library])

@@ -189,7 +189,7 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
     """What brings a robot of a kind to rest when its process has ended, and while it is suspended."""
     if kind is None:
         return (), None
-    from sim2d.registry import robot_class
+    from sim2d.robot import robot_class
 
     robot = robot_class(kind)
     return robot.SAFE_STATE, robot.SAFE_SUSPENDED

@@ -190,8 +190,8 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
         result = Team(
             scenario,
             arguments.middleware,
-            watch=lambda sight: live.show(_seen(sight)),
-            hear=lambda name, line: live.say(line),
+            on_status=lambda status: live.show(_seen(status)),
+            on_line=lambda name, line: live.say(line),
             speed=arguments.speed,
             lockstep=arguments.lockstep,
             types=arguments.types,
@@ -257,7 +257,7 @@ def _check_drawings(arguments: Namespace, scenario: Scenario) -> None:
         if wanted is not None:
             require(package)
     if arguments.animate is not None and arguments.animate.suffix.lower() == ".mp4":
-        from sim2d.film import ffmpeg
+        from sim2d.animation import ffmpeg
 
         ffmpeg()
     wanted = ((arguments.picture, (".png",)), (arguments.animate, (".gif", ".mp4")))

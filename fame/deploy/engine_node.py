@@ -120,22 +120,26 @@ class EngineNode:
             kind: RateLimiter(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._stopped = False
-        self.node: Node = middleware.node("fame_deployment", robot)
+        self._open_endpoints((identity or Identity.new()) if trusted else None)
+
+    def _open_endpoints(self, identity: Identity | None) -> None:
+        """Make the node with its subscription, services and status; reports are signed by `identity`."""
+        self.node: Node = self.middleware.node("fame_deployment", self.robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
         self._process.max_size = SIZE
-        self.warn: Warnings = Warnings(middleware, self._on_warning)
+        self.warn: Warnings = Warnings(self.middleware, self._on_warning)
         self.status: Status = Status(
-            robot,
+            self.robot,
             self._process.topic,
             self.born,
             self._progress,
             on_refusal=self._on_refusal,
             note=self._note,
-            identity=(identity or Identity.new()) if trusted else None,
-            trusted=trusted,
-            wall_time=wall_time,
+            identity=identity,
+            trusted=self._trusted,
+            wall_time=self._wall_time,
             node=self.node,
-            scheduler=scheduler,
+            scheduler=self.scheduler,
             warnings=self.warn,
         )
         self._process.on_dropped = lambda warning: self.status.publish(

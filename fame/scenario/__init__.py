@@ -1,22 +1,19 @@
 """A scenario: a world, its robots and a collaboration, run in one process or in many.
 
-In one process, a `Scenario` is what a scenario file says, checked. `run` builds everything anew, lets it go on until
-the mission is over or its duration has passed, and says how it went. A robot whose process fails is brought to its safe
-state; the others go on, and all are stopped safely at the end. In many processes, a `Team` does the same: the world and
-one engine per robot, started, deployed to, watched and ended.
+In one process, a `Scenario` is a checked scenario file. `run` builds everything anew, runs until the mission is over or
+its duration has passed, and returns a `Result`. A robot whose process fails is brought to its safe state; the others go
+on, and all are stopped safely at the end. In many processes, a `Team` does the same: it starts the world and one engine
+per robot, deploys to them, monitors them and ends them.
 
-    file           what a scenario file says
-    plan           what is to be run: who plays which pool, in which world
+    plan           the content of a scenario: cast, world, faults, completions; reading scenario files
     scenario       a plan that is read from files and can be run
     run            one run in one process
-    outcome        what a run comes to, in one process or in many
-    result         how it goes, and how it went
-    film_captions  what each robot's process is doing, in words
-    process        what every process of FAME does: scheduler, middleware, signals
+    result         progress and result of a run
+    film_captions  captions: the current activity of each robot's process
+    process        scheduler, middleware and signals of a FAME process
     distributed    a scenario in many processes
-    subprocesses   the processes of a team: started, listened to and ended together
-    world_process  a simulated world in its own process, which makes the time of all; lockstep
-    deployment     deploying to the robots that are there, and to those that join late
+    world_process  a simulated world in its own process, which publishes the clock; lockstep
+    deployment     deploying to present robots and to late joiners
 """
 
 from __future__ import annotations
@@ -28,8 +25,13 @@ from fame.imports import attach
 if TYPE_CHECKING:
     from fame.scenario.deployment import Sending as Sending
     from fame.scenario.distributed import Team as Team
-    from fame.scenario.file import DURATION as DURATION, read_scenario_world as read_scenario_world
-    from fame.scenario.plan import Completion as Completion, Fault as Fault, Plan as Plan
+    from fame.scenario.plan import (
+        DURATION as DURATION,
+        Completion as Completion,
+        Fault as Fault,
+        Plan as Plan,
+        read_scenario_world as read_scenario_world,
+    )
     from fame.scenario.process import (
         BACKENDS as BACKENDS,
         connect as connect,
@@ -51,9 +53,8 @@ else:
         {
             "deployment": ["Sending"],
             "distributed": ["Team"],
-            "file": ["DURATION", "read_scenario_world"],
             "process": ["BACKENDS", "connect", "scheduler_for", "serve"],
-            "plan": ["Completion", "Fault", "Plan"],
+            "plan": ["DURATION", "Completion", "Fault", "Plan", "read_scenario_world"],
             "result": ["Progress", "Result", "RobotResult", "Status", "TeamStatus"],
             "scenario": ["Scenario"],
             "world_process": ["WorldNode"],

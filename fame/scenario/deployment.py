@@ -1,4 +1,4 @@
-"""Deploying to whoever is there, and staying for those who are not."""
+"""Deploying a model to the engines that are present, and to late joiners."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from fame.deploy import Deployment, LateJoiners, engines
 from fame.deploy.assignment import assign_robots
 from fame.errors import ConfigError, DeploymentError
 from fame.middleware.interface import Middleware
-from fame.scenario.process import run_until_told
+from fame.scenario.process import run_until_signal
 
 _FINDING = SECOND // 2
-"""How long engines may be found later than others (ns)."""
+"""Extra time for discovering further engines (ns)."""
 
 
 class Sending:
-    """A model on its way to the engines of its robots. `options` are those of `Deployment`."""
+    """The deployment of a model to discovered engines. `options` are those of `Deployment`."""
 
     def __init__(
         self, definitions: Definitions, scheduler: WallScheduler, middleware: Middleware, **options: Any
@@ -30,24 +30,24 @@ class Sending:
     def deploy(
         self, only: Sequence[str], patience: float, say: Callable[[str], object] = lambda text: None
     ) -> Deployment:
-        """Deploy to the engines that are there, and wait: `say` is told for what, if that takes time.
+        """Deploy to the present engines and wait up to `patience` s for missing ones, which are reported to `say`.
 
         Raises DeploymentError, ConfigError if some are missing.
         """
         self._find(only, patience, say)
         try:
             deployment = self._begin(only, (), lambda _: self.scheduler.stop())
-        except ConfigError as error:  # who was there a moment ago has left
+        except ConfigError as error:  # an engine has left in the meantime
             raise DeploymentError(str(error)) from None
         try:
             self.scheduler.run()
-        except BaseException:  # Ctrl-C: nobody is to wait for more
+        except BaseException:  # Ctrl-C: abort, so that no robot waits for more
             deployment.close()
             raise
         return deployment
 
     def stay(self, served: Collection[str], say: Callable[[str], object]) -> None:
-        """Supply robots that come late, or come back, until SIGINT or SIGTERM."""
+        """Deploy to robots that join late or come back, until SIGINT or SIGTERM."""
         late_joiners = LateJoiners(
             self.definitions,
             self._begin,
@@ -57,12 +57,12 @@ class Sending:
             supplied=served,
             tell=say,
         )
-        run_until_told(self.scheduler)
+        run_until_signal(self.scheduler)
         late_joiners.close()
 
     def _find(self, only: Sequence[str], patience: float, say: Callable[[str], object]) -> None:
-        """Wait until every pool has its robot."""
-        begun, said = self.scheduler.now, False
+        """Wait until every pool has its robots."""
+        begun, reported = self.scheduler.now, False
         until = begun + round(patience * SECOND)
         while True:
             self.scheduler.run(self.scheduler.now + SECOND // 20)
@@ -70,8 +70,8 @@ class Sending:
                 assign_robots(self.definitions, engines(self.middleware), found=True, only=only)
             except (ConfigError, DeploymentError) as error:
                 if self.scheduler.now < until:
-                    if not said and self.scheduler.now > begun + SECOND:
-                        said = True
+                    if not reported and self.scheduler.now > begun + SECOND:
+                        reported = True
                         say(f"waiting up to {patience:g} s: {error}")
                     continue
                 text = f"{error}; start an engine with: fame engine NAME"

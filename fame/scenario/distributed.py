@@ -1,4 +1,8 @@
-"""A scenario in many processes: the world and one engine per robot, started, deployed to, watched and ended."""
+"""A scenario in many processes: starts the world and one engine per robot, deploys to them, monitors and ends them.
+
+A Ctrl-C in the terminal does not reach the child processes: `Team` ends them in order. If the parent process is killed,
+its children notice it and end too (`fame.scenario.process.orphaned`).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,9 @@ import json
 import math
 import os
 import signal
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -15,33 +22,42 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fame.check.gate import refuse_errors
-from fame.clock import SECOND, Kind
+from fame.clock import SECOND, Kind, date_text
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
-from fame.scenario.outcome import event_of, is_over, never_started, reported_result, status_of
-from fame.scenario.process import connect, scheduler_for
-from fame.scenario.result import Result, RobotResult, Status, TeamStatus
-from fame.scenario.subprocesses import Subprocesses, command_lines
+from fame.scenario.process import PARENT, connect, scheduler_for
+from fame.scenario.result import (
+    Result,
+    RobotResult,
+    Status,
+    TeamStatus,
+    event_of,
+    is_over,
+    never_started,
+    reported_result,
+    status_of,
+)
 from fame.scenario.world_process import EMPTY, RESUME, WORLD_STATE
 
 if TYPE_CHECKING:
     from fame.robot import Event
     from fame.scenario.plan import Plan
 
-_LOOK = SECOND // 5  # ns between two looks at the processes
-_APPEARING = 15.0  # s until all engines have to be there
+
+_CHECK = SECOND // 5  # ns between two checks of the processes
+_DISCOVERY = 15.0  # s until all engines must have been discovered
 
 
 class Team:
-    """A scenario in many processes: the world, and one engine per robot. They begin together, and end together.
+    """A scenario in many processes: the world, and one engine per robot. They start and end together.
 
-    The engines run only what a key of this run has signed, whoever else reaches them.
+    The engines run only models signed with a key of this run.
 
-    `watch` is told how things stand, `hear` every line that a process says. A world goes `speed` times as fast as
-    reality (1, in `lockstep` as fast as it can), and all engines with it. `types` are folders of message types.
-    Raises ModelError for what is known to be wrong before anything is started.
+    `on_status` is called with the status of the team several times a second, `on_line` with each line that a process
+    prints. A world runs at `speed` times wall-clock speed (1 by default; in `lockstep` as fast as possible). `types`
+    are folders of message types. Raises ModelError for errors of the model before anything is started.
     """
 
     def __init__(
@@ -49,14 +65,14 @@ class Team:
         scenario: Plan,
         backend: str,
         *,
-        watch: Callable[[TeamStatus], object] = lambda sight: None,
-        hear: Callable[[str, str], object] = lambda name, line: None,
+        on_status: Callable[[TeamStatus], object] = lambda status: None,
+        on_line: Callable[[str, str], object] = lambda name, line: None,
         speed: float | None = None,
         lockstep: bool = False,
         types: Sequence[Path] = (),
     ) -> None:
         refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
-        self.scenario, self.backend, self._watch = scenario, backend, watch
+        self.scenario, self.backend, self._on_status, self._on_line = scenario, backend, on_status, on_line
         self._speed, self._lockstep = speed, lockstep
         self._types = types
         self.scheduler = scheduler_for(backend)
@@ -64,20 +80,19 @@ class Team:
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
         self._children = Subprocesses(
-            lambda name, line: self.scheduler.soon(lambda: self._said(name, self._with_own_files(name, line)))
+            lambda name, line: self.scheduler.soon(lambda: self._on_output(name, self._with_own_files(name, line)))
         )
-        self._hear = hear
-        self._status: Status | None = None  # what it comes to, whatever robots say
+        self._status: Status | None = None  # overrides the status that follows from the reports
         self._problems: list[str] = []
         self._events: list[Event] = []
         self._pids: dict[str, int] = {}
         self._deployment: Deployment | None = None
-        self._last_look = False
+        self._ends_with_next_state = False
         self._over = False
         self._until = math.inf  # s, when the duration is over
 
     def run(self) -> Result:
-        """Start all, deploy, wait until nothing runs any more or the duration is over, end all."""
+        """Start all processes, deploy, wait until no process instance runs or the duration is over, end all."""
         begun = time.monotonic()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._interrupt)
@@ -85,12 +100,12 @@ class Team:
             with TemporaryDirectory(prefix="fame-") as folder:
                 self._start(Path(folder) / "run.pub")
                 self._listen()
-                self._look()
-                self.scheduler.after(round(_APPEARING * SECOND), self._expect_all, Kind.TIMER)
+                self._check()
+                self.scheduler.after(round(_DISCOVERY * SECOND), self._expect_all, Kind.TIMER)
                 self.scheduler.run()
         finally:
             for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave some of them behind
+                signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave children behind
             self._problems += self._children.end()
             self.middleware.close()
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -117,19 +132,18 @@ class Team:
 
     @property
     def _began(self) -> float:
-        """When the robots were told to start (s of the mission)."""
+        """Mission time (s) when the robots were started."""
         return self._until - self.scenario.duration
 
     def _robots(self) -> tuple[RobotResult, ...]:
-        """How it goes for each robot, from what they said last."""
+        """The result of each robot so far, from its last report."""
         return tuple(reported_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
 
-    def _said(self, name: str, line: str) -> None:
-        """A process has said a line."""
+    def _on_output(self, name: str, line: str) -> None:
         event = event_of(name, line)
         if event is not None:
             self._events.append(event)
-        self._hear(name, line)
+        self._on_line(name, line)
 
     def _interrupt(self, *_: object) -> None:
         self._status = "interrupted"
@@ -142,48 +156,48 @@ class Team:
 
     def _start(self, trust: Path) -> None:
         self._key = new_run_key(trust)
-        words = command_lines(
+        lines = command_lines(
             self.scenario, self.backend, speed=self._speed, lockstep=self._lockstep, types=self._types, trust=trust
         )
-        for name, line in words.items():
+        for name, line in lines.items():
             self._children.start(name, line)
             self._pids[name] = self._children.pid(name)
 
-    def _look(self) -> None:
-        """Show how things stand; if one process is no more, or the duration is over, all end."""
+    def _check(self) -> None:
+        """Report the status; end the run if a process has ended or the duration is over."""
         ended = self._children.ended()
         if ended:
             self._fail(*ended)
             return
-        self._watch(TeamStatus(self._time, self.reports, self._pids))
+        self._on_status(TeamStatus(self._time, self.reports, self._pids))
         if self._time >= self._until and not self._over:
             self.scheduler.stop()
         else:
-            self.scheduler.after(_LOOK, self._look, Kind.TIMER)
+            self.scheduler.after(_CHECK, self._check, Kind.TIMER)
 
     @property
     def _time(self) -> float:
-        """Of the mission (s): the world's, if there is one."""
+        """Mission time (s): that of the world, if there is one."""
         return float(self.world["time"]) if self.world is not None else self.scheduler.now / SECOND
 
     def _listen(self) -> None:
         node = self.middleware.node("fame_team")
         for robot in self.scenario.cast:
             node.subscription(
-                f"/{robot}/bpmn_status", STRING, partial(self._heard, ReportReader(robot, signed=True)), STATUS_QOS
+                f"/{robot}/bpmn_status", STRING, partial(self._on_report, ReportReader(robot, signed=True)), STATUS_QOS
             )
-        node.subscription(WORLD_STATE, STRING, self._seen, LATCHED)
-        self._world_time = node.client(RESUME, EMPTY)
+        node.subscription(WORLD_STATE, STRING, self._on_world_state, LATCHED)
+        self._resume_world = node.client(RESUME, EMPTY)
 
-    def _seen(self, message: Any) -> None:
+    def _on_world_state(self, message: Any) -> None:
         with suppress(ValueError, TypeError, KeyError, RecursionError):
-            said = json.loads(message.data)
-            float(said["time"])
-            self.world = said
-            if self._last_look:
+            state = json.loads(message.data)
+            float(state["time"])
+            self.world = state
+            if self._ends_with_next_state:
                 self.scheduler.stop()
 
-    def _heard(self, reader: ReportReader, message: Any) -> None:
+    def _on_report(self, reader: ReportReader, message: Any) -> None:
         report = reader.read(message.data)
         if report is None:
             return
@@ -192,10 +206,10 @@ class Team:
         if self._deployment is None and len(self.reports) == len(self.scenario.cast) and self._world_is_there():
             self._deploy()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
-            self._look_whether_over()
+            self._check_over()
 
     def _with_own_files(self, name: str, line: str) -> str:
-        """A line that a process printed, with the places of the model that was deployed."""
+        """Return a printed line with file and line numbers of the original model, not of the deployed part."""
         if self._deployment is None or name not in self._deployment.robots:
             return line
         return self._deployment.source_map(name).line(line)
@@ -223,26 +237,129 @@ class Team:
             return
         self._until = self._time + self.scenario.duration
         if self._lockstep and self.scenario.world is not None:
-            self._world_time.call(None, lambda response: None)
+            self._resume_world.call(None, lambda response: None)
 
-    def _look_whether_over(self) -> None:
-        """What one robot said last may be on its way to another: look again when it must have arrived."""
+    def _check_over(self) -> None:
+        """If the mission seems over, confirm it after a delay: the last messages may still be in flight."""
         if not self._over and is_over(self._robots()):
             self._over = True
-            self.scheduler.after(SECOND // 2, self._look_again, Kind.TIMER)
+            self.scheduler.after(SECOND // 2, self._confirm_over, Kind.TIMER)
 
-    def _look_again(self) -> None:
+    def _confirm_over(self) -> None:
         self._over = is_over(self._robots())
         if not self._over:
             return
         if self.scenario.world is None:
             self.scheduler.stop()
-        else:  # with the next word of the world, which is about what has come to rest
-            self._last_look = True
+        else:  # with the next state of the world, in which robots have come to rest
+            self._ends_with_next_state = True
             self.scheduler.after(SECOND, self.scheduler.stop, Kind.TIMER)
 
     def _expect_all(self) -> None:
         missing = [robot for robot in self.scenario.cast if robot not in self.reports]
         if missing or not self._world_is_there():
             names = ", ".join([*missing, *([] if self._world_is_there() else ["the world"])])
-            self._fail(f"{names} did not appear within {_APPEARING:g} s")
+            self._fail(f"{names} did not appear within {_DISCOVERY:g} s")
+
+
+ENDING = 5.0
+"""Maximum time for a process to end (s)."""
+
+
+class Subprocesses:
+    """Child processes by name. `on_line` gets the name and each line of stderr, in reader threads."""
+
+    def __init__(self, on_line: Callable[[str, str], object]) -> None:
+        self._on_line = on_line
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._threads: list[threading.Thread] = []
+        self.last: dict[str, str] = {}
+
+    def start(self, name: str, arguments: Sequence[str]) -> None:
+        """Start ``fame`` with command-line arguments."""
+        root = Path(__file__).resolve().parents[2]
+        paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "fame", *arguments],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), PARENT: str(os.getpid())},
+            stdin=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._processes[name] = process
+        thread = threading.Thread(target=self._listen, args=(name, process), daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def pid(self, name: str) -> int:
+        """Return the process id."""
+        return self._processes[name].pid
+
+    def ended(self) -> list[str]:
+        """Return a line with name and cause for each process that has ended."""
+        return [
+            f"{name} {_cause(code)}" + (f": {self.last[name]}" if name in self.last else "")
+            for name, process in self._processes.items()
+            if (code := process.poll()) is not None
+        ]
+
+    def end(self) -> list[str]:
+        """End all processes and wait for them. Return a line for each that had to be killed."""
+        for process in self._processes.values():
+            with suppress(ProcessLookupError):
+                process.send_signal(signal.SIGINT)
+        until, stubborn = time.monotonic() + ENDING, []
+        for name, process in self._processes.items():
+            try:
+                process.wait(max(0.1, until - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                stubborn.append(f"{name} did not end by itself within {ENDING:g} s")
+        for thread in self._threads:
+            thread.join()
+        return stubborn
+
+    def _listen(self, name: str, process: subprocess.Popen[str]) -> None:
+        assert process.stderr is not None
+        with process.stderr as lines:
+            for line in lines:
+                self.last[name] = line.strip()
+                self._on_line(name, line.rstrip())
+
+
+def command_lines(
+    scenario: Plan, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path], trust: Path
+) -> dict[str, list[str]]:
+    """Return the arguments of ``fame`` for each process of a scenario: the world, and one engine per robot.
+
+    `trust` is the file of the public key that the engines trust.
+    """
+    from sim2d.robot import absolute
+
+    lines: dict[str, list[str]] = {}
+    folders = [argument for folder in types for argument in ("--types", str(folder.resolve()))]
+    tail = ["--middleware", backend]
+    kinds: dict[str, str] = {}
+    time: list[str] = []
+    if scenario.world is not None:
+        pace = ["--speed", str(speed)] if speed is not None else []
+        waits = ["--pause", *(part for robot in scenario.cast for part in ("--lockstep", robot))] if lockstep else []
+        lines["world"] = ["world", scenario.file, "--seed", str(scenario.seed), *pace, *waits, *tail]
+        folder = Path(scenario.world.source.file).parent
+        kinds = {robot.name: absolute(robot.type, folder) for robot in scenario.world.robots}
+        time = ["--lockstep" if lockstep else "--use-sim-time"]
+    files = ["--files", str(Path(scenario.definitions.file).resolve().parent)]
+    for robot in scenario.cast:
+        kind = ["--type", kinds[robot]] if robot in kinds else []
+        own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files]
+        lines[robot] = ["engine", robot, *own, *time, "--epoch", date_text(scenario.epoch), *folders, *tail]
+    return lines
+
+
+def _cause(code: int) -> str:
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"

@@ -1,4 +1,4 @@
-"""What each robot's process is at, in words: captions of progress lines and films."""
+"""The current activity of each robot's process in words: captions of progress lines and animations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fame.robot import Event
 
 
 class _Rank(IntEnum):
-    """What tells more of a robot: of several things that it is at, the highest is told."""
+    """The priority of concurrent activities: the highest is shown."""
 
     CONTAINER = 0
     WAIT = 1
@@ -31,17 +31,17 @@ class _Rank(IntEnum):
 
 
 class _Phrase(NamedTuple):
-    """What a robot is at while a token rests at an element."""
+    """The text for a token that rests at an element."""
 
     rank: _Rank
     text: str
 
 
 class Captions:
-    """What each robot's process is at, told from events: its outermost activity, and what it does or waits for in it.
+    """The caption of each robot, from events: its outermost activity, and the task or wait inside it.
 
-    `cast` are the processes of the robots, by name: until one starts, it says what it waits for. What a called process
-    waits for is not told: a robot that goes somewhere waits for its odometry all the time.
+    `cast` has the process of each robot: before it starts, the caption is what its start events wait for. Waits in
+    called processes are not shown, because a robot that drives waits for its odometry all the time.
     """
 
     def __init__(self, files: Sequence[Definitions], cast: Mapping[str, Process]) -> None:
@@ -57,10 +57,10 @@ class Captions:
         self.now: dict[str, str] = {}
         self.labels: list[tuple[float, str, str]] = []
         for robot, text in self._starts.items():
-            self._say(0, robot, text)
+            self._set(0, robot, text)
 
     def add(self, event: Event) -> None:
-        """Take note of an event."""
+        """Update the captions with an event."""
         active = self._active.setdefault(event.robot, {})
         key = (event.instance, event.scope, event.element)
         if event.what == "enter" and event.element in self._phrases:
@@ -72,20 +72,20 @@ class Captions:
                 del active[other]
             if not active:
                 again = self._starts.get(event.robot)
-                self._say(event.time, event.robot, f"({event.detail})" + (f", {again}" if again else ""))
+                self._set(event.time, event.robot, f"({event.detail})" + (f", {again}" if again else ""))
         else:
             return
         if active:
-            self._say(event.time, event.robot, _told([self._phrases[element] for _, _, element in active]))
+            self._set(event.time, event.robot, _caption([self._phrases[element] for _, _, element in active]))
 
-    def _say(self, time: int, robot: str, text: str) -> None:
+    def _set(self, time: int, robot: str, text: str) -> None:
         if self.now.get(robot, "") != text:
             self.now[robot] = text
             self.labels.append((time / SECOND, robot, text))
 
 
-def _told(phrases: Sequence[_Phrase]) -> str:
-    """The outermost of several phrases, and the last of those that tell most."""
+def _caption(phrases: Sequence[_Phrase]) -> str:
+    """The outermost of several phrases, and the last of those with the highest rank."""
     highest = max(phrase.rank for phrase in phrases)
     inner = next(phrase.text for phrase in reversed(phrases) if phrase.rank == highest)
     outer = phrases[0]
@@ -93,7 +93,7 @@ def _told(phrases: Sequence[_Phrase]) -> str:
 
 
 def _phrases(body: Body) -> Iterator[tuple[str, _Phrase]]:
-    """What a robot is at at each element where a token can rest."""
+    """The phrase of each element where a token can rest."""
     named = {node.id: node for node in body.nodes}
     targets = {
         node.id: [named[flow.target] for flow in body.flows if flow.source == node.id and flow.target in named]
@@ -112,7 +112,7 @@ def _phrase(node: FlowNode, targets: Sequence[FlowNode]) -> _Phrase | None:
         case SubProcess():
             return _Phrase(_Rank.CONTAINER, node.label)
         case Task(kind="user" | "manual"):
-            return _Phrase(_Rank.TASK, f"{node.label}, waits for somebody")
+            return _Phrase(_Rank.TASK, f"{node.label}, waits for a person")
         case Task(kind="receive"):
             return _Phrase(_Rank.WAIT, _wait(node))
         case Activity():
@@ -125,7 +125,7 @@ def _phrase(node: FlowNode, targets: Sequence[FlowNode]) -> _Phrase | None:
 
 
 def _wait(*nodes: FlowNode) -> str:
-    """What is waited for: what a timer is called says how long, or until when."""
+    """The phrase of a wait. The name of a timer event is expected to say how long, or until when."""
     timed = all(isinstance(node, BpmnEvent) and _is_timer(node) for node in nodes)
     return f"waits{':' if timed else ' for'} {' or '.join(node.label for node in nodes)}"
 
@@ -135,6 +135,6 @@ def _is_timer(event: BpmnEvent) -> bool:
 
 
 def _start(process: Process) -> str:
-    """What a process waits for that has not begun; empty if it begins at once."""
+    """What the start events of a process wait for; empty if it starts at once."""
     starts = [node for node in process.body.nodes if isinstance(node, BpmnEvent) and node.place == "start"]
     return _wait(*starts) if starts and all(start.definitions for start in starts) else ""

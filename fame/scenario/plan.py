@@ -1,26 +1,30 @@
-"""What is to be run: who plays which pool, in which world, what will break, and what somebody will do."""
+"""The content of a scenario: robots and their pools, world, faults, completions; reading scenario files."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import date, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process
 from fame.bpmn.pools import Pool
-from fame.clock import EPOCH
+from fame.clock import EPOCH, parse_epoch
+from fame.engine.data import is_variable
+from fame.errors import ConfigError
 
 if TYPE_CHECKING:
+    from fame.config.values import ConfigValue
     from sim2d.config import WorldConfig
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What breaks of a robot at simulated second `time`, for good.
+    """A permanent fault of a robot at simulated second `time`.
 
-    `kind`: its ``engine``, which vanishes without a safe state, or what a robot of its type can break.
+    `kind`: ``engine``, which ends without a safe state, or a kind of fault of the robot's type.
     """
 
     robot: str
@@ -30,9 +34,9 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Completion:
-    """What somebody does at simulated second `time`: completes a user, manual or receive task, with results.
+    """The completion of a user, manual or receive task by a person at simulated second `time`.
 
-    `values` are the variables that are set. Where no token waits then, nothing happens, and that is reported.
+    `values` are the variables that are set. If no token waits there at that time, nothing happens except a report.
     """
 
     robot: str
@@ -43,9 +47,9 @@ class Completion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is to be run, checked. `cast` is who plays which pool, by robot; `faults` is what will break.
+    """A checked scenario. `cast` has the pool of each robot; `faults` are injected, `completions` done by people.
 
-    `completions` is what somebody will do; `duration` in simulated s; `epoch` is the date of simulated second 0.
+    `duration` is in simulated s; `epoch` is the date of simulated second 0.
     """
 
     file: str
@@ -60,12 +64,112 @@ class Plan:
     epoch: datetime = EPOCH
 
     def processes(self) -> list[Process]:
-        """Those that the robots run, each once."""
+        """Return the processes that the robots run, each once."""
         return list({pool.process.id: pool.process for pool in self.cast.values()}.values())
 
     def closures(self) -> list[Definitions]:
-        """The files of all that runs: that of the model first, then those of called processes."""
+        """Return the files of all processes: that of the model first, then those of called processes."""
         files = {self.definitions.file: self.definitions}
         for pool in self.cast.values():
             files.update((home.file, home) for home, _ in self.library.closure(self.definitions, pool.process))
         return list(files.values())
+
+
+DURATION = 600.0
+"""Default duration of a run, simulated s."""
+
+_KEYS = ("model", "world", "seed", "duration", "epoch", "library", "computers", "complete")
+
+_COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioFile:
+    """The content of a scenario file. `computers` run pools too, but have no body in the world.
+
+    `completions` have their line each.
+    """
+
+    model: Path
+    world: WorldConfig | None = None
+    computers: tuple[str, ...] = ()
+    seed: int = 0
+    duration: float = DURATION
+    epoch: datetime = EPOCH
+    library: tuple[Path, ...] = ()
+    completions: tuple[tuple[Completion, int], ...] = ()
+
+
+def read_scenario(path: Path) -> ScenarioFile:
+    """Read a scenario file. Raises ConfigError with file, line and key."""
+    from fame.config.loader import read_document
+    from sim2d.config import read_world, world_config
+
+    document = read_document(path, "scenario")
+    keys = document.mapping(_KEYS)
+    model = document.required("model", "FILE.bpmn").text()
+    world = None
+    if "world" in keys and isinstance(keys["world"].data, str):
+        world = read_world(path.parent / keys["world"].data)
+    elif "world" in keys:
+        world = world_config(keys["world"])
+    folders = keys["library"].items() if "library" in keys else []
+    return ScenarioFile(
+        model=path.parent / model,
+        world=world,
+        computers=_computers(keys["computers"], world) if "computers" in keys else (),
+        seed=keys["seed"].integer(minimum=0) if "seed" in keys else 0,
+        duration=keys["duration"].number(above=0) if "duration" in keys else DURATION,
+        epoch=_epoch(keys["epoch"]) if "epoch" in keys else EPOCH,
+        library=tuple(path.parent / folder.text() for folder in folders),
+        completions=tuple(map(_completion, keys["complete"].items())) if "complete" in keys else (),
+    )
+
+
+def _epoch(value: ConfigValue) -> datetime:
+    """Parse a date, which YAML may already have converted to a date object."""
+    try:
+        return parse_epoch(value.data.isoformat() if isinstance(value.data, date) else value.text())
+    except ValueError as error:
+        raise value.error(f"{error}; expected a date, or now") from None
+
+
+def _computers(value: ConfigValue, world: WorldConfig | None) -> tuple[str, ...]:
+    taken = {robot.name for robot in world.robots} if world is not None else set()
+    for item in value.items():
+        if item.text() in taken:
+            raise item.error(f"expected a name of its own, got {item.text()!r}, which is taken")
+        taken.add(item.text())
+    return tuple(item.text() for item in value.items())
+
+
+def _completion(value: ConfigValue) -> tuple[Completion, int]:
+    keys = value.mapping(("at", "robot", "element", "values"))
+    for key in ("at", "robot", "element"):
+        if key not in keys:
+            raise value.error(f"expected the key {key}, as in {_COMPLETE}")
+    values = keys["values"].mapping() if "values" in keys else {}
+    for name, value in values.items():
+        if not is_variable(name):
+            raise value.error(f"expected the name of a variable, got {name!r}")
+    done = Completion(
+        robot=keys["robot"].text(),
+        time=keys["at"].number(minimum=0),
+        element=keys["element"].text(),
+        values={name: value.data for name, value in values.items()},
+    )
+    return done, value.line
+
+
+def read_scenario_world(path: Path) -> tuple[WorldConfig | None, int]:
+    """Read the world and the seed of a scenario file, or of a world file (seed 0). Raises ConfigError."""
+    from fame.config.loader import read_document
+    from sim2d.config import read_world
+
+    if path.suffix.lower() in (".bpmn", ".xml"):
+        raise ConfigError("expected a world, or a scenario that has one (.yaml), got a model", file=str(path))
+    data = read_document(path).data
+    if isinstance(data, Mapping) and "model" in data:
+        content = read_scenario(path)
+        return content.world, content.seed
+    return read_world(path), 0

@@ -1,4 +1,4 @@
-"""What a process of FAME does: its scheduler on the wall clock, its middleware, and a part that is built on both."""
+"""The common part of FAME's processes: a scheduler on the wall clock, middleware, signals, orderly shutdown."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from fame.middleware.interface import EndpointWarning, Middleware
 
 BACKENDS = ("dds", "ros")
 _ENDING = 3
-"""How long a part may take to stop (s): more than the grace of scripts."""
+"""Maximum time for stopping a component (s), longer than the grace period of scripts."""
 PARENT = "FAME_PARENT"
-"""In the environment of a process: the pid of the one that started it, shows how it goes, and without which it ends."""
+"""Environment variable with the process id of the FAME process that started this one and displays its output. When the
+parent is gone, this process ends."""
 
 
 def is_child() -> bool:
-    """Whether another process of FAME started this one, and shows how it goes."""
+    """Return whether another FAME process started this one and displays its output."""
     return PARENT in os.environ
 
 
 def orphaned() -> bool:
-    """Whether the process that started this one as its child is no more."""
+    """Return whether the FAME process that started this one has ended."""
     parent = os.environ.get(PARENT)
     return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
 
 
-class Part(Protocol):
-    """What a process holds."""
+class Component(Protocol):
+    """What a process serves: an engine, a world, a splitter ..."""
 
     def stop(self) -> bool:
-        """Begin to end; whether it is not yet over, and should be asked again in a moment."""
+        """Begin to stop; return whether more time is needed and `stop` should be called again."""
 
     def close(self) -> None:
-        """Leave, whatever goes on."""
+        """Close all endpoints at once."""
 
 
 def scheduler_for(backend: str) -> WallScheduler:
-    """The wall clock that suits a backend: that of DDS waits for data itself. Raises UnavailableError."""
+    """Return the wall-clock scheduler of a backend: that of DDS waits for data itself. Raises UnavailableError."""
     if backend == "dds":
         from fame.middleware.dds import DdsScheduler
 
@@ -54,7 +55,7 @@ def connect(
     network: str | None = None,
     on_warning: Callable[[EndpointWarning], object] | None = None,
 ) -> Middleware:
-    """The middleware of a process. Raises UnavailableError for one that is not installed."""
+    """Return the middleware of a process. Raises UnavailableError if its packages are not installed."""
     if backend == "dds":
         from fame.middleware.dds import DdsMiddleware
 
@@ -63,11 +64,11 @@ def connect(
         from fame.middleware.ros import RosMiddleware
 
         return RosMiddleware(scheduler, network=network, on_warning=on_warning)
-    raise ConfigError(f"middleware {backend!r}: it is {' or '.join(BACKENDS)}")
+    raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
 
 
-def run_until_told(scheduler: WallScheduler) -> None:
-    """Work until SIGINT or SIGTERM, or until the process is gone that started this one as its child."""
+def run_until_signal(scheduler: WallScheduler) -> None:
+    """Run until SIGINT or SIGTERM, or until the FAME process that started this one has ended."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: scheduler.stop())
     _watch_parent(scheduler)
@@ -84,24 +85,24 @@ def _watch_parent(scheduler: WallScheduler) -> None:
 def serve(
     backend: str,
     network: str | None,
-    build: Callable[[WallScheduler, Middleware], Part],
+    build: Callable[[WallScheduler, Middleware], Component],
     on_warning: Callable[[EndpointWarning], object] | None = None,
 ) -> None:
-    """Build a part and let it live until SIGINT or SIGTERM; then close it safely.
+    """Build a component and run it until SIGINT or SIGTERM; then stop it safely and close it.
 
-    `on_warning` is called with what its middleware warns of.
+    `on_warning` is called with each warning of the middleware.
     """
     scheduler = scheduler_for(backend)
     middleware = connect(backend, scheduler, network, on_warning)
     try:
-        part = build(scheduler, middleware)
+        component = build(scheduler, middleware)
         try:
-            run_until_told(scheduler)
+            run_until_signal(scheduler)
         finally:
             until = scheduler.now + _ENDING * SECOND
-            while part.stop() and scheduler.now < until:
+            while component.stop() and scheduler.now < until:
                 scheduler.run(scheduler.now + SECOND // 50)
-            part.close()
-            scheduler.run(scheduler.now + SECOND // 10)  # what was said last still goes out
+            component.close()
+            scheduler.run(scheduler.now + SECOND // 10)  # the last messages still go out
     finally:
         middleware.close()

@@ -1,8 +1,11 @@
-"""How a run goes, and how it went."""
+"""Progress and result of a run, in one process or in many."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import difflib
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from html import escape
@@ -10,22 +13,26 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import MissionError
+from fame.middleware.interface import TopicInfo
 from fame.robot import Event, PendingStarts, WaitingToken
 from fame.robot.waiting_tokens import SOMEBODY
 
 if TYPE_CHECKING:
+    from fame.bpmn.pools import Pool
     from fame.deploy import Report
+    from fame.robot import RobotNode
     from sim2d.record import Record
 
+
 HEADS = ("robot", "instances", "elements", "status")
-"""Of a table of robots (`RobotResult.row`)."""
+"""Columns of a table of robots (`RobotResult.row`)."""
 
 Status = Literal["completed", "failed", "timeout", "interrupted"]
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: simulated s, and what each robot is at."""
+    """The progress of a run: simulated s, and the current activity of each robot."""
 
     simulated: float
     duration: float
@@ -34,7 +41,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class TeamStatus:
-    """How things stand: s of the mission, what robots said last, and the number of each process."""
+    """The status of a team: mission time (s), last report of each robot, and process ids."""
 
     time: float
     reports: Mapping[str, Report]
@@ -43,9 +50,9 @@ class TeamStatus:
 
 @dataclass(frozen=True, slots=True)
 class RobotResult:
-    """How it went for one robot. `elements`: how many were completed; `waits`: what still waited at the end.
+    """The result of one robot. `elements` is the number of completed elements; `waits` are the tokens still waiting.
 
-    `ahead`: whether timers of start events were still to come.
+    `ahead`: whether timers of start events were still pending.
     """
 
     name: str
@@ -59,12 +66,12 @@ class RobotResult:
 
     @property
     def running(self) -> int:
-        """How many instances had not ended."""
+        """The number of instances that had not ended."""
         return self.instances - self.completed - self.failed
 
     @property
     def summary(self) -> str:
-        """How its instances ended: ``completed``, ``1 failed, 2 running``, or what it waited for before any started."""
+        """How its instances ended: ``completed``, ``1 failed, 2 running``, or what the start events wait for."""
         if not self.instances:
             return "; ".join(["never started", *(f"waits for {wait.text}" for wait in self.waits)])
         counts = ((self.failed, "failed"), (self.running, "running"), (self.completed, "completed"))
@@ -79,12 +86,12 @@ class RobotResult:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How a run went. A notebook shows a table of its robots.
+    """The result of a run. A notebook shows a table of its robots.
 
-    `simulated` and `wall` in s; `world` is how things stand in it; `labels` caption a film.
-    `ending` says why it was not over when it ended: its time was up, or nothing could move any more; else it is empty.
-    `never_started` are the pools without which it is not completed, `problems` what went wrong with the processes of
-    robots, or before the mission began. `epoch` is the date of second 0.
+    `simulated` and `wall` are in s; `world` is the summary of the final world; `labels` are the captions of an
+    animation. `ending` says why the mission was not over at the end: its time was up, or it was stuck; else it is
+    empty. `never_started` are the pools that were required but not started, `problems` errors of operating-system
+    processes, or before the mission began. `epoch` is the date of second 0.
     """
 
     status: Status
@@ -103,12 +110,12 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """That of the command: 0 completed, 1 not, 130 interrupted."""
+        """The exit code of `fame run`: 0 completed, 130 interrupted, else 1."""
         return {"completed": 0, "interrupted": 130}.get(self.status, 1)
 
     @property
     def messages(self) -> list[str]:
-        """What went wrong, a line each, for people; also the weeds that are left, if the mission is completed."""
+        """One line for each error and waiting token, and for each weed that is left."""
         lines = [*self.problems, *(str(error) for robot in self.robots for error in robot.errors)]
         if self.status == "timeout" or (self.status == "failed" and self.ending):
             alone = "; a model alone has no world: a scenario has one" if self.world is None else ""
@@ -122,11 +129,11 @@ class Result:
                 here = f"--complete {asked.robot}@S:{asked.element} does it at simulated second S"
                 lines.append(f"{here}; fame complete reaches robots in processes of their own (--middleware dds)")
         weeds = self.world["weeds"] if self.world is not None else {}
-        lines += [f"nobody cut the weed {name}" for name, weed in weeds.items() if weed["by"] is None]
+        lines += [f"weed {name} was not cut" for name, weed in weeds.items() if weed["by"] is None]
         return lines
 
     def to_json(self) -> dict[str, Any]:
-        """Everything but the record, fit for JSON."""
+        """Return everything but the record, JSON-serialisable."""
         return {
             "status": self.status,
             "seed": self.seed,
@@ -163,3 +170,110 @@ class Result:
         lines = [line("th", HEADS), *(line("td", robot.row) for robot in self.robots)]
         messages = [f"<p>{escape(message)}</p>" for message in self.messages]
         return "\n".join(["<table>", caption, *lines, "</table>", *messages])
+
+
+def never_started(cast: Mapping[str, Pool], robots: Sequence[RobotResult]) -> tuple[str, ...]:
+    """Return the pools that no robot has started and whose process is not optional."""
+    started = {cast[robot.name].name for robot in robots if robot.instances}
+    required = dict.fromkeys(pool.name for pool in cast.values() if not pool.process.optional)
+    return tuple(name for name in required if name not in started)
+
+
+def is_over(robots: Sequence[RobotResult]) -> bool:
+    """Return whether a process has run, none is running, and no timer will start one."""
+    return at_rest(robots) and not any(robot.ahead for robot in robots)
+
+
+def at_rest(robots: Sequence[RobotResult]) -> bool:
+    """Return whether a process has run, none is running, and only endless timer cycles are pending."""
+    return any(robot.instances for robot in robots) and not any(
+        robot.running or robot.ahead == "due" for robot in robots
+    )
+
+
+def status_of(robots: Sequence[RobotResult], unstarted: Sequence[str]) -> Status:
+    """Return the status of a run that was not interrupted."""
+    if any(robot.failed for robot in robots):
+        return "failed"
+    if not at_rest(robots):
+        return "timeout"
+    return "failed" if unstarted else "completed"
+
+
+def robot_result(node: RobotNode, waits: tuple[WaitingToken, ...]) -> RobotResult:
+    """Return the result of one robot, from its engine; `waits` are its waiting tokens."""
+    instances = node.instances
+    return RobotResult(
+        name=node.name,
+        instances=len(instances),
+        completed=sum(instance.status == "completed" for instance in instances),
+        failed=sum(instance.status == "failed" for instance in instances),
+        elements=sum(instance.visits.total() for instance in instances),
+        errors=tuple(instance.error for instance in instances if instance.error is not None),
+        waits=waits,
+        ahead=node.pending_starts,
+    )
+
+
+def reported_result(robot: str, report: Report | None) -> RobotResult:
+    """Return the result of one robot, from its last report."""
+    if report is None:
+        return RobotResult(robot, 0, 0, 0, 0, (), ())
+    return RobotResult(
+        name=robot,
+        instances=report.started,
+        completed=report.completed,
+        failed=report.failed,
+        elements=report.elements,
+        errors=tuple(_error(robot, error) for error in report.errors),
+        waits=tuple(_wait(robot, wait) for wait in report.waits),
+        ahead=report.ahead,  # type: ignore[arg-type]
+    )
+
+
+def _error(robot: str, fields: Mapping[str, Any]) -> MissionError:
+    return MissionError(
+        fields.get("text", ""),
+        robot=robot,
+        element=fields.get("element", ""),
+        name=fields.get("name", ""),
+        file=fields.get("file", ""),
+        line=fields.get("line", 0),
+        code=fields.get("code", ""),
+    )
+
+
+def _wait(robot: str, fields: Mapping[str, Any]) -> WaitingToken:
+    since = round(fields.get("since", 0.0) * SECOND)
+    return WaitingToken(robot, fields.get("element", ""), fields.get("for", ""), since, fields.get("topics", {}))
+
+
+_REPORT = re.compile(r"\s*(\d+\.\d) s   \w+: (.*)")
+"""A report line of an engine (`fame.cli.engine`)."""
+
+
+def event_of(robot: str, line: str) -> Event | None:
+    """Return the event that a printed line reports, or None."""
+    found = _REPORT.match(line)
+    return Event(round(float(found[1]) * SECOND), robot, 0, 0, "", "report", found[2]) if found is not None else None
+
+
+def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:
+    """Yield the full name of each node that publishes a probably mistyped topic, and a message about it.
+
+    Names are compared within a namespace.
+    """
+    subscribed: dict[str, dict[str, str]] = defaultdict(dict)
+    unsubscribed: list[TopicInfo] = []
+    for info in graph:
+        namespace, _, name = info.name.rpartition("/")
+        if info.subscribers:
+            subscribed[namespace][name.lower()] = name
+        else:
+            unsubscribed.append(info)
+    for info in unsubscribed:
+        namespace, _, name = info.name.rpartition("/")
+        for similar in difflib.get_close_matches(name.lower(), subscribed[namespace], 1, 0.85):
+            for node in dict.fromkeys(info.publishers):
+                right = f"{namespace}/{subscribed[namespace][similar]}"
+                yield node, f"publishes on {info.name}, which has no subscriber; did you mean {right}?"

@@ -1,4 +1,4 @@
-"""One run of a scenario, while it lasts."""
+"""One run of a scenario in one process: nodes, world, faults and completions on one scheduler."""
 
 from __future__ import annotations
 
@@ -20,25 +20,22 @@ from fame.monitor.services import SERVICES
 from fame.robot import Event, RobotNode, make_mission
 from fame.robot.events import Observer, combine_observers
 from fame.scenario.film_captions import Captions
-from fame.scenario.outcome import at_rest, mistyped_topics, never_started, robot_result, status_of
 from fame.scenario.plan import Completion, Fault
-from fame.scenario.result import Progress, Result
+from fame.scenario.result import Progress, Result, at_rest, mistyped_topics, never_started, robot_result, status_of
 from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
     from sim2d.world import World
 
-_SLICE = 1.0  # simulated s between two looks at the wall clock
-_PROGRESS = 0.1  # wall s between two reports
-
-
+_SLICE = 1.0  # simulated s between two progress reports at most
+_PROGRESS = 0.1  # wall s between two progress reports
 _THRESHOLDS = 100_000, 20, 100
-"""A young generation that is larger than all the messages under way at an instant."""
+"""Garbage collection thresholds: the youngest generation holds all messages in flight at an instant."""
 
 
 class Run:
-    """One run of a scenario, while it lasts."""
+    """One run of a scenario."""
 
     def __init__(
         self,
@@ -60,7 +57,7 @@ class Run:
         self.captions = Captions(scenario.closures(), cast) if record or progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
-        self.observer = combine_observers([hears for hears in (captions, observer) if hears is not None])
+        self.observer = combine_observers([each for each in (captions, observer) if each is not None])
         self.dead: set[str] = set()
         self.world, self.recorder = self._build_world(record)
         try:
@@ -72,7 +69,7 @@ class Run:
             raise
 
     def _build_nodes(self, strict: bool) -> list[RobotNode]:
-        """An engine for each robot, loaded."""
+        """Make and load a node with an engine for each robot."""
         scenario, bodies = self.scenario, self.world.robots if self.world is not None else {}
         shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library)
         nodes = [
@@ -123,13 +120,13 @@ class Run:
         return world, recorder
 
     def _over(self) -> bool:
-        """Something has run, nothing runs any more, and nothing will start by itself."""
+        """Whether a process has run, none is running, and no timer will start one."""
         return any(node.started for node in self.nodes) and not any(
             node.engine.instances or node.pending_starts for node in self.nodes
         )
 
     def result(self) -> Result:
-        """Let it go on until it is over, stop everything safely, and say how it went."""
+        """Run until the mission is over, stop everything safely, and return the result."""
         begun = time.monotonic()
         with self._interruptible(), heartbeat(), seldom_collected():
             self._work(begun)
@@ -144,7 +141,7 @@ class Run:
         robots = tuple(robot_result(node, waits.get(node.name, ())) for node in self.nodes)
         unstarted = never_started(self.scenario.cast, robots)
         status = "interrupted" if self.interrupted else status_of(robots, unstarted)
-        ending = "" if at_rest(robots) else "nothing can move any more" if self._stuck else "not over"
+        ending = "" if at_rest(robots) else "the mission is stuck: no token can move" if self._stuck else "not over"
         world = self.world.summary() if self.world is not None else None
         if self.recorder is not None:
             self.recorder.finish(self.world)
@@ -170,7 +167,7 @@ class Run:
 
     @contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """The first Ctrl-C ends the run after the stimulus that is at work; a second one does what it always does."""
+        """End the run after the current stimulus on the first Ctrl-C; the second one raises KeyboardInterrupt."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -200,39 +197,39 @@ class Run:
             self.scheduler.after(round(fault.time * SECOND), partial(self._break, fault))
         for done in self.scenario.completions:
             self.scheduler.after(round(done.time * SECOND), partial(self._complete, done))
-        end, told = round(self.scenario.duration * SECOND), begun
+        end, reported = round(self.scenario.duration * SECOND), begun
         going = True
         while going:
             if self.world is None and self.scheduler.next_time() is None:
                 self._stuck = True
                 break
-            self.scheduler.run(min(end, self._next_look()))
-            if self.progress is not None and (now := time.monotonic()) - told >= _PROGRESS:
-                told = now
-                self._tell()
+            self.scheduler.run(min(end, self._next_check()))
+            if self.progress is not None and (now := time.monotonic()) - reported >= _PROGRESS:
+                reported = now
+                self._report_progress()
             going = self.scheduler.now < end and not self._over() and not self.interrupted
         if self.progress is not None:
-            self._tell()
+            self._report_progress()
 
-    def _next_look(self) -> int:
-        """When to look next whether it is over (ns).
+    def _next_check(self) -> int:
+        """The next time (ns) to check whether the mission is over.
 
-        A world looks after each of its steps. Without one it is after all that happens at one instant: what somebody
-        said last is still heard, and no time goes by that nobody used.
+        With a world this is checked after each of its steps as well. Without one it is checked after all entries of an
+        instant: the last messages are delivered, and no further time passes.
         """
         if isinstance(self.scheduler, WallScheduler):
             return self.scheduler.now + round(_PROGRESS * SECOND)
         due = self.scheduler.next_time() if self.world is None else None
         return self.scheduler.now + round(_SLICE * SECOND) if due is None else due
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         assert self.progress is not None
         assert self.captions is not None
         at = {node.name: self.captions.now.get(node.name, "") for node in self.nodes}
         self.progress(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
 
     def _break(self, fault: Fault) -> None:
-        """A fault comes true."""
+        """Inject a fault."""
         self.reports.append(Event(self.scheduler.now, fault.robot, 0, 0, "", "report", f"fault: {fault.kind}"))
         if fault.kind != "engine":
             assert self.world is not None
@@ -242,16 +239,16 @@ class Run:
             self._kill(next(node for node in self.nodes if node.name == fault.robot))
 
     def _complete(self, done: Completion) -> None:
-        """Somebody does it, if there is something to do."""
-        text, place = "somebody completed it", len(self.reports)  # what comes of it is told after it
+        """Complete a task in the place of a person, and report whether a token waited there."""
+        text, place = "completed by a person", len(self.reports)  # reported before its consequences
         try:
             next(node for node in self.nodes if node.name == done.robot).complete(done.element, done.values)
         except MissionError as error:
-            text = f"somebody wanted to complete it: {error.text}"
+            text = f"could not be completed by a person: {error.text}"
         self.reports.insert(place, Event(self.scheduler.now, done.robot, 0, 0, done.element, "report", text))
 
     def _kill(self, node: RobotNode) -> None:
-        """Take an engine away as if its process had ended: it says nothing more, and what it was at has failed."""
+        """End an engine as if its operating-system process had died: it is silent, and its instances have failed."""
         for instance in node.engine.instances.values():
             element = next((rest.node.id for rest in instance.waits()), "")
             text = f"its engine died at {self.scheduler.now / SECOND:g} s"
@@ -262,18 +259,18 @@ class Run:
                 self.observer(Event(self.scheduler.now, node.name, instance.key, root, process, "end", "failed"))
         node.host.failed += len(node.engine.instances)
         node.engine.instances.clear()
-        node.node.close()  # first of all, so that no script says a last word
+        node.node.close()  # first, so that scripts that are cancelled cannot publish
         node.close()
 
     def close(self) -> None:
-        """Take everything apart without having moved."""
+        """Close nodes and world."""
         for node in self.nodes:
             node.close()
         if self.world is not None:
             self.world.close()
 
     def _stop(self) -> None:
-        """Bring every robot that lives to its safe state and leave."""
+        """Bring every robot with a live engine to its safe state, then close everything."""
         for node in self.nodes:
             if node.name not in self.dead:
                 node.stop()
@@ -282,7 +279,7 @@ class Run:
 
 @contextmanager
 def seldom_collected() -> Iterator[None]:
-    """What there is now is not looked at, what is made meanwhile seldom; afterwards all is as before."""
+    """Exempt existing objects from garbage collection and collect rarely; restore the former settings afterwards."""
     former = gc.get_threshold()
     gc.freeze()
     gc.set_threshold(*_THRESHOLDS)

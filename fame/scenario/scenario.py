@@ -1,4 +1,4 @@
-"""The scenario: a plan that is read from files, checked, and can be run."""
+"""The scenario: a plan that is read from files, checked, and can be run in one process."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from fame.bpmn.pools import Pool, assign_pools, pools_of
 from fame.check.scope import Finding, of_error
 from fame.errors import ConfigError, FameError, ModelError, UnavailableError, expect
 from fame.robot import Event
-from fame.scenario.file import Said, read_scenario
-from fame.scenario.plan import Completion, Fault, Plan
+from fame.scenario.plan import Completion, Fault, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result
 from fame.scenario.run import Run
 
@@ -27,9 +26,9 @@ if TYPE_CHECKING:
 
 
 _LATEST = 1e9
-"""s, to which simulated time may go."""
+"""Maximum simulated time, s."""
 _MOST = 100_000
-"""Robots of a pool; a thousand are measured."""
+"""Maximum number of robots of a pool; a thousand were measured."""
 
 
 class Scenario(Plan):
@@ -51,54 +50,45 @@ class Scenario(Plan):
         faults: Sequence[Fault] = (),
         completions: Sequence[Completion] = (),
     ) -> Scenario:
-        """A scenario file (.yaml), or a model (.bpmn), whose robots then are engines without a world.
+        """Load a scenario file (.yaml), or a model (.bpmn), whose robots are then engines without a world.
 
-        `seed`, `duration` (simulated s), `epoch` (with a time zone) and `semantics` override what the files say;
-        `library` adds folders; `robots` is how many shall play a multi-instance pool, by its name (a model alone: else
-        the minimum of its multiplicity):
-        more than the file has are copies of its last one, placed by the seed; `faults` break what they name;
-        `completions` are done besides those of the file.
-        Raises ConfigError and ModelError: file, line, what was expected and what was found.
+        `seed`, `duration` (simulated s), `epoch` (with a time zone) and `semantics` override the files; `library` adds
+        folders. `robots` is the number of robots of multi-instance pools, by pool (for a model alone the default is the
+        minimum of its multiplicity); robots beyond those of the file are copies of its last one, placed by the seed.
+        `faults` are injected; `completions` are added to those of the file.
+
+        Raises ConfigError and ModelError with file, line, expected and actual value.
         """
         from fame.bpmn.reader import read
 
-        _expect_arguments(path, seed, duration, robots, faults)
-        dated = epoch is None or (isinstance(epoch, datetime) and epoch.tzinfo is not None)
-        expect(dated, "epoch", epoch, "a datetime with a time zone")
-        for done in completions:
-            expect(isinstance(done, Completion), "completions", done, 'a Completion("REX", 12.0, "Task_Sign")')
+        _expect_arguments(path, seed, duration, epoch, robots, faults, completions)
         path = Path(path)
-        said = _said(path)
-        definitions = read(said.model)
+        content = _scenario_file(path)
+        definitions = read(content.model)
         if semantics is not None:
             definitions = with_semantics(definitions, semantics)
-        found = Library([*Library(library).folders, *said.library])
+        folders = Library([*Library(library).folders, *content.library])
         pools = pools_of(definitions)
         for pool in pools:
-            found.closure(definitions, pool.process)
-        counts = _counts(pools, robots, str(path))
-        chosen = said.seed if seed is None else seed
-        world = _populated(said.world, counts, chosen) if said.world is not None else None
-        bodies = [robot.name for robot in world.robots] if world is not None else []
-        names = [*bodies, *said.computers] if world is not None or said.computers else _names(pools, counts)
-        cast = assign_pools([pool for pool in pools if counts.get(pool.name) != 0], names, file=str(path))
-        _check_numbers(pools, cast, str(path))
+            folders.closure(definitions, pool.process)
+        seed = content.seed if seed is None else seed
+        world, cast = _assign(content, pools, robots, seed, str(path))
         _check_faults(faults, cast, str(path))
-        tasks = {robot: list(_tasks(found, definitions, pool.process)) for robot, pool in cast.items()}
-        wanted = [*said.completions, *((done, 0) for done in completions)]
+        tasks = {robot: list(_tasks(folders, definitions, pool.process)) for robot, pool in cast.items()}
+        wanted = [*content.completions, *((done, 0) for done in completions)]
         for done, line in wanted:
             _check_completion(done, tasks, str(path), line)
         return cls(
             file=str(path),
             definitions=definitions,
-            library=found,
+            library=folders,
             cast=cast,
             world=world,
-            seed=chosen,
-            duration=said.duration if duration is None else duration,
+            seed=seed,
+            duration=content.duration if duration is None else duration,
             faults=tuple(faults),
             completions=tuple(done for done, _ in wanted),
-            epoch=said.epoch if epoch is None else epoch,
+            epoch=content.epoch if epoch is None else epoch,
         )
 
     def run(
@@ -111,17 +101,26 @@ class Scenario(Plan):
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
     ) -> Result:
-        """Run it. Simulated time unless `real_time`; `observer` gets every event; `record` keeps what pictures need.
+        """Run the scenario, in simulated time unless `real_time`.
 
-        The first Ctrl-C calls `on_interrupt` and ends the run after the step that is at work; the second ends that too.
+        `observer` is called with every event; `record` keeps what pictures and animations need. The first Ctrl-C calls
+        `on_interrupt` and ends the run after the current step; the second ends it at once.
 
-        Raises ModelError, MessageError and ConfigError for what is wrong before anything moves; what goes wrong later
-        is in the result.
+        Raises ModelError, MessageError and ConfigError for errors before the mission begins; later errors are in the
+        result.
         """
         return Run(self, real_time, observer, progress, record, strict, on_interrupt).result()
 
 
-def _expect_arguments(path: object, seed: object, duration: object, robots: object, faults: Sequence[object]) -> None:
+def _expect_arguments(
+    path: object,
+    seed: object,
+    duration: object,
+    epoch: object,
+    robots: object,
+    faults: Sequence[object],
+    completions: Sequence[object],
+) -> None:
     """Raise ConfigError for an argument of `Scenario.load` of the wrong kind."""
     expect(isinstance(path, str | PathLike), "path", path, "that of a scenario or model")
     expect(seed is None or (isinstance(seed, Integral) and int(seed) >= 0), "seed", seed, "a whole number from 0 on")
@@ -134,10 +133,27 @@ def _expect_arguments(path: object, seed: object, duration: object, robots: obje
     for fault in faults:
         valid = isinstance(fault, Fault) and isinstance(fault.time, Real) and 0 <= float(fault.time) < _LATEST
         expect(valid, "faults", fault, 'a Fault("REX", 40.0, "engine"), at a second from 0 on')
+    dated = epoch is None or (isinstance(epoch, datetime) and epoch.tzinfo is not None)
+    expect(dated, "epoch", epoch, "a datetime with a time zone")
+    for done in completions:
+        expect(isinstance(done, Completion), "completions", done, 'a Completion("REX", 12.0, "Task_Sign")')
+
+
+def _assign(
+    content: ScenarioFile, pools: Sequence[Pool], robots: Mapping[str, int], seed: int, file: str
+) -> tuple[WorldConfig | None, dict[str, Pool]]:
+    """The world with the wanted number of robots, and the pool of each robot and computer. Raises ConfigError."""
+    counts = _counts(pools, robots, file)
+    world = _populated(content.world, counts, seed) if content.world is not None else None
+    bodies = [robot.name for robot in world.robots] if world is not None else []
+    names = [*bodies, *content.computers] if world is not None or content.computers else _names(pools, counts)
+    cast = assign_pools([pool for pool in pools if counts.get(pool.name) != 0], names, file=file)
+    _check_numbers(pools, cast, file)
+    return world, cast
 
 
 def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict[str, int]:
-    """How many robots shall play which pool, by its name as drawn. Raises ConfigError."""
+    """The wanted number of robots of each pool, by its name as drawn. Raises ConfigError."""
     counts = {}
     for name, count in robots.items():
         pool = next((pool for pool in pools if pool.name.casefold() == name.casefold()), None)
@@ -154,8 +170,8 @@ def _counts(pools: Sequence[Pool], robots: Mapping[str, int], file: str) -> dict
 
 
 def _populated(world: WorldConfig, counts: Mapping[str, int], seed: int) -> WorldConfig:
-    """The world with `counts` robots for each of these pools. Raises ConfigError if there is no room for them."""
-    from sim2d.placement import place
+    """The world with `counts` robots for each of these pools. Raises ConfigError if the ground is full."""
+    from sim2d.grid import place
 
     for name, count in counts.items():
         prefixes = (robot.name[: len(name)] for robot in world.robots if robot.name[len(name) :].startswith("_"))
@@ -165,7 +181,7 @@ def _populated(world: WorldConfig, counts: Mapping[str, int], seed: int) -> Worl
 
 
 def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
-    """The robots of a scenario without a world."""
+    """Names of the robots of a scenario without a world."""
     names = []
     for pool in pools:
         numbers = range(1, counts.get(pool.name, pool.minimum) + 1)
@@ -173,17 +189,17 @@ def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
     return names
 
 
-def _said(path: Path) -> Said:
-    """What a scenario says, or a model alone. Raises ConfigError for what is neither."""
+def _scenario_file(path: Path) -> ScenarioFile:
+    """Read a scenario file, or take a model alone. Raises ConfigError for other files."""
     if path.suffix.lower() in (".yaml", ".yml"):
         return read_scenario(path)
     if path.suffix.lower() in (".bpmn", ".xml"):
-        return Said(model=path)
-    raise ConfigError("is neither a scenario (.yaml) nor a model (.bpmn)", file=str(path))
+        return ScenarioFile(model=path)
+    raise ConfigError("expected a scenario (.yaml) or a model (.bpmn)", file=str(path))
 
 
 def _check_faults(faults: Sequence[Fault], cast: Mapping[str, Pool], file: str) -> None:
-    """Raise ConfigError for a fault of a robot that is not there."""
+    """Raise ConfigError for a fault of an unknown robot."""
     for fault in faults:
         if fault.robot not in cast:
             text = f"unknown robot {fault.robot!r} in --fault; robots are: {', '.join(cast)}"
@@ -203,7 +219,7 @@ def _check_numbers(pools: Sequence[Pool], cast: Mapping[str, Pool], file: str) -
 
 
 def _tasks(library: Library, definitions: Definitions, process: Process) -> Iterator[str]:
-    """What somebody may complete in a process and all that it calls (ids)."""
+    """The ids of user, manual and receive tasks of a process and all that it calls."""
     for _, one in library.closure(definitions, process):
         for node in one.body.walk():
             if isinstance(node, Task) and node.kind in ("user", "manual", "receive"):
@@ -211,9 +227,9 @@ def _tasks(library: Library, definitions: Definitions, process: Process) -> Iter
 
 
 def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], file: str, line: int) -> None:
-    """Raise ConfigError for an unknown robot, and for an element that is no task to complete."""
+    """Raise ConfigError for an unknown robot, and for an element that is not a task to complete."""
     if done.robot not in tasks:
-        text = f"unknown robot {done.robot!r}, to complete {done.element} of; robots are: {', '.join(tasks)}"
+        text = f"unknown robot {done.robot!r} in the completion of {done.element}; robots are: {', '.join(tasks)}"
         raise ConfigError(text, file=file, line=line)
     if done.element not in tasks[done.robot]:
         known = f"it has {', '.join(tasks[done.robot])}" if tasks[done.robot] else "it has none"
@@ -222,18 +238,18 @@ def _check_completion(done: Completion, tasks: Mapping[str, Sequence[str]], file
 
 
 def with_semantics(definitions: Definitions, semantics: str) -> Definitions:
-    """The same model with all processes of one semantics, ``standard`` or ``original``. Raises ConfigError."""
+    """Return the model with all processes of one semantics, ``standard`` or ``original``. Raises ConfigError."""
     if semantics not in ("standard", "original"):
-        raise ConfigError(f"semantics {semantics!r}: it is standard or original")
+        raise ConfigError(f"expected semantics standard or original, got {semantics!r}")
     processes = tuple(replace(process, semantics=semantics) for process in definitions.processes)  # type: ignore[arg-type]
     return replace(definitions, processes=processes)
 
 
 def scenario_findings(path: Path, *, library: Sequence[Path] = (), strict: bool = False) -> list[Finding]:
-    """The first error of a scenario file, its world and its robots, if there is one; `library` adds folders.
+    """Return the first error of a scenario file, its world and its robots, if there is one; `library` adds folders.
 
-    What `fame.check.check` finds in the model should have been mended before, since its errors are found here too.
-    A world that cannot be built for want of a package is a warning.
+    Errors that `fame.check.check` finds in the model are found here too, so check the model first. A world that cannot
+    be built because a package is missing is a warning.
     """
     try:
         Run(Scenario.load(path, library=library), False, None, None, strict=strict).close()

@@ -1,11 +1,11 @@
-"""A simulated world in a process of its own: it makes the time that all others follow on `/clock`.
+"""A simulated world in its own process: the source of time on `/clock` for all engines.
 
-One step of the world is one entry of the wall clock's scheduler; between two of them messages come in. Time can be
-stopped and let go by services of the names that Gazebo gave them, `/pause_physics` and `/unpause_physics`. It goes
-`speed` times as fast as the wall clock, or slower if the machine cannot: what was missed is not made up for.
+Each step of the world is one entry of the scheduler on the wall clock; messages arrive between steps. Time is paused
+and resumed by services with Gazebo's names, `/pause_physics` and `/unpause_physics`. It runs `speed` times as fast as
+the wall clock, or slower if the machine is too slow: missed time is not made up for.
 
-In lockstep nobody gets a message before its step: the world steps when every engine is done with the last one, and what
-was said during a step is heard in the next. Then a run is the same every time, however fast the machine is.
+In lockstep the world steps when every engine is done with the last step, and messages sent during a step are delivered
+in the next. A run is then repeatable, independent of the speed of the machine.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 
 
 WORLD_STATE = "/world_state"
-"""Topic of how things stand in a simulated world: std_msgs/msg/String, JSON as `sim2d.world.World.summary` gives."""
+"""Topic with the state of a simulated world: std_msgs/msg/String, the JSON of `sim2d.world.World.summary`."""
 PAUSE, RESUME, EMPTY = "/pause_physics", "/unpause_physics", "std_srvs/srv/Empty"
 
 _STRING = "std_msgs/msg/String"
-_TELL = SECOND // 4  # ns of the wall clock between two words about how things stand
-_LATE = SECOND // 10  # ns that time may fall behind before it is let go
+_STATE_PERIOD = SECOND // 4  # ns of the wall clock between two messages with the state of the world
+_LATE = SECOND // 10  # ns that simulated time may fall behind before the delay is dropped
 
 
 class WorldNode:
-    """A world that runs `speed` times as fast as reality and says what time it is; `paused`: when it is let go.
+    """A world that runs at `speed` times wall-clock speed (None: as fast as possible) and publishes the clock.
 
-    With `steps` it waits after each step for the engines of the `team`. `speed` None: as fast as it can.
+    It starts `paused` if asked to. With `steps` it waits after each step for the engines of the `team` (lockstep).
     """
 
     def __init__(
@@ -72,23 +72,23 @@ class WorldNode:
         self._node.service(RESUME, EMPTY, lambda request: self.resume())
         self._next: Entry | None = None
         self._due = 0
-        self._keeper, self._opened = steps, steps is None
+        self._lockstep, self._opened = steps, steps is None
         self._rounds = (
             LockstepRounds(team, scheduler, middleware, self._node, self._go_on) if steps is not None else None
         )
         if not paused:
             self.resume()
-        self._tell()
+        self._publish_state()
 
     def pause(self) -> None:
-        """Stop time. The clock is still said, so that who comes now knows it."""
+        """Stop time. The clock is still published for nodes that join now."""
         self.paused = True
         if self._next is not None:
             self._next.cancel()
             self._next = None
 
     def resume(self) -> None:
-        """Let time go."""
+        """Resume time."""
         if self.paused:
             self.paused = False
             self._due = self._scheduler.now
@@ -96,20 +96,20 @@ class WorldNode:
                 self._next = self._scheduler.soon(self._tick, Kind.WORLD)
 
     def stop(self) -> bool:
-        """It is over at once."""
+        """Stop at once: no more time is needed."""
         return False
 
     def close(self) -> None:
-        """Leave."""
+        """Close all endpoints and the world."""
         self.pause()
-        self._telling.cancel()
+        self._next_state.cancel()
         if self._rounds is not None:
             self._rounds.close()
         self._world.close()
         self._node.close()
 
     def _tick(self) -> None:
-        """The step that is due; then the clock. Where all keep step, the first time is said before anything happens."""
+        """Do the due step, then publish the clock. In lockstep, the initial time is published before the first step."""
         if self._opened:
             self._world.start()
             self.time.run(round(self._steps * self._step * SECOND))
@@ -117,8 +117,8 @@ class WorldNode:
         self._opened, self._next = True, None
         wanted = self._due + round(self._step / self._speed * SECOND) if self._speed is not None else 0
         self._due = max(wanted, self._scheduler.now - _LATE)
-        if self._keeper is not None:
-            self._keeper.flush()
+        if self._lockstep is not None:
+            self._lockstep.flush()
         self._clock.publish(clock_message(self.time.now))
         if self._rounds is not None:
             self._rounds.begin(self.time.now)
@@ -126,26 +126,26 @@ class WorldNode:
             self._go_on()
 
     def _go_on(self) -> None:
-        """Everybody is done with it."""
-        if self._keeper is not None:
-            self._keeper.release(self.time.soon)
+        """Deliver held-back messages and schedule the next step: all engines are done with this one."""
+        if self._lockstep is not None:
+            self._lockstep.release(self.time.soon)
         if not self.paused:
             self._next = self._scheduler.at(self._due, self._tick, Kind.WORLD)
 
-    def _tell(self) -> None:
-        if self.paused and self._keeper is None:
+    def _publish_state(self) -> None:
+        if self.paused and self._lockstep is None:
             self._clock.publish(clock_message(self.time.now))
-        said: dict[str, Any] = {**self._world.summary(), "paused": self.paused}
-        self._state.publish(messages.create(_STRING, json.dumps(said)))
-        self._telling = self._scheduler.after(_TELL, self._tell)
+        state: dict[str, Any] = {**self._world.summary(), "paused": self.paused}
+        self._state.publish(messages.create(_STRING, json.dumps(state)))
+        self._next_state = self._scheduler.after(_STATE_PERIOD, self._publish_state)
 
 
-_LOOK = SECOND
-"""How often it is looked whether an engine that is waited for has left (ns)."""
+_CHECK = SECOND
+"""Interval between checks for engines that have left (ns)."""
 
 
 class LockstepRounds:
-    """Who is waited for: the robots of the team, but those whose engine was there and left. `over` ends a round."""
+    """Waits in each step for the engines of the team, except those that have left, then calls `over`."""
 
     def __init__(
         self, team: Sequence[str], scheduler: Scheduler, middleware: Middleware, node: Node, over: Callable[[], object]
@@ -155,26 +155,26 @@ class LockstepRounds:
         self._seen: set[str] = set()
         self._waiting: set[str] = set()
         self._time = 0
-        node.subscription(STEP_DONE, STEP_DONE_TYPE, self._heard)
-        self._look = scheduler.after(_LOOK, self._drop_the_dead)
+        node.subscription(STEP_DONE, STEP_DONE_TYPE, self._on_step_done)
+        self._check = scheduler.after(_CHECK, self._drop_missing)
 
     @property
     def open(self) -> bool:
-        """Whether somebody is waited for."""
+        """Whether the round still waits for an engine."""
         return bool(self._waiting)
 
     def begin(self, time: int) -> None:
-        """Wait for everybody's word on `time` (ns)."""
+        """Wait until every engine is done with `time` (ns)."""
         self._time, self._waiting = time, set(self.team)
         if not self._waiting:
             self._scheduler.soon(self._over)
 
     def close(self) -> None:
-        """Wait no more."""
-        self._look.cancel()
+        """Stop waiting."""
+        self._check.cancel()
         self._waiting.clear()
 
-    def _heard(self, message: Message) -> None:
+    def _on_step_done(self, message: Message) -> None:
         self._seen.add(message.frame_id)
         if nanoseconds(message.stamp) == self._time:
             self._finish(message.frame_id)
@@ -185,12 +185,13 @@ class LockstepRounds:
             if not self._waiting:
                 self._over()
 
-    def _drop_the_dead(self) -> None:
+    def _drop_missing(self) -> None:
         if self._waiting & self._seen:
-            ends = {name for info in self._middleware.graph() if info.name == STEP_DONE for name in info.publishers}
-            there = {name.split("/")[1] for name in ends}
-            for robot in self._seen - there:
+            graph = self._middleware.graph()
+            publishers = {name for info in graph if info.name == STEP_DONE for name in info.publishers}
+            present = {name.split("/")[1] for name in publishers}
+            for robot in self._seen - present:
                 self.team.pop(robot, None)
                 self._seen.discard(robot)
                 self._finish(robot)
-        self._look = self._scheduler.after(_LOOK, self._drop_the_dead)
+        self._check = self._scheduler.after(_CHECK, self._drop_missing)
