@@ -28,7 +28,7 @@ demo: $(VENV)/sim.installed
 	@ls $(DEMO).*
 
 test: $(VENV)/dev.installed
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 attack: $(VENV)/dev.installed
 	$(BIN)/python benchmarks/attack.py --again

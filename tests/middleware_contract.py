@@ -8,19 +8,16 @@ and a plain scheduler. ``ros`` and ``ros apart`` are the same with rclpy and its
 from __future__ import annotations
 
 import importlib.util
-import os
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Protocol
 
 import pytest
+from domains import DOMAIN
 
 from fame.clock import SECOND, Scheduler, WallScheduler
 from fame.middleware.interface import Middleware, Node
 from fame.middleware.local import LocalMiddleware
-
-DOMAIN = 1 + os.getpid() % 100
-"""That of this run of the tests: others may be running on the machine. Above 101 are ports that others may have."""
 
 TIMEOUT = 10.0
 _SLICE = SECOND // 200

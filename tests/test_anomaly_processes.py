@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from domains import PROCESSES as DOMAIN
 
 pytest.importorskip("cyclonedds", reason="Cyclone DDS is not installed: pip install 'fame-robots[dds]'")
 
@@ -25,7 +26,6 @@ from fame.monitor.anomaly.nodes import TYPE
 from fame.monitor.anomaly.recording import read_csv
 
 ROOT = Path(__file__).parent.parent
-DOMAIN = 100 + os.getpid() % 100
 NAMES = ("S", "L")
 STEP = SECOND // 200
 PATIENCE = 30

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from domains import PROCESSES
 
 ROOT = Path(__file__).parent.parent
 FLOORS = (
@@ -153,9 +154,9 @@ def test_the_command_line_imports_heavy_parts_where_it_uses_them() -> None:
 def test_an_engine_without_a_process_has_loaded_nothing_that_only_a_process_needs() -> None:
     pytest.importorskip("cyclonedds")
     code = (
-        "import os; from fame.deploy import EngineNode\n"
+        "from fame.deploy import EngineNode\n"
         "from fame.middleware.dds import DdsMiddleware, DdsScheduler\n"
-        "scheduler = DdsScheduler(); middleware = DdsMiddleware(scheduler, domain=100 + os.getpid() % 100)\n"
+        f"scheduler = DdsScheduler(); middleware = DdsMiddleware(scheduler, domain={PROCESSES})\n"
         "engine = EngineNode('REX', scheduler=scheduler, middleware=middleware)\n"
         "scheduler.run(scheduler.now + 10**8); engine.close(); middleware.close()\n"
         "import sys; print(*{name.split('.')[0] for name in sys.modules}, *sys.modules)"

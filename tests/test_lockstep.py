@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from bpmn_text import document
+from domains import PROCESSES
 from middleware_contract import WallWorld, dds_world, needs
 
 from fame.cli import main
@@ -183,7 +184,7 @@ def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path) -> None:
     robots = {name: {"type": "car", "at": [1, 1 + row], "heading": 0} for row, name in enumerate(("REX", "DINGO"))}
     scenario = {"model": "drive.bpmn", "world": {"size": [6, 4], "robots": robots}}
     (tmp_path / "drive.yaml").write_text(json.dumps(scenario))
-    environment = os.environ | {"ROS_DOMAIN_ID": str(100 + os.getpid() % 100), "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"ROS_DOMAIN_ID": str(PROCESSES), "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "fame", "run", str(tmp_path / "drive.yaml"), "--duration", "20", "--seed", "3"]
     runs = []
     for _ in range(2):

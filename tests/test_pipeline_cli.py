@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
+from domains import PROCESSES as DOMAIN
 
 from fame.cli import main
 from fame.clock import SECOND
@@ -27,7 +28,6 @@ ROOT = Path(__file__).parent.parent
 MONITOR = ROOT / "models" / "monitoring" / "joint_monitor"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EFFORTS = {"Topic": "joint_states", "Field": ["effort"], "MessageType": JOINT_STATE}
-DOMAIN = 100 + os.getpid() % 100
 PATIENCE = 30 * SECOND
 
 

@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from domains import DOMAIN as SHARED, PROCESSES as DOMAIN
 
 pytest.importorskip("cyclonedds", reason="Cyclone DDS is not installed: pip install 'fame-robots[dds]'")
 
@@ -31,9 +32,7 @@ from fame.middleware.interface import LATCHED, Publisher
 pytestmark = pytest.mark.processes
 
 ROOT = Path(__file__).parent.parent
-DOMAIN = 100 + os.getpid() % 100
 """A DDS domain of our own, so that nothing else is heard."""
-SHARED = 1 + os.getpid() % 100
 """Another one, of the engines that several tests share."""
 LIMIT = 40
 """Seconds after which something is taken never to happen."""

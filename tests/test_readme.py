@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from domains import DOMAIN
 
 from fame.cli import COMMANDS, parser
 from sim2d.robot import BUILT_IN
@@ -89,7 +90,7 @@ def test_the_walk_of_learned_models_works_as_written(tmp_path: Path) -> None:
     (block,) = re.findall(r"```sh\n(.*?)```", section, re.DOTALL)
     text = re.sub(r" +#.*", "", block).replace("--duration 24", "--duration 2")
     lines = [re.sub(r"(?<= )monitor(?=/|$)", str(tmp_path / "monitor"), line) for line in text.splitlines()]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROS_DOMAIN_ID": str(DOMAIN)}
     environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     begin = partial(subprocess.Popen, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
     begun = []

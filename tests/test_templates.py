@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import shutil
 import subprocess
@@ -83,12 +84,24 @@ def validating(pytestconfig: pytest.Config) -> list[str]:
     assert pytestconfig.cache is not None
     home = pytestconfig.cache.mkdir("element-templates-validator")
     modules = home / "node_modules"
-    if not (modules / VALIDATOR).is_dir():
-        fetch = [npm, "install", "--no-audit", "--no-fund", "--silent", "--prefix", str(home), VALIDATOR]
-        try:
-            subprocess.run(fetch, capture_output=True, check=True, timeout=60)
-        except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
-            pytest.skip(f"needs {VALIDATOR}, and npm's registry does not give it")
+    fetch = [
+        npm,
+        "install",
+        "--fetch-retries=0",
+        "--no-audit",
+        "--no-fund",
+        "--silent",
+        "--prefix",
+        str(home),
+        VALIDATOR,
+    ]
+    with (home / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another worker may be fetching it
+        if not (modules / VALIDATOR).is_dir():
+            try:
+                subprocess.run(fetch, capture_output=True, check=True, timeout=30)
+            except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
+                pytest.skip(f"needs {VALIDATOR}, and npm's registry does not give it")
     return ["env", f"NODE_PATH={modules}", node, "-e", VALIDATE]
 
 
