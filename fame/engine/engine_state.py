@@ -38,6 +38,7 @@ class EngineState:
     held            all scopes and waits, if the host holds them
     new_variables   gives the dict that an instance, or a call with variables of its own, starts with
     at_once         whether the host observes each mark by itself
+    settled         called when a stimulus has run to completion, if set
     """
 
     program: Program
@@ -60,6 +61,7 @@ class EngineState:
         self.held: tuple[list[Scope], list[Wait]] | None = None
         self.counter: int = 0
         self.at_once = False
+        self.settled: Callable[[], object] | None = None
         self._trail: Trail = []
         self.place: Scope | None = None
         """Where what is emitted happens."""

@@ -211,6 +211,8 @@ class Engine(EngineState):
             if not (self.inclusive and gateways.decide_inclusive(self)):
                 break
         self.observe()
+        if self.settled is not None:
+            self.settled()
 
     def _fail_livelock(self, node: Node, scope: Scope) -> None:
         """The tokens of an instance never rest: go on for a while to see over which elements, then fail it."""

@@ -14,7 +14,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 from fame.engine.adhoc import NEXT, SWEEP
 from fame.engine.compensation import CANCELLED, ROLL_BACK, UNDO
@@ -42,10 +42,11 @@ def no_data(value: Any) -> Any:
 # ---- to data -------------------------------------------------------------------------------------
 
 
-def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
+def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | None = None) -> Data:
     """The state of an engine between two stimuli, as JSON-able data.
 
-    `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot.
+    `dump` makes plain data of other values (messages, arrays). Raises MissionError for values that it cannot. `dicts`
+    numbers and writes the dicts of variables, by default anew for each snapshot.
     """
     if engine.ready:
         raise RuntimeError("a snapshot is taken between two stimuli")
@@ -53,7 +54,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
     waits = all_waits(scopes)
     boxes = {box.key: box for scope in scopes for box in (scope.mail or {}).values()}
     boxes |= {wait.box.key: wait.box for wait in waits if wait.box is not None}
-    dicts = _Dicts()
+    dicts = dicts or _Dicts()
     homes = {node.body: node.key for node in reversed(engine.program.nodes) if node.body is not None}
     return {
         "program": engine.program.hash,
@@ -67,6 +68,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
         "conditions": [wait.key for wait in engine.conditions],
         "named": list(engine.waits),
         "inclusive": [scope.key for scope in engine.inclusive],
+        "held": None if engine.held is None else _keys_alive(*engine.held),
         "continuations": [_continuation(item) for item in dict.fromkeys(engine.cancelling.values())],
         "starts": {str(key): node.key for key, node in engine.armed_starts.items()},
         "waiting_starts": {
@@ -81,8 +83,22 @@ def snapshot(engine: Engine, *, dump: Convert = no_data) -> Data:
     }
 
 
+def _keys_alive(scopes: list[Scope], waits: list[Wait]) -> list[list[int]]:
+    return [[scope.key for scope in scopes if scope.alive], [wait.key for wait in waits if wait.alive]]
+
+
 def _messages(found: Mapping[Node, Any], dump: Convert) -> list[Any]:
     return [[part.key, encode(message, dump)] for part, message in found.items()]
+
+
+class VariableTable(Protocol):
+    """The dicts of variables in a snapshot."""
+
+    def number(self, variables: dict[str, Any]) -> int:
+        """The number of a dict: greater than those of the dicts outside it."""
+
+    def written(self, dump: Convert) -> list[Data]:
+        """All of them, as `restore` reads them; in another form for whoever gave another table."""
 
 
 class _Dicts:
@@ -131,7 +147,7 @@ def all_waits(scopes: list[Scope]) -> list[Wait]:
     return found
 
 
-def _instance(instance: Instance, dicts: _Dicts) -> Data:
+def _instance(instance: Instance, dicts: VariableTable) -> Data:
     error = instance.error
     return {
         "key": instance.key,
@@ -142,7 +158,7 @@ def _instance(instance: Instance, dicts: _Dicts) -> Data:
     }
 
 
-def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str], dump: Convert) -> Data:
+def _scope(scope: Scope, dicts: VariableTable, homes: Mapping[Body, str], dump: Convert) -> Data:
     return {
         "key": scope.key,
         "instance": scope.instance.key,
@@ -166,7 +182,7 @@ def _scope(scope: Scope, dicts: _Dicts, homes: Mapping[Body, str], dump: Convert
     }
 
 
-def _record(record: Record, dicts: _Dicts) -> list[Any]:
+def _record(record: Record, dicts: VariableTable) -> list[Any]:
     return [record.node.key, dicts.number(record.variables), [_record(inner, dicts) for inner in record.inner]]
 
 
@@ -342,6 +358,9 @@ class _Restoring:
         engine.conditions = {self.waits[key]: None for key in data["conditions"]}
         engine.waits = {key: self.waits[key] for key in data["named"]}
         engine.inclusive = {self.scopes[key]: None for key in data["inclusive"]}
+        if data["held"] is not None:
+            scopes, waits = data["held"]
+            engine.held = [self.scopes[key] for key in scopes], [self.waits[key] for key in waits]
         engine.armed_starts = {int(key): self.nodes[node] for key, node in data["starts"].items()}
         for key, kept in data["waiting_starts"].items():
             node = self.nodes[key]

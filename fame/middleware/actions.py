@@ -21,6 +21,8 @@ CANCEL = "action_msgs/srv/CancelGoal"
 FEEDBACK = QoS(depth=10)
 OUTCOMES: dict[int, Outcome] = {4: "succeeded", 5: "canceled", 6: "aborted"}
 """The status of a goal that has ended (action_msgs/msg/GoalStatus)."""
+UNKNOWN = 0
+"""The status of a goal that the server does not know."""
 
 
 class ActionClient:
@@ -47,16 +49,37 @@ class ActionClient:
         """Whether a node offers the action now."""
         return self._send_goal.available and self.get_result.available and self.cancel_goal.available
 
-    def send(self, goal: Any, on_end: OnEnd, feedback: Callable[[Message], object] = lambda message: None) -> Goal:
+    def send(
+        self,
+        goal: Any,
+        on_end: OnEnd,
+        feedback: Callable[[Message], object] = lambda message: None,
+        *,
+        id: bytes | None = None,
+    ) -> Goal:
         """Send a goal (a mapping, or a message of ``pkg/action/Name_Goal``).
 
         `feedback` gets the feedback; `on_end` is called once, with the outcome and the result, which is None for a
-        rejected goal. Raises MessageError if the goal does not fit, or if no node offers the action.
+        rejected goal. `id` are the 16 bytes of its id, by default random. Raises MessageError if the goal does not fit,
+        or if no node offers the action.
         """
-        sent = Goal(self, on_end, feedback)
+        sent = Goal(self, on_end, feedback, id)
         self._send_goal.call({"goal_id": {"uuid": sent.id}, "goal": goal}, sent.on_accepted)
         self.goals[sent.id] = sent
         return sent
+
+    def attach(
+        self, id: bytes, on_end: OnEnd, feedback: Callable[[Message], object], unknown: Callable[[], object]
+    ) -> Goal:
+        """Take up a goal that was sent before, perhaps by a process that has ended, as `send` does.
+
+        Calls `unknown` if the server does not know the goal (any more). Raises MessageError if no node offers the
+        action.
+        """
+        known = Goal(self, on_end, feedback, id, unknown)
+        self.get_result.call({"goal_id": {"uuid": id}}, known.on_result)
+        self.goals[id] = known
+        return known
 
     def close(self) -> None:
         """Close all endpoints. Goals go on: cancel them first to end them."""
@@ -76,10 +99,17 @@ class Goal:
     feedback: Callable[[Message], object]
     id: bytes
 
-    def __init__(self, client: ActionClient, on_end: OnEnd, feedback: Callable[[Message], object]) -> None:
-        self.id, self.feedback = uuid4().bytes, feedback
-        self._client, self._on_end = client, on_end
-        self._accepted = self._cancelled = False
+    def __init__(
+        self,
+        client: ActionClient,
+        on_end: OnEnd,
+        feedback: Callable[[Message], object],
+        id: bytes | None = None,
+        unknown: Callable[[], object] | None = None,
+    ) -> None:
+        self.id, self.feedback = id or uuid4().bytes, feedback
+        self._client, self._on_end, self._unknown = client, on_end, unknown
+        self._accepted, self._cancelled = unknown is not None, False
 
     def cancel(self) -> None:
         """Request cancelling; neither feedback nor outcome follow. Does nothing if the goal has ended."""
@@ -96,9 +126,14 @@ class Goal:
             self._request_cancel()
         else:
             self._accepted = True
-            self._client.get_result.call({"goal_id": {"uuid": self.id}}, self._on_result)
+            self._client.get_result.call({"goal_id": {"uuid": self.id}}, self.on_result)
 
-    def _on_result(self, response: Message) -> None:
+    def on_result(self, response: Message) -> None:
+        """The goal has ended, or is unknown."""
+        if response.status == UNKNOWN and self._unknown is not None:
+            if self._client.goals.pop(self.id, None) is not None:
+                self._unknown()
+            return
         self._end(OUTCOMES.get(response.status, "aborted"), response.result)
 
     def _end(self, outcome: Outcome, result: Message) -> None:

@@ -73,12 +73,10 @@ class Endpoints:
                 with suppress(*([MessageError] if script.language == "javascript" else [])):
                     self._open_for_script(topic.name, topic.direction, topic.type, inbox)
 
-    def throw(self, name: str, value: Any) -> tuple[str, Any]:
-        """Publish the payload of an event. Returns the full name of the topic, and the message. Raises MessageError."""
+    def prepare(self, name: str, value: Any) -> tuple[Publisher, Any]:
+        """The publisher of an event's topic, and the message of a payload. Raises MessageError."""
         publisher = self._thrown[name]
-        message = messages.create(publisher.type, value)
-        publisher.publish(message)
-        return publisher.topic, message
+        return publisher, messages.create(publisher.type, value)
 
     def qualified(self, full: str) -> str | None:
         """The qualified name of a topic that events throw or catch; None for any other topic."""
@@ -158,13 +156,21 @@ class DirectMessages:
 
     def send(self, topic: str, value: Any, robot: Any) -> None:
         """Send a message to a robot. Raises MessageError, and BpmnError ``unreachable`` if no such robot takes it."""
+        self.enter(*self.prepare(topic, value, robot))
+
+    def prepare(self, topic: str, value: Any, robot: Any) -> tuple[Publisher, Message]:
+        """The publisher towards a robot, and the message. Raises what `send` raises."""
         receivers = self._receivers(topic)
         if robot not in receivers:
             known = ", ".join([*receivers[:_SHOWN], *(["..."] if len(receivers) > _SHOWN else [])]) or "none"
             raise BpmnError("unreachable", f"no other robot {robot!r} takes message {topic}; robots that do: {known}")
         type, profile = self._topics[topic]
         publisher = self._publisher(direct_topic(topic, robot), type, profile)
-        self._waiting.append((self._scheduler.now + _PATIENCE, publisher, messages.create(type, value)))
+        return publisher, messages.create(type, value)
+
+    def enter(self, publisher: Publisher, message: Message) -> None:
+        """Publish a message as soon as its publisher is connected, after those that wait already."""
+        self._waiting.append((self._scheduler.now + _PATIENCE, publisher, message))
         self._flush()
 
     def close(self) -> None:

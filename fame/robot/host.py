@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from fame.bpmn.model import Expression
 from fame.clock import Scheduler, date_at, date_text
@@ -20,7 +20,7 @@ from fame.engine.program import Compiled
 from fame.engine.state import Trail
 from fame.errors import MissionError, ModelError
 from fame.middleware import messages
-from fame.middleware.interface import Middleware, Node, resolve
+from fame.middleware.interface import Middleware, Node, Publisher, resolve
 from fame.robot.endpoints import Endpoints
 from fame.robot.events import Event, Observer, trail_handler
 from fame.robot.mission import Mission
@@ -51,8 +51,21 @@ class HostOptions:
     files: Path | None
 
 
+class Recorder(Protocol):
+    """Takes what is to leave the robot, and lets it leave later (`fame.robot.durable`)."""
+
+    def signal(self, publisher: Publisher, message: Any) -> None:
+        """A signal, or a message for all."""
+
+    def message(self, topic: str, value: Any, robot: Any) -> None:
+        """A message for one robot. Raises BpmnError ``unreachable``, MessageError."""
+
+    def instance_ended(self, instance: Instance) -> None:
+        """An instance is over."""
+
+
 class EngineHost:
-    """The host of one engine. `engine` is to be set before the first stimulus."""
+    """The host of one engine. `engine` is to be set before the first stimulus; `recorder` takes its effects, if set."""
 
     runner: Runner
     inbox: Inbox
@@ -75,9 +88,10 @@ class EngineHost:
         self.elements_done: int = 0  # of instances that have ended
         self._robot, self._mission, self._node, self._options = robot, mission, node, options
         self._middleware, self._scheduler, self._endpoints = middleware, scheduler, endpoints
+        self.recorder: Recorder | None = None
         self._on_trail = trail_handler(options.observer) if options.observer is not None else None
         self.scripts: Scripts = Scripts(
-            robot, node, scheduler, endpoints, epoch=options.epoch, report=self.report, log=self._log
+            robot, node, scheduler, endpoints, epoch=options.epoch, report=self.report, log=self._log, send=self._send
         )
         self.runner, self.inbox = self.scripts.runner, self.scripts.runner.inbox
         self.timers: Timers = Timers(scheduler, options.epoch, self._on_timer)
@@ -119,12 +133,26 @@ class EngineHost:
     # ---- messages ----------------------------------------------------------------------------------------------------
 
     def publish(self, topic: str, value: Any) -> Any:
-        full, message = self._endpoints.throw(topic, value)
-        self.inbox.deliver(full, message)
+        publisher, message = self._endpoints.prepare(topic, value)
+        if self.recorder is None:
+            publisher.publish(message)
+        else:
+            self.recorder.signal(publisher, message)
+        self.inbox.deliver(publisher.topic, message)
         return message
 
     def send(self, topic: str, value: Any, robot: Any) -> None:
-        self._endpoints.direct.send(topic, value, robot)
+        if self.recorder is None:
+            self._endpoints.direct.send(topic, value, robot)
+        else:
+            self.recorder.message(topic, value, robot)
+
+    def _send(self, publisher: Publisher, message: Any) -> None:
+        """A script raises a signal."""
+        if self.recorder is None:
+            publisher.publish(message)
+        else:
+            self.recorder.signal(publisher, message)
 
     def make_safe(self, reason: str) -> None:
         options = self._options
@@ -207,6 +235,8 @@ class EngineHost:
         self.elements_done += sum(instance.counts[1:])
         self.completed += instance.status == "completed"
         self.failed += instance.status == "failed"
+        if self.recorder is not None:
+            self.recorder.instance_ended(instance)
         self._options.on_end(instance)
         self.scripts.forget(instance.root_variables)
 

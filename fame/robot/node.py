@@ -90,7 +90,7 @@ class RobotNode:
         self.epoch: datetime = epoch
         self.node: Node = middleware.node("fame_engine", self.namespace)
         self.engine: Engine
-        self._endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
+        self.endpoints: Endpoints = Endpoints(self.node, mission.types, middleware, scheduler)
         options = HostOptions(
             observer=observer,
             on_report=on_report,
@@ -104,7 +104,7 @@ class RobotNode:
             built_in_services=built_in_services,
             files=files,
         )
-        self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self._endpoints, options)
+        self.host: EngineHost = EngineHost(name, mission, self.node, middleware, scheduler, self.endpoints, options)
         self.runner: Runner = self.host.runner
         self._waiting = WaitingTokens(name, mission, self.node, middleware, scheduler, self.runner)
         self._observed = observer is not None
@@ -151,17 +151,25 @@ class RobotNode:
 
     def load(self) -> None:
         """Make every endpoint that the process and its scripts name. Raises MessageError, ModelError."""
-        self._endpoints.open(self._on_message)
-        self._endpoints.open_for_scripts(self.mission.scripts(), self.runner.inbox)
+        self.endpoints.open(self._on_message)
+        self.endpoints.open_for_scripts(self.mission.scripts(), self.runner.inbox)
 
     def connect(self) -> None:
         """Make the publishers for messages to single robots, as far as these are there."""
-        self._endpoints.direct.connect()
+        self.endpoints.direct.connect()
 
     def start(self, variables: Mapping[str, Any] | None = None) -> None:
         """Start the process. `variables` are those of the instance that its none start event begins."""
         self.engine.begin(dict(variables or {}))
         self.runner.poll()
+        self._take_early()
+
+    def go_on(self) -> None:
+        """Take messages again, after an engine was restored: first those that came since `load`."""
+        self.runner.poll()
+        self._take_early()
+
+    def _take_early(self) -> None:
         early, self._early = self._early or (), None
         for topic, message in early:
             self._on_message(topic, message)
@@ -191,7 +199,7 @@ class RobotNode:
     def close(self) -> None:
         """Close scripts, timers and all endpoints."""
         self.host.close()
-        self._endpoints.direct.close()
+        self.endpoints.direct.close()
         self.node.close()
 
     # ---- state -------------------------------------------------------------------------------------------------------
@@ -271,7 +279,7 @@ class RobotNode:
         Raises MessageError if it does not fit the type, and for a topic that no event or script of the model names.
         """
         full = resolve(topic, self.namespace)
-        inbox, name = self.runner.inbox, self._endpoints.qualified(full)
+        inbox, name = self.runner.inbox, self.endpoints.qualified(full)
         if name is None and full not in inbox.types:
             self._check_topic(full)
         type = (self.mission.types[name].declared if name is not None else None) or inbox.types.get(full)

@@ -15,7 +15,7 @@ from fame.clock import SECOND, Scheduler
 from fame.engine import Engine
 from fame.errors import MessageError
 from fame.middleware import messages
-from fame.middleware.interface import Node, resolve
+from fame.middleware.interface import Node, Publisher, resolve
 from fame.robot.endpoints import Endpoints
 from fame.scripting import Robot, Runner, another, interface
 from fame.scripting.javascript import HOST_API, HostApi
@@ -32,6 +32,7 @@ class Scripts:
     epoch       date of the scheduler's time 0
     report      (element, text): takes what a person should know
     log         (level, text): takes the lines that scripts log
+    send        (publisher, message): sends a signal of a script
     """
 
     def __init__(
@@ -44,7 +45,9 @@ class Scripts:
         epoch: datetime,
         report: Callable[[str, str], object],
         log: Callable[[str, str], object],
+        send: Callable[[Publisher, Any], object],
     ) -> None:
+        self._send = send
         self.engine: Engine
         self.on_step: Callable[[], object] | None = None
         self._namespace, self._endpoints = node.namespace, endpoints
@@ -113,15 +116,15 @@ class Scripts:
         known = self._endpoints.type(full)
         if known is None and payload is not None:
             raise MessageError(f"topic {full}: its type is unknown; use robot.publish, which names one")
-        self._emit(full, known or "std_msgs/msg/Empty", payload)
+        self._emit(full, known or "std_msgs/msg/Empty", payload, self._send)
 
     def _publish(self, topic: str, type: str, fields: Any) -> None:
-        self._emit(resolve(topic, self._namespace), type, fields)
+        self._emit(resolve(topic, self._namespace), type, fields, lambda publisher, message: publisher.publish(message))
 
-    def _emit(self, full: str, type: str, value: Any) -> None:
+    def _emit(self, full: str, type: str, value: Any, send: Callable[[Publisher, Any], object]) -> None:
         publisher = self._endpoints.publisher(full, type)
         message = messages.create(type, value)
-        publisher.publish(message)
+        send(publisher, message)
         caught = self._endpoints.caught.get(full)
         if caught is not None:
             self.engine.post(caught, message)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import partial
+from itertools import chain
+from typing import Any, Literal
 
 from fame.clock import Entry, Kind, Scheduler, date_at
 from fame.iso8601 import add, nanoseconds_between, parse_cycle, parse_datetime, parse_duration
 
 AT_ONE_INSTANT = 1_000_000
 """Most timers that are due at the instant at which they are set: a loop over a timer of no duration never ends."""
+
+
+Missed = Literal["fire", "skip", "fail"]
+"""What happens to a timer that came due while its engine was away."""
 
 
 class Timers:
@@ -23,6 +29,7 @@ class Timers:
     def __init__(self, scheduler: Scheduler, epoch: datetime, on_fire: Callable[[int, bool], object]) -> None:
         self._scheduler, self._epoch, self._on_fire = scheduler, epoch, on_fire
         self._timers: dict[int, tuple[Entry, Iterator[int], int]] = {}  # entry, further delays, what these count from
+        self._texts: dict[int, list[Any]] = {}  # kind, text, what its delays count from (ns), how many are over
         self._endless: set[int] = set()
         self._instant, self._count_now = 0, 0
 
@@ -39,6 +46,7 @@ class Timers:
         if first is not None:
             if first <= 0:
                 self._count_instant(now)
+            self._texts[key] = [kind, text, now, 0]
             self._enter(key, delays, now, first)
             if cycle is not None and cycle.endless:
                 self._endless.add(key)
@@ -62,15 +70,44 @@ class Timers:
     def cancel(self, key: int) -> None:
         """Cancel a timer, if it is set."""
         timer = self._timers.pop(key, None)
+        self._texts.pop(key, None)
         self._endless.discard(key)
         if timer is not None:
             timer[0].cancel()
+
+    def state(self) -> Mapping[int, Sequence[Any]]:
+        """The timers that are set: kind, text, the time they count from (ns), and how often they have fired."""
+        return self._texts
+
+    def resume(self, key: int, kind: str, text: str, base: int, fired: int, missed: Missed = "fire") -> int:
+        """Set a timer of an engine that was away. Returns how many of its times have passed meanwhile.
+
+        `base` and `fired` as of `state`, in the time of this scheduler. With `missed` = ``skip`` these times are left
+        out; else the timer fires once for all of them, at once and in due order. Raises ValueError as `set` does.
+        """
+        date = date_at(self._epoch, base)
+        cycle = parse_cycle(text) if kind == "cycle" else None
+        delays = _delays(kind, text, date) if cycle is None else cycle.delays(date)
+        for _ in range(fired):
+            next(delays, None)
+        late, last, following = 0, None, next(delays, None)
+        while following is not None and base + following <= self._scheduler.now and late < AT_ONE_INSTANT:
+            late, last, following = late + 1, following, next(delays, None)
+        if last is not None and missed != "skip":
+            delays, following, fired = chain((), [following] if following is not None else [], delays), last, fired - 1
+        if following is not None:
+            self._texts[key] = [kind, text, base, fired + late]
+            self._enter(key, delays, base, following)
+            if cycle is not None and cycle.endless:
+                self._endless.add(key)
+        return late
 
     def close(self) -> None:
         """Cancel all timers."""
         for entry, _, _ in self._timers.values():
             entry.cancel()
         self._timers.clear()
+        self._texts.clear()
         self._endless.clear()
 
     def _enter(self, key: int, delays: Iterator[int], base: int, delay: int) -> None:
@@ -80,7 +117,10 @@ class Timers:
         _, delays, base = self._timers.pop(key)
         following = next(delays, None)
         if following is not None:
+            self._texts[key][3] += 1
             self._enter(key, delays, base, following)
+        else:
+            del self._texts[key]
         self._on_fire(key, following is None)
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
 from fame.engine.host import BpmnError, Cancelled, is_from_outside
@@ -59,6 +59,25 @@ class _Task:
         self.instant, self.awaits = -1, 0
 
 
+class Outward(Protocol):
+    """Decides when requests of scripts leave the robot (`fame.robot.durable`)."""
+
+    def request(
+        self,
+        key: int,
+        request: Act | Call,
+        begin: Callable[[bytes | None], object],
+        attach: Callable[[bytes, Callable[[], object]], object] | None,
+        fail: Callable[[BaseException], object],
+    ) -> None:
+        """The script `key` makes a request. Call one of the functions, now or later.
+
+        begin   makes the request; of an action under this goal id (None: a new one)
+        attach  of an action: takes up a goal that was sent before, and calls the function given if it is unknown
+        fail    throws an error in the script
+        """
+
+
 class Runner:
     """The waiting scripts of one robot.
 
@@ -67,6 +86,8 @@ class Runner:
     report     (key, text): an error of a cancelled script that is leaving
     types      type of a topic by its full name, None if unknown
     subscribe  creates a subscription; by default that of `node`
+
+    `outward`, if set, is asked before a request leaves the robot.
     """
 
     def __init__(
@@ -84,6 +105,7 @@ class Runner:
         self._scheduler, self._ended, self._stepped, self._report = scheduler, ended, stepped, report
         self._grace = round(grace * SECOND)
         self.inbox: Inbox = Inbox(node, types, subscribe or node.subscription, self.poll)
+        self.outward: Outward | None = None
         self._tasks: dict[int, _Task] = {}
         self._untils: dict[int, _Task] = {}
 
@@ -313,7 +335,10 @@ class Runner:
             if task.request is request:
                 self._soon(task, task.script.send, response)
 
-        self._when_available(task, client, lambda: client.call(request.fields, on_response))
+        def begin(id: bytes | None) -> None:
+            client.call(request.fields, on_response)
+
+        self._when_available(task, client, lambda: self._send(task, request, begin))
 
     def _act(self, task: _Task, request: Act) -> None:
         client = self.inbox.action(request.action, request.type)
@@ -330,10 +355,38 @@ class Runner:
                 self._stepped(task.key)
                 self.poll()
 
-        def begin() -> None:
-            task.disarm = client.send(request.fields, ended, on_feedback).cancel
+        def begin(id: bytes | None) -> None:
+            task.disarm = client.send(request.fields, ended, on_feedback, id=id).cancel
 
-        self._when_available(task, client, begin)
+        def attach(id: bytes, unknown: Callable[[], object]) -> None:
+            task.disarm = client.attach(id, ended, on_feedback, unknown).cancel
+
+        self._when_available(task, client, lambda: self._send(task, request, begin, attach))
+
+    def _send(
+        self,
+        task: _Task,
+        request: Act | Call,
+        begin: Callable[[bytes | None], object],
+        attach: Callable[[bytes, Callable[[], object]], object] | None = None,
+    ) -> None:
+        """Let a request leave the robot: now, or when `outward` says so, unless the script has been cancelled."""
+        if self.outward is None:
+            begin(None)
+            return
+
+        def begin_later(id: bytes | None) -> None:
+            if task.request is request:
+                try:
+                    begin(id)
+                except Exception as error:
+                    fail(error)
+
+        def fail(error: BaseException) -> None:
+            if task.request is request:
+                self._soon(task, task.script.throw, error)
+
+        self.outward.request(task.key, request, begin_later, attach, fail)
 
     def _when_available(
         self, task: _Task, client: Client | ActionClient, begin: Callable[[], object], until: int = 0

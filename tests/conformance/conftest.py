@@ -1,4 +1,4 @@
-"""Every rule is shown twice: in a run straight on, and in one whose engine is restored after every stimulus."""
+"""Every rule is shown three times: straight on, restored after every stimulus, and recorded as in a journal."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from engine_models import Run
 Play = Callable[..., Run]
 
 
-@pytest.fixture(params=["straight", "restored"])
+@pytest.fixture(params=["straight", "restored", "recorded"])
 def play(request: pytest.FixtureRequest) -> Play:
-    """`Run`, in both ways."""
+    """`Run`, in these ways."""
 
     def run(*arguments: object, **options: object) -> Run:
-        return Run(*arguments, restored=request.param == "restored", **options)  # type: ignore[arg-type]
+        return Run(*arguments, after=request.param, **options)  # type: ignore[arg-type]
 
     return run

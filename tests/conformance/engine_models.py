@@ -28,6 +28,8 @@ from fame.bpmn import read_text
 from fame.bpmn.model import Definitions
 from fame.engine import Instance, restore, snapshot
 from fame.robot import Event
+from fame.robot.state_tables import StateTables, fold, restore_engine
+from fame.robot.stored_values import dump
 
 HEAD = (
     '<definitions xmlns="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
@@ -185,14 +187,18 @@ def model(*processes: str, root: str = "") -> Definitions:
 
 
 class Run:
-    """A run of a model. `restored`: the engine is made anew from its snapshot after every stimulus."""
+    """A run of a model.
+
+    `after` every stimulus the engine is ``restored``, made anew from its snapshot; or its changes are ``recorded``, and
+    all changes so far give its state. Else it runs ``straight``.
+    """
 
     def __init__(
         self,
         definitions: Definitions | str,
         variables: Mapping[str, Any] | None = None,
         *,
-        restored: bool = False,
+        after: str = "straight",
         moves: int | None = None,
         **options: Any,
     ) -> None:
@@ -204,30 +210,42 @@ class Run:
         self.node = self.simulation.node
         if moves is not None:
             self.node.engine.limit = moves
-        if restored:
-            self._restore_after_each()
+        self.tables, self.recorded = StateTables(self.node.engine, lambda name, reason: None), {}
+        if after != "straight":
+            self._after_each(self.swap if after == "restored" else self.record)
 
-    def _restore_after_each(self) -> None:
+    def _after_each(self, check: Callable[[], object]) -> None:
         scheduler, at = self.simulation.scheduler, self.simulation.scheduler.at
 
         def followed(action: Callable[[], object]) -> Callable[[], object]:
-            return lambda: (action(), self.swap())
+            return lambda: (action(), check())
 
         def at_and_swap(time: int, action: Callable[[], object], *rest: Any) -> Any:
             return at(time, followed(action), *rest)
 
         scheduler.at = at_and_swap  # type: ignore[method-assign]
         for name in ("deliver", "complete", "start", "activate"):
-            self._swap_after(name)
+            self._check_after(name, check)
 
-    def _swap_after(self, name: str) -> None:
+    def _check_after(self, name: str, check: Callable[[], object]) -> None:
         method = getattr(self.node, name)
 
         def followed(*arguments: Any) -> None:
             method(*arguments)
-            self.swap()
+            check()
 
         setattr(self.node, name, followed)
+
+    def record(self) -> None:
+        """Record what has changed. All changes so far have to give the same state."""
+        engine = self.node.engine
+        fold(self.recorded, json.loads(json.dumps(self.tables.changes({}))))
+        if engine.cancelling:
+            return  # what goes on when scripts have left is under way in a restored engine
+        text = json.dumps(self.recorded)
+        again = restore_engine(self.recorded, engine.program, self.node.host, engine.new_variables, load)
+        assert snapshot(again, dump=dump) == snapshot(engine, dump=dump)
+        assert json.dumps(self.recorded) == text
 
     def swap(self) -> None:
         """Make the engine anew from its snapshot, unless a script is under way, which is no data."""
@@ -325,14 +343,8 @@ def words(events: list[Event]) -> list[str]:
     return found
 
 
-def dump(value: Any) -> Any:
-    """A message as data."""
-    names = [name for name in value.__dataclass_fields__ if name != "structure_needs_at_least_one_member"]
-    return {"type": value.__msgtype__, **{name: getattr(value, name) for name in names}}
-
-
 def load(data: Any) -> Any:
-    """The message again."""
+    """The value again, of what `dump` made of it."""
     from fame.middleware import messages
 
-    return messages.create(data.pop("type"), data)
+    return messages.create(data["message"], data["value"])

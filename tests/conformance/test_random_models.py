@@ -27,6 +27,7 @@ from hypothesis import given, settings, strategies as st
 
 KINDS = ("task", "script", "wait", "user", "throw", "sequence", "choice", "fork", "some", "loop", "sub", "handled")
 LEAVES = KINDS[:5]
+WAYS = ("straight", "restored", "recorded")
 Block = tuple[Any, ...]
 
 
@@ -168,10 +169,10 @@ def carry_through(run: Run, steps: int = 10_000) -> None:
 
 
 @settings(max_examples=150, deadline=None)
-@given(blocks(4), st.booleans())
-def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: Block, restored: bool) -> None:
+@given(blocks(4), st.sampled_from(WAYS))
+def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: Block, after: str) -> None:
     content, visits = written(block)
-    run = Run(content, {"n": 0}, restored=restored)
+    run = Run(content, {"n": 0}, after=after)
     carry_through(run)
     assert run.status == "completed"
     assert run.instance.visits == visits
@@ -180,14 +181,14 @@ def test_they_complete_visit_what_a_walk_visits_and_leave_nothing_behind(block: 
 
 
 @settings(max_examples=150, deadline=None)
-@given(blocks(4), st.integers(0, 12), st.sampled_from(("boundary", "handler")), st.booleans())
-def test_cancelled_anywhere_they_leave_nothing_behind(block: Block, steps: int, how: str, restored: bool) -> None:
+@given(blocks(4), st.integers(0, 12), st.sampled_from(("boundary", "handler")), st.sampled_from(WAYS))
+def test_cancelled_anywhere_they_leave_nothing_behind(block: Block, steps: int, how: str, after: str) -> None:
     content, _ = written(block)
     if how == "boundary":
         content = start("z") + sub("whole", content) + boundary("b", "whole", signal("stop")) + path("z whole")
     else:
         content += handler("b", start("bt", signal("stop")))
-    run = Run(model(content), {"n": 0}, restored=restored)
+    run = Run(model(content), {"n": 0}, after=after)
     carry_through(run, steps)
     if run.status == "running":
         run.signal("stop").run()

@@ -162,14 +162,14 @@ class Game:
         return {way for way in seen if way[1] == join}
 
 
-@pytest.mark.parametrize("restored", [False, True])
-def test_unstructured_models_go_as_the_tokens_of_the_standard_do(restored: bool) -> None:
+@pytest.mark.parametrize("after", ["straight", "restored", "recorded"])
+def test_unstructured_models_go_as_the_tokens_of_the_standard_do(after: str) -> None:
     played = 0
     for seed in range(400):
         graph, dice = drawn(seed), random.Random(seed)
         try:
             game = Game(graph)
-            run = Run(model(as_bpmn(graph)), {"n": {}}, restored=restored).run()
+            run = Run(model(as_bpmn(graph)), {"n": {}}, after=after).run()
             for _ in range(10):
                 visits = Counter({id: count for id, count in run.visits.items() if not id.endswith("c")})
                 assert visits == +game.visits, f"seed {seed}"

@@ -1,0 +1,391 @@
+"""Durable execution of one robot: record what its engine does, and go on from there after a crash.
+
+Theory of operation. A stimulus of the engine runs to completion, and then `Recorder.settled` appends one record with
+what it has changed: tokens, variables, timers, counters. Nothing is computed again when the engine is resumed: the
+state is read, so no script, condition or service that has ended runs twice.
+
+*Effects* are signals, messages, goals and service calls. An effect waits until the record of its stimulus is on the
+disk, and leaves then. When it has left, a record says so. After a crash those that may not have left are sent again:
+effects are delivered at least once, each under an id that stays the same. What scripts publish with `robot.publish` is
+no effect: it leaves at once.
+
+The requests (goals, service calls) of a task are numbered. A task that was waiting starts again on resumption; its
+request of the same number takes up the goal of before, if the server still knows it, and otherwise does what the task's
+property ``retry`` says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import Any, Literal, Protocol
+from uuid import NAMESPACE_URL, uuid5
+
+from fame.bpmn.model import Element
+from fame.clock import SECOND, Kind
+from fame.engine import BpmnError
+from fame.engine.state import Wait
+from fame.errors import ConfigError, FameError, MissionError
+from fame.middleware import messages
+from fame.middleware.interface import Publisher
+from fame.robot.journal import Contents, Journal, Record
+from fame.robot.node import RobotNode
+from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
+from fame.robot.stored_values import Loader
+from fame.robot.timers import Missed
+from fame.scripting.requests import Act, Call
+
+Retry = Literal["safe", "never", "ask"]
+RETRIES: tuple[Retry, ...] = ("safe", "never", "ask")
+"""What a task does with a request whose fate is unknown: make it again, fail with code ``lost``, or ask somebody."""
+MISSED: tuple[Missed, ...] = ("fire", "skip", "fail")
+RECOVERED = "~/recovered"
+"""The signal that a resumed engine raises inside itself; its payload is how long it was away (s)."""
+_ENDED = 10
+"""How many instances that are over are kept."""
+_RETRY_DISK = SECOND
+_UNIX = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class Settings(Protocol):
+    """What the elements of a mission say about resumption."""
+
+    def retry(self, element: str) -> Retry: ...
+
+    def missed(self, element: str) -> Missed: ...
+
+
+class Recorder:
+    """Records one robot's engine in a journal, and holds its effects until they are on the disk.
+
+    on_trouble  called with the reason when the journal cannot be written, and with an empty text when it can again
+    """
+
+    def __init__(
+        self, node: RobotNode, journal: Journal, *, on_trouble: Callable[[str], object] = lambda text: None
+    ) -> None:
+        self.node, self.journal, self._on_trouble = node, journal, on_trouble
+        journal.failed = lambda error: self._fail(error, unsynced=True)
+        self._settings = mission_settings(node)
+        self._tables = StateTables(node.engine, self._report_unstorable)
+        self._outbox: list[tuple[str, list[Any], Callable[[], object]]] = []
+        self._effects: dict[str, list[Any]] = {}
+        self._next_effect = 1
+        self._requests: dict[Wait, list[str]] = {}
+        self._made: dict[Wait, int] = {}
+        self._ended: dict[str, Any] = {}
+        self._trouble = ""
+        self._quiet = False
+        node.engine.settled = self.settled
+        node.host.recorder = self
+        node.runner.outward = self
+
+    # ---- records -----------------------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Write the state as the beginning of a journal. Raises OSError."""
+        self.journal.begin_segment(self._record(whole=True))
+
+    def settled(self) -> None:
+        """A stimulus has run to completion: record what it has changed, then let its effects leave."""
+        if self._quiet:
+            return
+        try:
+            if self.journal.is_long:
+                self.begin()
+            else:
+                record = self._record()
+                if record:
+                    self.journal.append(record)
+        except OSError as error:
+            self._fail(error)
+            return
+        if self._outbox:
+            leaving, self._outbox = self._outbox, []
+            try:
+                self.journal.sync(partial(self._let_leave, leaving))
+            except OSError as error:
+                self._outbox = leaving + self._outbox
+                self._fail(error, unsynced=True)
+
+    def _record(self, *, whole: bool = False) -> Record:
+        """The changes since the last record, or the whole state; empty if nothing has changed."""
+        self._effects.update((id, effect) for id, effect, _ in self._outbox)
+        self._requests = {wait: made for wait, made in self._requests.items() if wait.alive}
+        more: Tables = {
+            **tables_of(self.node),
+            "effects": self._effects,
+            "requests": {str(wait.key): made for wait, made in self._requests.items()},
+            "ended": self._ended,
+            "recorder": {"next_effect": self._next_effect},
+        }
+        change = self._tables.changes(more, whole=whole)
+        return {"time": self.now, **change} if change else {}
+
+    @property
+    def now(self) -> int:
+        """The date (ns since 1970) in the time of the mission."""
+        return epoch_of(self.node) + self.node.scheduler.now
+
+    def instance_ended(self, instance: Any) -> None:
+        """Keep the end of an instance."""
+        self._ended[str(instance.key)] = instance_data(instance)
+        for key in list(self._ended)[:-_ENDED]:
+            del self._ended[key]
+
+    def close(self) -> None:
+        """Stop recording. The journal stays open."""
+        self._quiet = True
+        self.node.engine.settled = None
+        self.node.host.recorder = None
+        self.node.runner.outward = None
+
+    # ---- effects -----------------------------------------------------------------------------------------------------
+
+    def signal(self, publisher: Publisher, message: Any) -> None:
+        """A signal or message for all is to leave."""
+        value = messages.to_mapping(message)
+        self._add(["signal", publisher.topic, publisher.type, value], partial(publisher.publish, message))
+
+    def message(self, topic: str, value: Any, robot: Any) -> None:
+        """A message for one robot is to leave. Raises what `DirectMessages.prepare` raises."""
+        direct = self.node.endpoints.direct
+        publisher, message = direct.prepare(topic, value, robot)
+        plain = messages.to_mapping(message)
+        self._add(["message", topic, str(robot), plain], partial(direct.enter, publisher, message))
+
+    def _add(self, effect: list[Any], action: Callable[[], object]) -> str:
+        id = str(self._next_effect)
+        self._next_effect += 1
+        self._outbox.append((id, effect, action))
+        return id
+
+    def _let_leave(self, leaving: list[tuple[str, list[Any], Callable[[], object]]]) -> None:
+        for id, effect, action in leaving:
+            try:
+                action()
+            except FameError as error:
+                self.node.host.report("", f"{effect[0]} {effect[1]} cannot be sent: {error}")
+            self._effects.pop(id, None)
+        if not self._quiet:
+            self.settled()
+
+    # ---- requests of tasks (`fame.scripting.runner.Outward`) ---------------------------------------------------------
+
+    def request(
+        self,
+        key: int,
+        request: Act | Call,
+        begin: Callable[[bytes | None], object],
+        attach: Callable[[bytes, Callable[[], object]], object] | None,
+        fail: Callable[[BaseException], object],
+    ) -> None:
+        """A task is to make a request: later, when its record is on the disk; or go on with the one of before."""
+        wait = self.node.engine.waits.get(key)
+        if wait is None:
+            begin(None)
+            return
+        number = self._made.get(wait, 0)
+        self._made[wait] = number + 1
+        known = self._requests.setdefault(wait, [])
+        if number >= len(known):
+            self._ask(wait, number, request, begin)
+        elif attach is not None:
+            attach(self._goal(known[number]), partial(self._lost, wait, number, request, begin, fail))
+        else:
+            self._lost(wait, number, request, begin, fail)
+
+    def _ask(self, wait: Wait, number: int, request: Act | Call, begin: Callable[[bytes | None], object]) -> None:
+        """Make a request under a new id."""
+        name = request.action if isinstance(request, Act) else request.service
+        kind = "goal" if isinstance(request, Act) else "call"
+        id = str(self._next_effect)
+        self._add([kind, name, wait.node.id], partial(begin, self._goal(id)))
+        self._requests[wait] = [*self._requests.get(wait, [])[:number], id]
+        self.node.scheduler.soon(self.settled, Kind.RESUMPTION)
+
+    def _lost(
+        self,
+        wait: Wait,
+        number: int,
+        request: Act | Call,
+        begin: Callable[[bytes | None], object],
+        fail: Callable[[BaseException], object],
+    ) -> None:
+        """The fate of a request of before is unknown."""
+        if self._settings.retry(wait.node.id) == "safe":
+            self._ask(wait, number, request, begin)
+        else:
+            fail(BpmnError("lost", f"{request}: it was made before the engine ended, and its fate is unknown"))
+
+    def _goal(self, id: str) -> bytes:
+        """The id of a goal: the same after every resumption."""
+        return uuid5(NAMESPACE_URL, f"fame:{self.journal.header['journal']}:{id}").bytes
+
+    # ---- trouble -----------------------------------------------------------------------------------------------------
+
+    def _fail(self, error: OSError, *, unsynced: bool = False) -> None:
+        """The disk cannot be written: nothing leaves until it can."""
+        first, self._trouble = not self._trouble, error.strerror or str(error)
+        if first:
+            self._on_trouble(self._trouble)
+        self.node.scheduler.after(_RETRY_DISK, partial(self._try_again, unsynced), Kind.RESUMPTION)
+
+    def _try_again(self, unsynced: bool) -> None:
+        if self._quiet:
+            return
+        if unsynced:  # what the system said to have written may be lost: write all of it
+            try:
+                self.begin()
+            except OSError as error:
+                self._fail(error, unsynced=True)
+                return
+        trouble, self._trouble = self._trouble, ""
+        self.settled()
+        if trouble and not self._trouble:
+            self._on_trouble("")
+        elif self._trouble:
+            self._trouble = trouble
+
+    def _report_unstorable(self, name: str, reason: str) -> None:
+        self.node.host.report("", f"variable {name} is lost if the engine ends: {reason}" if name else reason)
+
+    # ---- resumption --------------------------------------------------------------------------------------------------
+
+    def go_on(self, tables: Tables, away: float) -> None:
+        """Go on with a restored engine, which was away for this long (s).
+
+        The robot is brought to its safe state; what may not have left is sent; `RECOVERED` is raised; then timers are
+        set, and scripts start again.
+        """
+        node, engine = self.node, self.node.engine
+        waits = engine.waits
+        self._requests = {
+            waits[int(key)]: made for key, made in tables.get("requests", {}).items() if int(key) in waits
+        }
+        self._ended = dict(tables.get("ended", {}))
+        self._effects = dict(tables.get("effects", {}))
+        self._next_effect = tables["recorder"]["next_effect"]
+        node.host.make_safe("suspended")
+        missed = set_timers(node, tables, self._settings)
+        self._outbox = [(id, effect, self._again(effect)) for id, effect in self._effects.items()]
+        self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
+        engine.deliver(RECOVERED, self._recovered(away))
+        for wait in missed:
+            if wait.alive:
+                wait.catch.give_up(engine, wait, BpmnError("missed", "the timer came due while the engine was away"))
+        engine.run()
+        self._quiet = False
+        self.begin()
+        go_on(node)
+        self.settled()
+
+    def _recovered(self, away: float) -> Any:
+        use = self.node.mission.types.get(RECOVERED)
+        type = use.declared if use is not None and use.declared else "std_msgs/msg/Float64"
+        return messages.create(type, away if messages.is_wrapper(type) else None)
+
+    def _again(self, effect: list[Any]) -> Callable[[], object]:
+        """How to send an effect again. A request is made again by its task."""
+        kind, name, *rest = effect
+        if kind == "signal":
+            type, value = rest
+            publisher = self.node.endpoints.publisher(name, type)
+            return partial(publisher.publish, messages.create(type, value))
+        if kind == "message":
+            robot, value = rest
+            return partial(self.node.endpoints.direct.send, name, value, robot)
+        return lambda: None
+
+
+def epoch_of(node: RobotNode) -> int:
+    """The date of second 0 of the mission's time (ns since 1970)."""
+    return (node.epoch - _UNIX) // timedelta(microseconds=1) * 1000
+
+
+def tables_of(node: RobotNode) -> Tables:
+    """The tables of a robot's state beside its engine."""
+    host, epoch = node.host, epoch_of(node)
+    timers = host.timers.state().items()
+    return {
+        "timers": {str(key): [kind, text, base + epoch, fired] for key, (kind, text, base, fired) in timers},
+        "totals": {"": [host.started, host.completed, host.failed, host.elements_done]},
+    }
+
+
+def set_timers(node: RobotNode, tables: Tables, settings: Settings) -> list[Wait]:
+    """Set the timers of a restored engine. Returns the waits whose timer was missed and is to fail."""
+    failed, engine = [], node.engine
+    for text, (kind, expression, base, fired) in tables.get("timers", {}).items():
+        key = int(text)
+        if key not in engine.waits and key not in engine.armed_starts:
+            continue
+        element = engine.timed(key).id
+        missed = settings.missed(element)
+        late = node.host.timers.resume(key, kind, expression, base - epoch_of(node), fired, missed)
+        if late:
+            node.host.report(element, f"{kind} timer {expression} came due while the engine was away: {missed}")
+        if late and missed == "fail" and key in engine.waits:
+            node.host.timers.cancel(key)
+            failed.append(engine.waits[key])
+    return failed
+
+
+def go_on(node: RobotNode) -> None:
+    """Let a restored engine go on: scripts start again, and messages are taken."""
+    node.engine.release()
+    node.engine.restart()
+    node.go_on()
+
+
+# ---- missions --------------------------------------------------------------------------------------------------------
+
+
+class _MissionSettings:
+    def __init__(self, elements: Mapping[str, Mapping[str, str]]) -> None:
+        self._elements = elements
+
+    def retry(self, element: str) -> Retry:
+        found = self._elements.get(element, {}).get("retry", "safe")
+        return found if found in RETRIES else "safe"
+
+    def missed(self, element: str) -> Missed:
+        found = self._elements.get(element, {}).get("missed", "fire")
+        return found if found in MISSED else "fire"
+
+
+def mission_settings(node: RobotNode) -> Settings:
+    """What the elements of a mission say in the properties ``retry`` and ``missed``."""
+    return _MissionSettings({item.id: _properties(item) for _, item in node.mission.flow_nodes()})
+
+
+def _properties(element: Element) -> Mapping[str, str]:
+    return getattr(element, "properties", {})
+
+
+def restored(node: RobotNode, contents: Contents) -> Tables:
+    """Give a robot's node the engine of a journal; nothing moves until `Recorder.go_on`.
+
+    Raises ConfigError for the journal of another program or robot.
+    """
+    tables: Tables = {}
+    for change in (contents.state, *contents.changes):
+        fold(tables, change)
+    load = Loader(node.mission)
+    try:
+        engine = restore_engine(tables, node.engine.program, node.host, node.engine.new_variables, load)
+    except MissionError as error:
+        raise ConfigError(str(error), file=str(contents.path)) from error
+    engine.at_once = node.engine.at_once
+    host = node.host
+    host.started, host.completed, host.failed, host.elements_done = tables["totals"][""]
+    over = [instance_of(data, engine.program, load) for data in tables.get("ended", {}).values()]
+    host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
+    node.attach(engine)
+    return tables
+
+
+def last_time(contents: Contents) -> int:
+    """The date of the last record (ns since 1970)."""
+    return int((contents.changes or [contents.state])[-1]["time"])

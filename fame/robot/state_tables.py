@@ -1,0 +1,283 @@
+"""The state of a robot's engine as tables of plain data, and what has changed in them since the last time.
+
+A *change* is ``{"set": {table: {key: value}}, "gone": {table: [keys]}}``. The whole state is the change from nothing,
+so that a journal of changes is read by one function, `fold`. Tables:
+
+=========  =====================================================================================================
+engine     what `fame.engine.snapshot` has once: counter, conditions, continuations ...
+instances, scopes, waits, boxes, listeners, waiting_starts, gathered, starts   its lists and mappings, by key
+counts     completed elements, by instance and slot
+dicts      the dicts of variables by number: the number of the dict outside
+values     variables, by number of the dict and name
+timers     by key: kind, text, the date they count from (ns since 1970), how often they have fired
+totals     instances started, completed and failed, and elements completed in those that are over
+ended      the last instances that are over
+=========  =====================================================================================================
+
+Values are compared by identity (numbers and texts) or by their content (all else), so that a script that changes a list
+in place is noticed.
+"""
+
+from __future__ import annotations
+
+import json
+import marshal
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from fame.engine import Engine, Instance, Variables, restore, snapshot
+from fame.engine.host import Host
+from fame.engine.program import Program
+from fame.engine.snapshot import decode, encode
+from fame.errors import MissionError
+from fame.robot.stored_values import dump
+
+Table = dict[str, Any]
+Tables = dict[str, Table]
+Change = dict[str, Any]
+
+_KEYED = ("instances", "scopes", "waits", "boxes")
+_MAPPED = ("listeners", "waiting_starts", "gathered", "starts")
+_ATOMS = frozenset({type(None), bool, int, str})
+_ABSENT = object()
+
+
+def fold(tables: Tables, change: Change) -> Tables:
+    """Make a change. Returns the same tables."""
+    for name, entries in change.get("set", {}).items():
+        tables.setdefault(name, {}).update(entries)
+    for name, keys in change.get("gone", {}).items():
+        table = tables.setdefault(name, {})
+        for key in keys:
+            table.pop(key, None)
+    return tables
+
+
+class StateTables:
+    """The tables of one engine, and how they were the last time.
+
+    unstorable  called with the name of a variable whose value cannot be stored, and the reason
+    """
+
+    def __init__(self, engine: Engine, unstorable: Callable[[str, str], object]) -> None:
+        self._engine, self._unstorable = engine, unstorable
+        self._variables = _VariableTable(unstorable)
+        self._last: Tables = {}
+        self._counts: dict[int, list[int]] = {}
+
+    def changes(self, more: Mapping[str, Table], *, whole: bool = False) -> Change:
+        """What has changed since the last call, or the whole state; `more` are tables of the caller."""
+        if whole:
+            self._last, self._counts = {}, {}
+            self._variables.forget()
+        self._variables.begin()
+        data = snapshot(self._engine, dump=self._dump, dicts=self._variables)
+        del data["variables"]
+        tables: Tables = {name: {str(item["key"]): item for item in data.pop(name)} for name in _KEYED}
+        tables |= {name: data.pop(name) for name in _MAPPED}
+        for item in tables["instances"].values():
+            del item["counts"]
+        change: Change = {"set": {}, "gone": {}}
+        for name, table in {**tables, "engine": data, **more}.items():
+            _compare(change, name, self._last.get(name, {}), table)
+            self._last[name] = dict(table)
+        _note(change, "counts", *self._changed_counts())
+        self._variables.note(change)
+        return {part: found for part, found in change.items() if found}
+
+    def _dump(self, value: Any) -> Any:
+        """Data of a value outside the variables; nothing for one that cannot be stored."""
+        try:
+            return dump(value)
+        except MissionError as error:
+            self._unstorable("", str(error))
+            return {"lost": type(value).__name__}
+
+    def _changed_counts(self) -> tuple[Table, list[str]]:
+        changed: Table = {}
+        known, self._counts = self._counts, {}
+        for key, instance in self._engine.instances.items():
+            old, new = known.pop(key, None), instance.counts
+            if old is None:
+                changed.update((f"{key} {slot}", count) for slot, count in enumerate(new) if count)
+            elif old != new:
+                pairs = enumerate(zip(old, new, strict=True))
+                changed.update((f"{key} {slot}", count) for slot, (before, count) in pairs if before != count)
+            self._counts[key] = new.copy()
+        return changed, [f"{key} {slot}" for key, old in known.items() for slot, count in enumerate(old) if count]
+
+
+def _compare(change: Change, name: str, old: Table, new: Table) -> None:
+    changed = {key: value for key, value in new.items() if old.get(key, _ABSENT) != value}
+    _note(change, name, changed, [key for key in old if key not in new])
+
+
+def _note(change: Change, name: str, changed: Table, gone: list[str]) -> None:
+    if changed:
+        change["set"][name] = changed
+    if gone:
+        change["gone"][name] = gone
+
+
+class _VariableTable:
+    """The dicts of variables under numbers that stay, and what has changed in them."""
+
+    def __init__(self, unstorable: Callable[[str, str], object]) -> None:
+        self._unstorable = unstorable
+        self._numbers: dict[int, int] = {}
+        self._dicts: dict[int, dict[str, Any]] = {}
+        self._known: dict[int, dict[str, tuple[Any, Any]]] = {}  # name -> value, and its content if it may change
+        self._seen: dict[int, None] = {}
+        self._next = 0
+
+    def forget(self) -> None:
+        """Let everything count as changed."""
+        self._known = {}
+
+    def begin(self) -> None:
+        """Begin a snapshot."""
+        self._seen = {}
+
+    def number(self, variables: dict[str, Any]) -> int:
+        """The number of a dict, greater than those of the dicts outside it."""
+        if isinstance(variables, Variables):
+            self.number(variables.outer)
+        number = self._numbers.get(id(variables))
+        if number is None:
+            number = self._numbers[id(variables)] = self._next
+            self._dicts[number] = variables  # keeps its id from being used again
+            self._next += 1
+        self._seen[number] = None
+        return number
+
+    def written(self, dump: Any) -> list[Any]:
+        """Nothing: see `note`."""
+        return []
+
+    def note(self, change: Change) -> None:
+        """Add what has changed since the last snapshot."""
+        values: Table = {}
+        gone: list[str] = []
+        lost = [number for number in self._dicts if number not in self._seen]
+        for number in lost:
+            del self._numbers[id(self._dicts.pop(number))]
+            gone += [f"{number} {name}" for name in self._known.pop(number, ())]
+        dicts = {str(number): self._outer(number) for number in self._seen if number not in self._known}
+        for number in self._seen:
+            self._note_dict(number, values, gone)
+        _note(change, "dicts", dicts, [str(number) for number in lost])
+        _note(change, "values", values, gone)
+
+    def _outer(self, number: int) -> int | None:
+        variables = self._dicts[number]
+        return self._numbers[id(variables.outer)] if isinstance(variables, Variables) else None
+
+    def _note_dict(self, number: int, values: Table, gone: list[str]) -> None:
+        variables, known = self._dicts[number], self._known.setdefault(number, {})
+        for name, value in variables.items():
+            old = known.get(name)
+            if value.__class__ in _ATOMS:
+                if old is None or old[0].__class__ is not value.__class__ or old[0] != value:
+                    known[name], values[f"{number} {name}"] = (value, None), value
+            elif not name.startswith("__"):
+                self._note_value(f"{number} {name}", name, value, known, values)
+        if len(known) != len(variables):
+            for name in [name for name in known if name not in variables]:
+                del known[name]
+                gone.append(f"{number} {name}")
+
+    def _note_value(self, key: str, name: str, value: Any, known: dict[str, tuple[Any, Any]], values: Table) -> None:
+        """A value whose content may change: compare that."""
+        old = known.get(name)
+        try:
+            content: Any = marshal.dumps(value, 2)
+            if old is not None and old[1] == content:
+                return
+            values[key] = encode(value, dump)
+        except (ValueError, MissionError):
+            try:
+                encoded = encode(value, dump)
+                content = json.dumps(encoded)
+            except (MissionError, TypeError, ValueError, RecursionError) as error:
+                if old is None or old[0] is not value:
+                    self._unstorable(name, str(error))
+                encoded, content = None, ""
+            if old is not None and old[1] == content:
+                return
+            values[key] = encoded
+        known[name] = value, content
+
+
+# ---- the engine again ------------------------------------------------------------------------------------------------
+
+
+def restore_engine(
+    tables: Tables,
+    program: Program,
+    host: Host,
+    new_variables: Callable[[], dict[str, Any]],
+    load: Callable[[Any], Any],
+) -> Engine:
+    """The engine of these tables. Raises MissionError for the state of another program."""
+    data: dict[str, Any] = dict(tables["engine"])
+    for name in _KEYED:
+        table = tables.get(name, {})
+        data[name] = [dict(table[key]) for key in sorted(table, key=int)]
+    data |= {name: tables.get(name, {}) for name in _MAPPED}
+    numbers = {int(number): place for place, number in enumerate(sorted(tables.get("dicts", {}), key=int))}
+    data["variables"] = [
+        {"outer": None if outer is None else numbers[outer], "own": {}}
+        for _, outer in sorted(tables.get("dicts", {}).items(), key=lambda item: int(item[0]))
+    ]
+    for key, value in tables.get("values", {}).items():
+        number, _, name = key.partition(" ")
+        data["variables"][numbers[int(number)]]["own"][name] = value
+    counts = {item["key"]: [0] * len(program.elements) for item in data["instances"]}
+    for key, count in tables.get("counts", {}).items():
+        instance, slot = map(int, key.split())
+        counts[instance][slot] = count
+    for item in (*data["instances"], *data["scopes"]):
+        item["variables"] = numbers[item["variables"]]
+    for item in data["instances"]:
+        item["counts"] = counts[item["key"]]
+    for item in data["scopes"]:
+        if item["done"] is not None:
+            item["done"] = [_renumbered(record, numbers) for record in item["done"]]
+    return restore(program, data, host, new_variables, load=load)
+
+
+def _renumbered(record: list[Any], numbers: Mapping[int, int]) -> list[Any]:
+    """A record of something that can be compensated, with the places of its dicts."""
+    node, variables, inner = record
+    return [node, numbers[variables], [_renumbered(item, numbers) for item in inner]]
+
+
+def instance_data(instance: Instance, dump: Callable[[Any], Any] = dump) -> dict[str, Any]:
+    """An instance that is over, as plain data. Values that cannot be stored are left out."""
+    values = {}
+    for name, value in instance.variables.items():
+        try:
+            values[name] = encode(value, dump)
+        except (MissionError, RecursionError):
+            continue
+    error = instance.error
+    return {
+        "key": instance.key,
+        "status": instance.status,
+        "counts": {str(slot): count for slot, count in enumerate(instance.counts) if count},
+        "values": values,
+        "error": None if error is None else {**error.to_json(), "robot": error.robot},
+    }
+
+
+def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any], Any]) -> Instance:
+    """The instance again."""
+    variables = {name: decode(value, load) for name, value in data["values"].items()}
+    instance = Instance(data["key"], program, variables)
+    instance.status = data["status"]
+    for slot, count in data["counts"].items():
+        instance.counts[int(slot)] = count
+    if data["error"] is not None:
+        said = dict(data["error"])
+        instance.error = MissionError(said.pop("text"), **said)
+    return instance

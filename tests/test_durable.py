@@ -1,0 +1,166 @@
+"""A robot goes on from any record of its journal, and ends as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent / "conformance"))
+
+from durable_runs import Do, Recorded, Step, Until, cut, left, play, prefixes, state_at
+from engine_models import (
+    boundary,
+    call,
+    catch,
+    element,
+    end,
+    flow,
+    gateway,
+    handler,
+    model,
+    path,
+    process,
+    properties,
+    script,
+    signal,
+    start,
+    sub,
+    throw,
+    timer,
+    user,
+)
+
+from fame.engine.snapshot import snapshot
+from fame.robot.journal import read_segment
+from fame.robot.state_tables import restore_engine
+from fame.robot.stored_values import Loader, dump
+
+
+def on(name: str, payload: Any = None) -> Step:
+    return Do("signal", (name, payload))
+
+
+def done(id: str, **values: Any) -> Step:
+    return Do("complete", (id, values))
+
+
+TYPED = properties(type="std_msgs/msg/Int32")
+LOOP = (
+    '<multiInstanceLoopCharacteristics isSequential="{}"><loopCardinality>3</loopCardinality>'
+    "</multiInstanceLoopCharacteristics>"
+)
+
+MODELS: dict[str, tuple[str, list[Step]]] = {
+    "tasks of people and scripts": (
+        start() + script("a", "x = 1\nitems = [x]") + user("u") + script("b", "items.append(x + y)") + user("v") + end()
+        + path("s a u b v e"),
+        [Until(1), done("u", y=2), Until(2), done("v")],
+    ),
+    "timers": (
+        start() + script("a", "n = 0") + catch("c", timer("PT5S")) + user("u") + end() + path("s a c u e")
+        + boundary("b", "u", timer("R3/PT2S", "Cycle"), interrupting=False) + script("k", "n += 1") + path("b k")
+        + boundary("late", "u", timer("PT30S")) + path("late e"),
+        [Until(4), Until(6), Until(9), Until(40)],
+    ),
+    "signals and queues": (
+        start() + user("u") + catch("c", signal("A"), TYPED) + catch("d", signal("A"), properties(queue="5")) + end()
+        + path("s u c d e"),
+        [Until(1), on("A", 1), on("A", 2), done("u"), Until(2), on("A", 3), Until(3)],
+    ),
+    "forks and joins": (
+        start() + gateway("parallel", "g") + user("a") + user("b") + gateway("parallel", "j") + end()
+        + path("s g a j e") + path("g b j"),
+        [Until(1), done("a"), Until(2), done("b"), Until(3)],
+    ),
+    "sub-processes with handlers": (
+        start() + sub("p", start("ps") + user("u") + end("pe") + path("ps u pe")
+        + handler("h", start("t", signal("A"), interrupting=False) + script("k", "n += 1") + user("w") + path("t k w")))
+        + end() + path("s p e"),
+        [Until(1), on("A"), on("A"), Until(2), done("w"), done("u"), Until(3), done("w"), Until(4)],
+    ),
+    "suspension": (
+        start() + script("a", "await sleep(10)\nn = 5") + user("u") + end() + path("s a u e")
+        + handler("h", start("t", signal("A")) + user("w") + path("t w"), resume=True),
+        [Until(3), on("A"), Until(5), done("w"), Until(30), done("u"), Until(31)],
+    ),
+    "several instances of an activity": (
+        start() + element("userTask", "u", LOOP.format("true")) + element("userTask", "v", LOOP.format("false")) + end()
+        + path("s u v e"),
+        [Until(1), done("u"), done("u"), Until(2), done("u"), done("v"), done("v"), done("v"), Until(3)],
+    ),
+    "what waits in scripts": (
+        start() + script("a", "await sleep(2)\nx = 1\nawait sleep(2)\nx = 2") + script("b", "signal('B')") + user("u")
+        + end() + path("s a b u e"),
+        [Until(10), done("u"), Until(11)],
+    ),
+    "calls": (
+        process(start() + call("c", "Q") + end() + path("s c e"))
+        + process(start("qs") + user("u") + script("k", "n += 1") + end("qe") + path("qs u k qe"), id="Q"),
+        [Until(1), done("u"), Until(2)],
+    ),
+    "thrown signals": (
+        start() + gateway("parallel", "g") + catch("c", signal("A")) + throw("t", signal("A")) + user("u")
+        + gateway("parallel", "j") + end() + path("s g c j e") + path("g u t j"),
+        [Until(1), done("u"), Until(2)],
+    ),
+    "loops": (
+        start() + gateway("exclusive", "m") + user("u") + script("k", "n += 1")
+        + gateway("exclusive", "x", default="x_e") + end() + path("s m u k x e") + flow("x", "m", "${n < 3}"),
+        [Until(1), done("u"), done("u"), Until(2), done("u"), Until(3)],
+    ),
+    "failed instances": (
+        start("s", signal("A")) + user("u") + script("k", "raise ValueError('no')") + end() + path("s u k e"),
+        [Until(1), on("A"), on("A"), done("u"), Until(2), done("u"), Until(3)],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_from_every_record_the_run_ends_as_if_nothing_had_happened(name: str, tmp_path: Path) -> None:
+    content, steps = MODELS[name]
+    definitions = model(*content.replace("</process><process", "</process>\0<process").split("\0"))
+    whole = Recorded(definitions, tmp_path / "whole", {"n": 0})
+    whole.simulation.run(0)
+    steps = [Until(0), *steps]
+    after = play(whole, steps)
+    expected = whole.outcome()
+    whole.close()
+    found = read_segment(*(tmp_path / "whole").glob("journal-*"))
+    ends = prefixes(found)
+    assert len(ends) > 2
+    for records, (length, time) in enumerate(ends, 1):
+        if records == 1:
+            continue  # the process has not begun
+        again = Recorded(definitions, cut(tmp_path / "whole", tmp_path / str(records), length), now=time)
+        play(again, left(steps, after, records))
+        assert again.outcome() == expected, f"after record {records} of {len(ends)}"
+        again.close()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_record_gives_the_state_of_the_engine_at_that_time(name: str, tmp_path: Path) -> None:
+    content, steps = MODELS[name]
+    definitions = model(*content.replace("</process><process", "</process>\0<process").split("\0"))
+    whole = Recorded(definitions, tmp_path / "whole", {"n": 0})
+    states: dict[int, Any] = {}
+    settled = whole.recorder.settled
+
+    def note() -> None:
+        settled()
+        engine = whole.node.engine
+        states[whole.records] = None if engine.cancelling else json.loads(json.dumps(snapshot(engine, dump=dump)))
+
+    whole.node.engine.settled = note
+    play(whole, [Until(0), *steps])
+    whole.close()
+    found = read_segment(*(tmp_path / "whole").glob("journal-*"))
+    node, load = whole.node, Loader(whole.node.mission)
+    for records, state in states.items():
+        if state is not None:
+            again = restore_engine(state_at(found, records), node.engine.program, node.host, dict, load)
+            assert json.loads(json.dumps(snapshot(again, dump=dump))) == state
+    assert len(states) > 1

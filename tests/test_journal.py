@@ -1,0 +1,201 @@
+"""The file under a robot's journal: torn ends, damage, foreign files, the lock, growth, a full disk."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fame.errors import ConfigError
+from fame.robot import journal as module
+from fame.robot.journal import Journal, StateDirectory, read_segment
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Iterator[StateDirectory]:
+    made = StateDirectory(tmp_path / "state")
+    yield made
+    made.close()
+
+
+def written(directory: StateDirectory, records: int = 5, synced: int = 0) -> Path:
+    """A segment with a state and some changes, of which the first `synced` were on the disk before the rest came."""
+    journal = Journal(directory, {"robot": "R"})
+    journal.begin_segment({"state": 0})
+    for number in range(records):
+        journal.append({"number": number, "text": "ü" * number})
+        if number + 1 == synced:
+            journal.sync(lambda: None)
+    journal.close()
+    return directory.segments()[-1]
+
+
+def test_what_was_written_is_read_again(directory: StateDirectory) -> None:
+    found = read_segment(written(directory))
+    assert (found.state, found.header["robot"]) == ({"state": 0}, "R")
+    assert [change["number"] for change in found.changes] == [0, 1, 2, 3, 4]
+
+
+def test_a_file_cut_at_any_byte_ends_with_the_last_whole_record(directory: StateDirectory) -> None:
+    path = written(directory)
+    data, ends = path.read_bytes(), read_segment(path).ends
+    for length in range(ends[0], len(data)):
+        path.write_bytes(data[:length])
+        found = read_segment(path)
+        assert len(found.changes) == sum(end <= length for end in ends) - 1
+        assert found.end == max(end for end in ends if end <= length)
+
+
+def test_a_byte_that_is_wrong_in_the_last_two_records_ends_the_journal_there(directory: StateDirectory) -> None:
+    path = written(directory)
+    data, ends = path.read_bytes(), read_segment(path).ends
+    for place in range(ends[-3], len(data)):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
+        assert len(read_segment(path).changes) == (3 if place < ends[-2] else 4)
+
+
+def test_after_a_torn_end_it_goes_on_behind_the_last_whole_record(directory: StateDirectory) -> None:
+    path = written(directory)
+    path.write_bytes(path.read_bytes()[:-3])
+    journal = Journal.resume(directory, read_segment(path))
+    journal.append({"number": "again"})
+    journal.close()
+    assert [change["number"] for change in read_segment(path).changes] == [0, 1, 2, 3, "again"]
+
+
+def test_a_record_that_was_on_the_disk_and_is_wrong_is_damage(directory: StateDirectory) -> None:
+    path = written(directory, synced=3)
+    data, ends = path.read_bytes(), read_segment(path).ends
+    place = ends[1] + 20
+    path.write_bytes(data[:place] + b"?" + data[place + 1 :])
+    with pytest.raises(ConfigError, match=rf"is damaged at byte {ends[1]}: record 3 was on the disk"):
+        read_segment(path)
+
+
+def test_a_segment_without_its_state_is_damaged(directory: StateDirectory) -> None:
+    path = written(directory, 0)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(ConfigError, match="the state at its beginning is missing"):
+        read_segment(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\n", b"hello\n", b"\x00" * 100, b'{"fame": 1}\n', b"00000000 0 0 {}\n"])
+def test_a_foreign_file_is_refused(directory: StateDirectory, content: bytes) -> None:
+    path = written(directory)
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="is not a journal of a FAME engine"):
+        directory.read()
+
+
+def test_another_format_is_refused(directory: StateDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "FORMAT", 99)
+    path = written(directory)
+    monkeypatch.undo()
+    with pytest.raises(ConfigError, match=r"has format 99 .*this FAME reads format 1"):
+        read_segment(path)
+
+
+def test_lines_of_another_journal_are_not_taken_for_its_own(directory: StateDirectory) -> None:
+    path = written(directory, 1)
+    other = written(directory, 3)
+    path = directory.segments()[-1]
+    data, ends = path.read_bytes(), read_segment(path).ends
+    foreign = written(directory, 3)
+    lines = foreign.read_bytes().splitlines(keepends=True)
+    foreign.write_bytes(data[: ends[1]] + lines[3])
+    assert len(read_segment(foreign).changes) == 1
+    assert not other.exists()
+
+
+def test_a_directory_serves_one_engine_at_a_time(directory: StateDirectory) -> None:
+    text = f"from fame.robot.journal import StateDirectory; StateDirectory({str(directory.path)!r})"
+    found = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    assert f"is in use by another engine (process {os.getpid()})" in found.stderr
+
+
+def test_it_is_for_its_owner_alone(directory: StateDirectory) -> None:
+    path = written(directory)
+    assert directory.path.stat().st_mode & 0o777 == 0o700
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_path_that_cannot_be_a_directory_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="cannot be used for an engine's state: Not a directory"):
+        StateDirectory(tmp_path / "file" / "state")
+
+
+def test_growth_is_bounded_by_the_size_of_the_state(directory: StateDirectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_LEAST", 2000)
+    journal = Journal(directory, {})
+    journal.begin_segment({"state": "x" * 100})
+    longest = 0
+    for number in range(500):
+        if journal.is_long:
+            journal.begin_segment({"state": "x" * 100})
+        journal.append({"number": number})
+        longest = max(longest, sum(path.stat().st_size for path in directory.segments()))
+    assert len(directory.segments()) == 1
+    assert longest < 6000
+    assert directory.read().changes[-1] == {"number": 499}  # type: ignore[union-attr]
+    journal.close()
+
+
+def test_all_who_ask_while_the_disk_is_busy_share_one_write(
+    directory: StateDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writes, may_write, told = [], threading.Semaphore(0), threading.Semaphore(0)
+    done: list[int] = []
+
+    def slow(file: int) -> None:
+        may_write.acquire()
+        writes.append(file)
+
+    def later(function: object) -> None:
+        function()  # type: ignore[operator]
+        told.release()
+
+    journal = Journal(directory, {}, later)
+    journal.begin_segment({})
+    monkeypatch.setattr(os, "fdatasync", slow)
+    for number in range(10):
+        journal.append({"number": number})
+        journal.sync(lambda number=number: done.append(number))  # type: ignore[misc]
+    assert done == []
+    for _ in range(3):
+        may_write.release()
+    for _ in range(10):
+        told.acquire()
+    assert done == list(range(10))
+    assert len(writes) <= 2
+    journal.close()
+
+
+def test_a_line_that_did_not_fit_on_the_disk_is_taken_back(
+    directory: StateDirectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = Journal(directory, {})
+    journal.begin_segment({})
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:10]))
+    with pytest.raises(OSError, match="No space left"):
+        journal.append({"number": 1})
+    monkeypatch.undo()
+    journal.append({"number": 2})
+    journal.close()
+    assert directory.read().changes == [{"number": 2}]  # type: ignore[union-attr]
+
+
+def test_an_old_state_is_set_aside(directory: StateDirectory) -> None:
+    name = written(directory).name
+    assert directory.set_aside() == directory.path / "old-1"
+    assert directory.read() is None
+    assert (directory.path / "old-1" / name).exists()
+    assert directory.set_aside() is None
+    written(directory)
+    assert directory.set_aside() == directory.path / "old-2"
