@@ -39,6 +39,7 @@ HEAVY = {
     "matplotlib",
     "mcap",
     "numpy",
+    "orjson",
     "onnx",
     "onnxruntime",
     "pymunk",

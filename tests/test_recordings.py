@@ -158,10 +158,10 @@ def test_a_newer_format_and_a_foreign_file_are_refused(tmp_path: Path) -> None:
     ("value", "written"),
     [
         (float("nan"), "NaN"),
-        (list(range(100)), {"$cut": "list of 100", "first": [0, 1, 2, 3, 4, 5, 6, 7]}),
+        (list(range(100)), {"$cut": "list of 100", "first": [0, 1, 2, 3]}),
         ("x" * 2000, {"$cut": "text of 2000", "first": "x" * 80}),
         ({"a": (1, 2.5, None)}, {"a": [1, 2.5, None]}),
-        ([["y" * 900] * 20], {"$cut": "list of 18063 characters"}),
+        ([["y" * 900] * 10], {"$cut": "list of 9033 characters"}),
     ],
 )
 def test_large_values_are_cut_and_say_so(value: object, written: object) -> None:

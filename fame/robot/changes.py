@@ -7,15 +7,16 @@ waiting tokens with what it knew, and gives away what is different; `key` gives 
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
+from operator import is_not
 from typing import TYPE_CHECKING, Any
 
-from fame.engine.program import Mark
+from fame.engine.program import Mark, Node
 from fame.engine.state import Instance, Scope, Trail, Wait, joins_reached, scopes_of
-from fame.robot.plain_values import is_data, json_text, snapshot_of
+from fame.robot.plain_values import encode, is_changeable, is_data, json_text, name_text, snapshot_of
 
 if TYPE_CHECKING:
     from fame.robot.events import Event
@@ -30,7 +31,9 @@ _ENDED = 20
 COUNTED = frozenset(("enter", "leave", "take", "cancel", "fail"))
 """Marks that are counted by element."""
 _KNOWN = 10_000
-"""Marks whose JSON is kept."""
+"""Marks and scopes whose JSON is kept."""
+_NO_SCRIPT = (0, None)
+"""The state of a wait that is neither suspended nor for a script."""
 
 
 class ChangeTracker:
@@ -42,11 +45,14 @@ class ChangeTracker:
         self._name = json_text(node.name)
         self._marks: dict[Mark, str] = {}  # as JSON
         self._events: list[str] = []
-        self._counted: list[Mark] = []
-        self._counts: dict[str, Counter[str]] = {}
+        self._fresh: list[Mark] = []  # since the last flush
+        self._counted: list[Mark] = []  # before it, not yet in `_counts`
+        self._counts: dict[str, dict[str, int]] = {}
         self._instances: dict[int, tuple[str, str]] = {}  # key -> process, status
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, _Token] = {}
+        self._places: dict[int, str] = {}
+        self._waits: dict[Node, str] = {}  # what is the same for every token there
 
     # ---- what happens ------------------------------------------------------------------------------------------------
 
@@ -66,7 +72,7 @@ class ChangeTracker:
         except (KeyError, TypeError):  # TypeError: a detail that is not hashable
             text = ",".join([self._mark(instance, mark) for mark in marks])
         self._events.append(f'{{"instance":{instance},"scope":{scope},"marks":[{text}]}}')
-        self._counted += marks
+        self._fresh += marks
 
     def _mark(self, instance: int, mark: Mark) -> str:
         element, what, detail = mark
@@ -87,18 +93,18 @@ class ChangeTracker:
         if self._events:
             self._put("events", time, f'{{"robot":{self._name},"events":[{",".join(self._events)}]}}')
             self._events.clear()
-            self._count()
+            self._counted += self._fresh
+            self._fresh.clear()
         running = list(self._node.engine.instances.values())
         self._flush_variables(time, running)
         self._flush_tokens(time, running)
 
     def _count(self) -> None:
-        for mark in self._counted:
-            if mark[1] in COUNTED:
-                counts = self._counts.get(mark[0])
-                if counts is None:
-                    counts = self._counts[mark[0]] = Counter()
-                counts[mark[1]] += 1
+        """Count what has happened since the last time."""
+        for (element, what), number in Counter([mark[:2] for mark in self._counted]).items():
+            if what in COUNTED:
+                counts = self._counts.setdefault(element, {})
+                counts[what] = counts.get(what, 0) + number
         self._counted.clear()
 
     def _flush_variables(self, time: int, running: Sequence[Instance]) -> None:
@@ -118,25 +124,52 @@ class ChangeTracker:
 
     def _flush_tokens(self, time: int, running: Sequence[Instance]) -> None:
         before, now, fresh = self._tokens, {}, []
-        for key, scope, node, wait in _tokens(running):
+        for key, scope, element, wait in _tokens(running):
             state = self._node.wait_state(wait) if wait is not None else None
             token = before.get(key)
             if token is None or token.state != state:
-                details = {"kind": "join"} if wait is None else self._node.wait_details(wait)
                 since = time if token is None else token.since
-                token = _Token(state, since, _token_text(key, scope, node, since, details))
+                where = f'{{"key":"{key}",{self._place(scope)},"element":{name_text(element)},"since":{since},'
+                token = _Token(state, since, where + self._details(wait, state))
                 fresh.append(token.text)
             now[key] = token
-        gone = [json_text(_key_text(key)) for key in before if key not in now]
+        gone = [f'"{key}"' for key in before if key not in now]
         self._tokens = now
         if fresh or gone:
             text = f'{{"robot":{self._name},"tokens":[{",".join(fresh)}],"gone":[{",".join(gone)}]}}'
             self._put("waiting", time, text)
 
+    def _place(self, scope: Scope) -> str:
+        """Where a scope is, as members of a JSON object."""
+        text = self._places.get(scope.key)
+        if text is None:
+            body: Scope | None = scope
+            while body is not None and body.body is None:
+                body = body.parent
+            if len(self._places) >= _KNOWN:
+                self._places.clear()
+            text = self._places[scope.key] = (
+                f'"instance":{scope.instance.key},"scope":{scope.key},"path":{encode(list(path_of(scope)))},'
+                f'"body":{name_text(body.body.id if body is not None and body.body is not None else "")}'
+            )
+        return text
+
+    def _details(self, wait: Wait | None, state: object) -> str:
+        """What a token waits for, as the last members of a JSON object."""
+        if wait is None:
+            return '"kind":"join","text":"tokens on its other flows"}'
+        if state != _NO_SCRIPT:
+            return encode(self._node.wait_details(wait))[1:]
+        text = self._waits.get(wait.node)
+        if text is None:
+            text = self._waits[wait.node] = encode(self._node.wait_details(wait))[1:]
+        return text
+
     # ---- everything --------------------------------------------------------------------------------------------------
 
     def key(self) -> str:
         """Everything, as of the last `flush`."""
+        self._count()
         instances = [
             {"instance": key, "process": process, "status": status}
             for key, (process, status) in self._instances.items()
@@ -144,8 +177,8 @@ class ChangeTracker:
         variables = ",".join(f"{known.where},{known.everything()}}}" for known in self._scopes.values())
         tokens = ",".join(token.text for token in self._tokens.values())
         return (
-            f'{{"process":{json_text(self._node.mission.process.id)},"instances":{json_text(instances)},'
-            f'"tokens":[{tokens}],"variables":[{variables}],"counts":{_encoded(self._counts)}}}'
+            f'{{"process":{json_text(self._node.mission.process.id)},"instances":{encode(instances)},'
+            f'"tokens":[{tokens}],"variables":[{variables}],"counts":{encode(self._counts)}}}'
         )
 
 
@@ -166,48 +199,55 @@ class _ScopeVariables:
             f'{{"instance":{scope.instance.key},"scope":{scope.key},"path":{json_text(list(path_of(scope)))}'
         )
         self._variables = scope.variables
-        self._values: dict[str, Any] = {}
+        self._names: list[str] = []
+        self._values: list[Any] = []
+        self._changeable: dict[str, Any] = {}  # name -> a copy of what may be changed in place
         self._texts: dict[str, str] = {}
 
     def change(self) -> str:
         """What is different now, as members of a JSON object; empty if nothing is."""
-        variables = self._variables
-        try:
-            if dict.__eq__(variables, self._values):
-                return ""
-        except Exception:  # values that cannot be compared, as arrays
-            pass
-        fresh = {}
-        for name, value in variables.items():
-            if name in self._values and _is_same(value, self._values[name]):
-                continue
+        variables, texts = self._variables, self._texts
+        names, values = list(variables), list(dict.values(variables))
+        if names == self._names:
+            changed = list(compress(names, map(is_not, values, self._values)))
+        else:
+            before = dict(zip(self._names, self._values, strict=True))
+            changed = [name for name, value in zip(names, values, strict=True) if before.get(name, before) is not value]
+            self._names = names
+        self._values = values
+        changed += [name for name, copy in self._changeable.items() if _differs(dict.get(variables, name), copy)]
+        fresh: list[str] = []
+        for name in changed:
+            value = dict.get(variables, name)
+            if is_changeable(value):
+                self._changeable[name] = snapshot_of(value)
+            elif name in self._changeable:
+                del self._changeable[name]
             if is_data(name, value):
                 text = json_text(value)
-                if self._texts.get(name) != text:
-                    fresh[name] = self._texts[name] = text
-        gone = [name for name in self._texts if not dict.__contains__(variables, name)]
+                if texts.get(name) != text:
+                    texts[name] = text
+                    fresh.append(f"{name_text(name)}:{text}")
+        gone = [name for name in texts if not dict.__contains__(variables, name)]
         for name in gone:
-            del self._texts[name]
-        self._values = {name: snapshot_of(value) for name, value in variables.items()}
-        parts = [f'"set":{_object(fresh)}'] * bool(fresh) + [f'"unset":{json_text(gone)}'] * bool(gone)
+            del texts[name]
+            self._changeable.pop(name, None)
+        parts = [f'"set":{{{",".join(fresh)}}}'] * bool(fresh) + [f'"unset":{encode(gone)}'] * bool(gone)
         return ",".join(parts)
 
     def everything(self) -> str:
         """All of them, as a member of a JSON object."""
-        return f'"set":{_object(self._texts)}'
+        return '"set":{' + ",".join([f"{name_text(name)}:{text}" for name, text in self._texts.items()]) + "}"
 
 
-def _is_same(value: Any, other: Any) -> bool:
-    if value is other and value.__class__ not in (list, dict, set):
+def _differs(value: Any, copy: Any) -> bool:
+    """Whether a value that may be changed in place has changed; where that cannot be told cheaply, it may have."""
+    if value.__class__ is not copy.__class__ or value is copy:  # there is no copy of an object or array
         return True
     try:
-        return bool(value == other)
-    except Exception:
-        return False
-
-
-def _object(members: Mapping[str, str]) -> str:
-    return "{" + ",".join(f"{json_text(name)}:{text}" for name, text in members.items()) + "}"
+        return bool(value != copy)
+    except Exception:  # of what a list has in it
+        return True
 
 
 def _tokens(running: Iterable[Instance]) -> Iterator[tuple[Hashable, Scope, str, Wait | None]]:
@@ -216,7 +256,7 @@ def _tokens(running: Iterable[Instance]) -> Iterator[tuple[Hashable, Scope, str,
         for wait in instance.waits():
             yield wait.key, wait.scope, wait.node.id, wait
         for scope, join, _ in joins_reached(instance.root):
-            yield (scope.key, join.id), scope, join.id, None
+            yield f"{scope.key}@{join.id}", scope, join.id, None
 
 
 def path_of(scope: Scope) -> Iterator[str]:
@@ -230,32 +270,8 @@ def path_of(scope: Scope) -> Iterator[str]:
     return reversed(ids)
 
 
-def _token_text(key: Hashable, scope: Scope, element: str, since: int, details: Mapping[str, Any]) -> str:
-    body: Scope | None = scope
-    while body is not None and body.body is None:
-        body = body.parent
-    token = {
-        "key": _key_text(key),
-        "instance": scope.instance.key,
-        "scope": scope.key,
-        "path": list(path_of(scope)),
-        "body": body.body.id if body is not None and body.body is not None else "",
-        "element": element,
-        "since": since,
-        **details,
-    }
-    return json_text(token)
-
-
-def _key_text(key: Hashable) -> str:
-    return "@".join(map(str, key)) if isinstance(key, tuple) else str(key)
-
-
 def forget_ended(instances: dict[int, tuple[str, str]]) -> None:
     """Forget the oldest of the instances that have ended, if there are many."""
     ended = [key for key, (_, status) in instances.items() if status != "running"]
     for key in ended[:-_ENDED]:
         del instances[key]
-
-
-_encoded = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode

@@ -1,42 +1,56 @@
 """Variables as JSON: any value of a mission, cut where it is large.
 
 Numbers, texts, truth values, null, lists and mappings are themselves, messages and objects are mappings of their
-fields. What is cut says so: ``{"$cut": "list of 10000", "first": [...]}`` for lists and arrays, ``{"$cut": "text of
-5000", "first": "..."}`` for texts, ``{"$cut": "Bag of 12345 characters"}`` for what is too large as a whole. NaN and
+fields. What is cut says so: ``{"$cut": "list of 10000", "first": [...]}``, ``{"$cut": "text of 5000", ...}``,
+``{"$cut": "array of 15504"}``, ``{"$cut": "Plan of 12345 characters"}`` for what is too large as a whole. NaN and
 infinities, which JSON does not have, are the texts ``"NaN"``, ``"Infinity"`` and ``"-Infinity"``; complex numbers are
-texts, too.
+texts, too. In messages without lists, NaN and infinities are null.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
+from functools import cache, lru_cache
 from itertools import islice
 from types import ModuleType
 from typing import Any
 
-ITEMS = 64
-"""Most items of a list that are kept whole; of a longer one, and of a longer text, the first are kept."""
+import orjson
+
+from fame.middleware import typesystem
+from fame.middleware.messages import Message
+
+ITEMS = 16
+"""Most items of a list, array or mapping that is kept whole."""
 TEXT = 1000
 """Most characters of a text."""
 SIZE = 4000
 """Most characters of a value as JSON."""
 _DEPTH = 8
-_FIRST = 8
+_FIRST = 4
+_LONG = 64  # items of an array in a message, above which it is cut
 
-_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
-_SCALARS = frozenset((str, int, bool, type(None)))
+Encode = Callable[[Any, int], str]
+"""Gives the JSON of a value; how many levels of lists and mappings it may have."""
+
+_string = json.encoder.encode_basestring
+encode: Callable[[Any], str] = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
+"""The JSON of plain data."""
 
 
 def json_text(value: Any) -> str:
     """A value as JSON, on one line."""
-    text = _encode(_plain(value, _DEPTH))
-    if len(text) > SIZE:
-        return _encode({"$cut": f"{type(value).__name__} of {len(text)} characters"})
-    return text
+    text = _encode(value, _DEPTH)
+    return text if len(text) <= SIZE else _cut(f"{type(value).__name__} of {len(text)} characters")
+
+
+@lru_cache(10_000)
+def name_text(name: str) -> str:
+    """A name as JSON."""
+    return _string(name)
 
 
 def is_data(name: str, value: Any) -> bool:
@@ -44,52 +58,145 @@ def is_data(name: str, value: Any) -> bool:
     return not (name.startswith("__") or callable(value) or isinstance(value, ModuleType))
 
 
+def is_changeable(value: Any) -> bool:
+    """Whether a value may be changed in place, as lists, mappings, arrays and objects, but not messages."""
+    kind = value.__class__
+    known = _CHANGED_IN_PLACE.get(kind)
+    if known is None:
+        plain = not hasattr(value, "__dict__") and not (hasattr(kind, "tolist") and getattr(value, "ndim", 0) > 0)
+        known = kind in _CHANGEABLE or not (plain or isinstance(value, Message | ModuleType) or callable(value))
+        _CHANGED_IN_PLACE[kind] = known
+    return known
+
+
 def snapshot_of(value: Any) -> Any:
     """A value to compare with later: a copy of what can be changed in place, else the value itself."""
     kind = value.__class__
     if kind is list:
-        return [snapshot_of(item) for item in value]
+        return [snapshot_of(item) if item.__class__ in _CHANGEABLE else item for item in value]
     if kind is dict:
         return {key: snapshot_of(item) for key, item in value.items()}
-    return copy(value) if kind in (set, bytearray) else value
+    return copy(value) if kind in _CHANGEABLE else value
 
 
-def _plain(value: Any, depth: int) -> Any:
-    kind = value.__class__
-    if kind in _SCALARS:
-        return value if kind is not str or len(value) <= TEXT else _cut("text", value)
-    if kind is float:
-        return value if math.isfinite(value) else {math.inf: "Infinity", -math.inf: "-Infinity"}.get(value, "NaN")
-    if kind is complex:
-        return f"{value.real:.6g}{value.imag:+.6g}j"
+_CHANGEABLE = frozenset((list, dict, set, bytearray))
+_CHANGED_IN_PLACE: dict[type, bool] = {}
+
+
+# ---- values ----------------------------------------------------------------------------------------------------------
+
+
+def _encode(value: Any, depth: int) -> str:
+    encoder = _ENCODERS.get(value.__class__)
+    if encoder is None:
+        encoder = _ENCODERS[value.__class__] = _encoder(value.__class__)
+    return encoder(value, depth)
+
+
+def _encoder(kind: type) -> Encode:
+    """The function that encodes values of a class."""
+    if issubclass(kind, Message):
+        return _message if _has_lists(kind.__msgtype__) else _small_message
+    if issubclass(kind, bool | int | float | str | bytes | complex):
+        base = next(base for base in (bool, int, float, str, bytes, complex) if issubclass(kind, base))
+        return lambda value, depth: _ENCODERS[base](base(value), depth)
+    if hasattr(kind, "tolist"):  # arrays and numbers of numpy
+        return _array
+    if issubclass(kind, Mapping):
+        return lambda value, depth: _mapping(value.items(), kind.__name__, len(value), depth)
+    if issubclass(kind, Sequence | set | frozenset):
+        return _listing
+    return _object
+
+
+def _float(value: float, depth: int) -> str:
+    if value - value == 0.0:
+        return repr(value)
+    return '"NaN"' if value != value else '"Infinity"' if value > 0 else '"-Infinity"'
+
+
+def _text(value: str, depth: int) -> str:
+    return _string(value) if len(value) <= TEXT else _cut(f"text of {len(value)}", _string(value[:80]))
+
+
+def _listing(value: Any, depth: int) -> str:
     if depth == 0:
-        return {"$cut": reprlib.repr(value)}
-    if kind in (list, tuple, set, frozenset):
-        return _listed(value, kind.__name__, depth)
-    if hasattr(value, "tolist"):  # an array, or a number of numpy
-        return _listed(value, "array", depth) if getattr(value, "ndim", 0) else _plain(value.tolist(), depth)
-    if isinstance(value, Mapping):
-        return _mapped(value.items(), kind.__name__, len(value), depth)
-    if isinstance(value, bytes | bytearray):
-        return {"$cut": f"{len(value)} bytes"}
-    fields = getattr(kind, "__slots__", None) if hasattr(kind, "__msgtype__") else getattr(value, "__dict__", None)
-    if fields is None:
-        return {"$cut": reprlib.repr(value)}
-    named = ((name, getattr(value, name, None)) for name in fields if not str(name).startswith("_"))
-    return _mapped(named, kind.__name__, len(fields), depth)
-
-
-def _listed(value: Any, kind: str, depth: int) -> Any:
-    items = (item.tolist() if hasattr(item, "tolist") else item for item in value)
+        return _cut(reprlib.repr(value))
     if len(value) <= ITEMS:
-        return [_plain(item, depth - 1) for item in items]
-    return {"$cut": f"{kind} of {len(value)}", "first": [_plain(item, depth - 1) for item in islice(items, _FIRST)]}
+        return f"[{','.join([_encode(item, depth - 1) for item in value])}]"
+    first = ",".join([_encode(item, depth - 1) for item in islice(value, _FIRST)])
+    return _cut(f"{value.__class__.__name__} of {len(value)}", f"[{first}]")
 
 
-def _mapped(items: Any, kind: str, size: int, depth: int) -> Any:
-    shown = {str(key): _plain(item, depth - 1) for key, item in islice(items, ITEMS) if not callable(item)}
-    return shown if size <= ITEMS else {"$cut": f"{kind} of {size}", "first": shown}
+def _array(value: Any, depth: int) -> str:
+    if not getattr(value, "ndim", 0):
+        return _encode(value.tolist(), depth)
+    return _listing(value.tolist(), depth) if value.size <= ITEMS else _cut(f"array of {value.size}")
 
 
-def _cut(kind: str, text: str) -> dict[str, str]:
-    return {"$cut": f"{kind} of {len(text)}", "first": text[:80]}
+def _mapping(items: Iterable[tuple[Any, Any]], kind: str, size: int, depth: int) -> str:
+    if depth == 0:
+        return _cut(f"{kind} of {size}")
+    members = [
+        f"{name_text(str(key))}:{_encode(item, depth - 1)}"
+        for key, item in islice(items, ITEMS * 4)
+        if is_data("", item)
+    ]
+    text = f"{{{','.join(members)}}}"
+    return text if size <= ITEMS * 4 else _cut(f"{kind} of {size}", text)
+
+
+def _object(value: Any, depth: int) -> str:
+    fields = getattr(value, "__dict__", None)
+    if fields is None or depth == 0:
+        return _cut(reprlib.repr(value))
+    named = {name: item for name, item in fields.items() if not name.startswith("_")}
+    return _mapping(named.items(), type(value).__name__, len(named), depth)
+
+
+def _message(value: Any, depth: int) -> str:
+    """A message of a type with lists: field by field, since they may be long."""
+    fields = _message_fields(value.__msgtype__)
+    return _mapping(((name, getattr(value, name)) for name in fields), type(value).__name__, len(fields), depth)
+
+
+def _small_message(value: Any, depth: int) -> str:
+    """A message of a type without lists of any length."""
+    try:
+        return orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+    except TypeError:  # what was put into its fields does not fit
+        return _message(value, depth)
+
+
+@cache
+def _message_fields(type: str) -> list[str]:
+    return [field.attribute for field in typesystem.definition(type).fields]
+
+
+@cache
+def _has_lists(type: str) -> bool:
+    """Whether a type of messages has sequences or long arrays anywhere."""
+    fields = typesystem.definition(type).fields
+    return not fields or any(
+        field.shape == "sequence" or field.size > _LONG or (field.is_message and _has_lists(field.base))
+        for field in fields
+    )
+
+
+def _cut(text: str, first: str = "") -> str:
+    return f'{{"$cut":{_string(text)}' + (f',"first":{first}' if first else "") + "}"
+
+
+_ENCODERS: dict[type, Encode] = {
+    float: _float,
+    str: _text,
+    int: lambda value, depth: repr(value),
+    bool: lambda value, depth: "true" if value else "false",
+    type(None): lambda value, depth: "null",
+    complex: lambda value, depth: f'"{value.real:.6g}{value.imag:+.6g}j"',
+    bytes: lambda value, depth: _cut(f"{len(value)} bytes"),
+    bytearray: lambda value, depth: _cut(f"{len(value)} bytes"),
+    list: _listing,
+    tuple: _listing,
+    dict: lambda value, depth: _mapping(value.items(), "dict", len(value), depth),
+}
