@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import random
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -13,9 +15,11 @@ import fame
 from fame.errors import ConfigError
 from fame.log import About, Recording, TeamState, logging_to
 from fame.log.channels import EVENTS, VARIABLES, WAITING
+from fame.middleware import messages
 from fame.robot.events import EventLog, combine_observers
 from fame.robot.plain_values import json_text
 from fame.scenario import Scenario
+from tests.bpmn_text import process
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SECOND = 1_000_000_000
@@ -97,6 +101,50 @@ def test_models_scenario_and_metadata_are_in_it(run: tuple[Path, EventLog]) -> N
         assert recording.attachments["scenario/s.yaml"] == b"seed: 1\n"
         name, text = next(iter(recording.models.items()))
         assert fame.bpmn.read_bytes(text, file=name).processes
+
+
+def test_signals_are_recorded_as_messages_of_ros_2(run: tuple[Path, EventLog]) -> None:
+    with Recording(run[0]) as recording:
+        topic = recording.topics["/weed_position"]
+        assert (topic.encoding, topic.type) == ("cdr", "geometry_msgs/msg/Vector3")
+        assert "/Drone/odom" not in recording.topics
+        first = next(recording.messages(["/weed_position"]))
+        assert first.node == "/Drone/fame_engine"
+        assert recording.decode(first).keys() == {"x", "y", "z"}
+
+
+def test_all_topics_are_recorded_if_wanted(tmp_path: Path) -> None:
+    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=2)
+    with logging_to(tmp_path / "all.mcap", scenario.closures(), topics="all") as log:
+        scenario.run(observer=log)
+    with Recording(tmp_path / "all.mcap") as recording:
+        assert recording.topics["/Drone/odom"].count == len(list(recording.messages(["/Drone/odom"]))) > 10
+        last = list(recording.messages(["/Drone/odom"]))[-1]
+        assert recording.decode(last)["child_frame_id"]
+
+
+def test_messages_of_types_of_ones_own_are_read_with_their_schema(tmp_path: Path) -> None:
+    script = """
+from fame.log import Recording
+import sys
+with Recording(sys.argv[1]) as recording:
+    print(recording.decode(next(recording.messages(["/seen"]))))
+"""
+    messages.register("float64 x\nstd_msgs/Header header\n", "farm_msgs/msg/Sighting")
+    model = """
+      <startEvent id="Start"><outgoing>f</outgoing></startEvent>
+      <sequenceFlow id="f" sourceRef="Start" targetRef="Seen" />
+      <endEvent id="Seen" name="seen"><incoming>f</incoming><extensionElements>
+        <camunda:properties><camunda:property name="type" value="farm_msgs/msg/Sighting" />
+        <camunda:property name="payload" value="{x: 2.5}" /></camunda:properties></extensionElements>
+        <signalEventDefinition id="d" /></endEvent>"""
+    path = tmp_path / "m.bpmn"
+    path.write_text(process(model))
+    with logging_to(tmp_path / "own.mcap", [fame.read(path)]) as log:
+        fame.Simulation(path, observer=log).run()
+    command = [sys.executable, "-c", script, tmp_path / "own.mcap"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "'x': 2.5" in done.stdout, done.stderr
 
 
 def test_equal_runs_give_equal_recordings(tmp_path: Path) -> None:

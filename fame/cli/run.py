@@ -20,6 +20,7 @@ from fame.errors import ConfigError
 if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.log import About
+    from fame.log.recorder import LogTopics
     from fame.robot.events import Observer
     from fame.scenario import Result, Scenario, TeamStatus
 
@@ -86,6 +87,10 @@ def add(commands: Commands) -> None:
         help="write the events to a new .jsonl, .csv or .xes file, or a recording (.mcap) with variables, "
         "what tokens wait for and the world, in place of an old one; may be given several times",
     )  # fmt: skip
+    parser.add_argument(
+        "--log-topics", choices=("signals", "all"), default="signals",
+        help="the messages in recordings: those of signals, or of all topics, with sensors and motors",
+    )  # fmt: skip
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the ways of the robots")
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
     add_library(parser)
@@ -147,7 +152,10 @@ def run(arguments: Namespace) -> int:
         raise ConfigError("--lockstep needs --middleware dds: one process is in step with itself")
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
-    with _logs(arguments.log, scenario) as writes, progress_line(sys.stderr, wanted=not quiet) as line:
+    with (
+        _logs(arguments.log, scenario, arguments.log_topics) as writes,
+        progress_line(sys.stderr, wanted=not quiet) as line,
+    ):
         result = scenario.run(
             real_time=arguments.real_time,
             observer=combine_observers(writes),
@@ -215,7 +223,7 @@ def _seen(sight: TeamStatus) -> str:
 
 
 @contextmanager
-def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Observer]]:
+def _logs(paths: Sequence[Path], scenario: Scenario, topics: LogTopics) -> Iterator[list[Observer]]:
     """What writes to the logs that were asked for, as long as the block lasts."""
     if not paths:
         yield []
@@ -224,7 +232,7 @@ def _logs(paths: Sequence[Path], scenario: Scenario) -> Iterator[list[Observer]]
 
     files, about = scenario.closures(), _about(scenario)
     with ExitStack() as stack:
-        yield [stack.enter_context(logging_to(path, files, about)) for path in paths]
+        yield [stack.enter_context(logging_to(path, files, about, topics=topics)) for path in paths]
 
 
 def _about(scenario: Scenario) -> About:

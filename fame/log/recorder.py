@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from fame.bpmn.model import Definitions
 from fame.clock import SECOND, Kind, Scheduler
 from fame.engine.state import Trail
 from fame.log.channels import CHANNELS, FORMAT
+from fame.middleware import codec
 from fame.robot.changes import ChangeTracker
 from fame.robot.events import Event
 
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
 
 _CHUNK = 1 << 18
 """Bytes of a chunk before it is compressed: what a crash may lose, and what a seek has to read."""
+
+
+ENGINE_NODE = "fame_engine"
+"""The name of every robot's engine node."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +55,7 @@ class RecordingFile:
         self._writer: Writer = Writer(stream, chunk_size=_CHUNK, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"fame {_version()}")
         self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
 
     def describe(self, metadata: Mapping[str, str]) -> None:
@@ -60,6 +66,14 @@ class RecordingFile:
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Write a file into the recording."""
         self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+
+    def message_channel(self, topic: str, type: str, node: str) -> int:
+        """The number of a new channel for messages of a ROS 2 type that `node` (full name) publishes, as CDR."""
+        schema = self._schemas.get(type)
+        if schema is None:
+            text = codec.typestore(type).generate_msgdef(type, ros_version=2)[0]
+            schema = self._schemas[type] = self._writer.register_schema(type, "ros2msg", text.encode())
+        return self._writer.register_channel(topic, "cdr", schema, {"node": node})
 
     def put(self, topic: str, time: int, text: str) -> None:
         """Write a message of one of `CHANNELS`: JSON, at a time (ns)."""
@@ -88,11 +102,61 @@ def _version() -> str:
         return ""
 
 
-class Recorder:
-    """An observer that writes a recording. `start` is called before the first message, and gives the file."""
+LogTopics = Literal["signals", "all"]
+"""Messages to record: those of the topics that models name, without sensors and motors; or all."""
 
-    def __init__(self, start: Callable[[], RecordingFile]) -> None:
+
+class TopicRecorder:
+    """Records messages as CDR as they are published. `begin` gives the file."""
+
+    def __init__(self, begin: Callable[[], RecordingFile], *, every: bool) -> None:
+        self._begin, self._every = begin, every
+        self._middleware: Any = None
+        self._robots: set[str] = set()
+
+    def add(self, node: RobotNode) -> None:
+        """Record the topics of a robot."""
+        self._robots.add(node.namespace)
+        if self._middleware is None and hasattr(node.middleware, "tap"):
+            self._middleware = node.middleware
+            node.middleware.tap(self._tap)
+
+    def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
+        """What records the messages of a publisher; it is chosen at its first message, when all endpoints exist."""
+        chosen: list[tuple[RecordingFile, int] | None] = []
+
+        def on_message(message: Any) -> None:
+            if not chosen:
+                wanted = self._every or self._is_signal(publisher.topic)
+                if wanted:
+                    file = self._begin()
+                    channel = file.message_channel(publisher.topic, publisher.type, publisher.node.full_name)
+                    chosen.append((file, channel))
+                else:
+                    chosen.append(None)
+            if chosen[0] is not None:
+                file, channel = chosen[0]
+                file.write(channel, self._middleware.scheduler.now, codec.serialize(message))
+
+        return on_message
+
+    def _is_signal(self, topic: str) -> bool:
+        """Whether a topic is no sensor or motor: in a robot's namespace, none but engines have an endpoint on it."""
+        info = self._middleware.topics[topic].info()
+        if topic.split("/")[1] not in self._robots:
+            return True
+        return all(name.endswith(f"/{ENGINE_NODE}") for name in (*info.publishers, *info.subscribers))
+
+
+class Recorder:
+    """An observer that writes a recording. `start` is called before the first message, and gives the file.
+
+    `topics`: the messages of which topics are recorded (`LogTopics`).
+    """
+
+    def __init__(self, start: Callable[[], RecordingFile], topics: LogTopics = "signals") -> None:
         self._start = start
+        self._topics = TopicRecorder(self.begin, every=topics == "all")
         self._file: RecordingFile | None = None
         self._trackers: dict[str, ChangeTracker] = {}
         self._changed: dict[str, ChangeTracker] = {}
@@ -114,6 +178,7 @@ class Recorder:
         """Record this robot."""
         tracker = ChangeTracker(node, lambda channel, time, text: self.begin().put(f"/fame/{channel}", time, text))
         self._trackers[node.name], self._scheduler = tracker, node.scheduler
+        self._topics.add(node)
         return partial(self._mark, tracker)
 
     def watch_world(self, record: Callable[[Callable[[str, int, str], object]], object]) -> None:
@@ -163,7 +228,9 @@ class Recorder:
 
 
 @contextmanager
-def recording_to(open_stream: Callable[[], BinaryIO], files: Iterable[Definitions], about: About) -> Iterator[Recorder]:
+def recording_to(
+    open_stream: Callable[[], BinaryIO], files: Iterable[Definitions], about: About, topics: LogTopics
+) -> Iterator[Recorder]:
     """An observer that writes a recording. `open_stream` is called before the first message."""
     with ExitStack() as stack:
 
@@ -174,7 +241,7 @@ def recording_to(open_stream: Callable[[], BinaryIO], files: Iterable[Definition
                 file.attach(name, media_type, data)
             return file
 
-        recorder = Recorder(start)
+        recorder = Recorder(start, topics)
         try:
             yield recorder
         finally:

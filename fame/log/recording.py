@@ -30,11 +30,12 @@ _KEPT_CHUNKS = 32
 
 
 class Message(NamedTuple):
-    """A message of a recording: ns, topic, content (JSON or CDR)."""
+    """A message of a recording: ns, topic, content (JSON or CDR); of a ROS 2 message the node that published it."""
 
     time: int
     topic: str
     data: bytes
+    node: str = ""
 
     def json(self) -> Any:
         """The content of a message of FAME's own channels."""
@@ -96,9 +97,13 @@ class Recording:
                 channel.topic,
                 index.schemas[channel.schema_id].name if channel.schema_id else "",
                 channel.message_encoding,
-                index.counts.get(number, 0),
+                sum(index.counts.get(other, 0) for other, one in index.channels.items() if one.topic == channel.topic),
             )
-            for number, channel in sorted(index.channels.items(), key=lambda item: item[1].topic)
+            for channel in sorted(index.channels.values(), key=attrgetter("topic"))
+        }
+        self._types: set[str] = set()
+        self._definitions = {
+            schema.name: schema.data.decode() for schema in index.schemas.values() if schema.encoding == "ros2msg"
         }
         self.start = min((chunk.start for chunk in self._chunks), default=0)
         self.end = max((chunk.end for chunk in self._chunks), default=0)
@@ -148,6 +153,19 @@ class Recording:
                     break
                 if wanted is None or message.topic in wanted:
                     yield message
+
+    def decode(self, message: Message) -> dict[str, Any]:
+        """The content of a message as plain data. Raises MessageError if it does not fit the type of its topic."""
+        topic = self.topics[message.topic]
+        if topic.encoding == "json":
+            found: dict[str, Any] = json.loads(message.data)
+            return found
+        from fame.middleware import codec, messages
+
+        if topic.type not in self._types:
+            self._types.add(topic.type)
+            _register(topic.type, self._definitions[topic.type])
+        return messages.to_mapping(codec.deserialize(message.data, topic.type))
 
     def events(
         self, start: int | None = None, end: int | None = None, robots: Collection[str] | None = None
@@ -215,7 +233,7 @@ class Recording:
     def _read_chunk(self, chunk: ChunkPlace) -> list[Message]:
         """The messages of a chunk, by time."""
         found = [
-            Message(time, self._channels[channel].topic, data)
+            Message(time, self._channels[channel].topic, data, self._channels[channel].metadata.get("node", ""))
             for time, channel, data in chunk_messages(self._stream, chunk.offset, self.file)
         ]
         found.sort(key=attrgetter("time"))
@@ -232,6 +250,20 @@ class Recording:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _register(type: str, definition: str) -> None:
+    """Add the types of a schema to those that are known, unless they are."""
+    from fame.middleware import messages
+
+    first, *others = definition.split("=" * 80 + "\n")
+    heads = [text.partition("\n") for text in others]
+    parts = [(type, first), *((head.removeprefix("MSG: "), text) for head, _, text in heads)]
+    known = frozenset(messages.types())
+    for name, text in parts:
+        full = name if name.count("/") == 2 else name.replace("/", "/msg/")
+        if full not in known:
+            messages.register(text, full)
 
 
 def _is_model(name: str) -> bool:

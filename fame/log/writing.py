@@ -16,7 +16,7 @@ from fame.engine.state import Trail
 from fame.errors import ConfigError
 from fame.log.elements import ElementInfo, element_info
 from fame.log.lines import jsonl, table
-from fame.log.recorder import About, Recorder, recording_to
+from fame.log.recorder import About, LogTopics, Recorder, recording_to
 from fame.log.xes import xes
 from fame.robot.events import Event, Observer, trail_handler
 
@@ -36,10 +36,12 @@ _FORMS: Mapping[str, _Form] = {
 
 
 @contextmanager
-def logging_to(path: str | Path, files: Iterable[Definitions], about: About | None = None) -> Iterator[Observer]:
+def logging_to(
+    path: str | Path, files: Iterable[Definitions], about: About | None = None, *, topics: LogTopics = "signals"
+) -> Iterator[Observer]:
     """An observer that writes events to the log `path`. `files` are the models of the run.
 
-    A recording (``.mcap``) also gets what it says `about` itself.
+    A recording (``.mcap``) also gets what it says `about` itself, and the messages of `topics`.
 
     An existing file is overwritten by the first event, or when the block ends without an error. A run that is refused
     leaves it unchanged. Raises ConfigError for an unknown suffix, for a file that another log is being written to, and
@@ -56,7 +58,7 @@ def logging_to(path: str | Path, files: Iterable[Definitions], about: About | No
         file = stack.enter_context(_opened(path))
         log: _Log | Recorder
         if form is None:
-            log = stack.enter_context(recording_to(lambda: _emptied(file), files, about or About()))
+            log = stack.enter_context(recording_to(lambda: _emptied(file), files, about or About(), topics))
         else:
             chosen = form
             log = _Log(lambda: stack.enter_context(_written(file, chosen, files)))

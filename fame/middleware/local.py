@@ -58,6 +58,7 @@ class LocalMiddleware:
         self.nodes: list[LocalNode] = []
         self.topics: dict[str, Topic] = {}
         self.services: dict[str, LocalService] = {}
+        self.taps: list[Callable[[LocalPublisher], Callable[[Message], object] | None]] = []
         self._on_warning = on_warning
 
     def node(self, name: str, namespace: str = "") -> LocalNode:
@@ -95,6 +96,16 @@ class LocalMiddleware:
             info = topic.info()
             raise type_conflict(name, topic.type, (*info.publishers, *info.subscribers), type)
         return topic
+
+    def tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
+        """Listen in on topics without an endpoint: what `tap` returns for a publisher gets each of its messages.
+
+        `tap` is called with every publisher that exists or is made later.
+        """
+        self.taps.append(tap)
+        for topic in self.topics.values():
+            for publisher in topic.publishers:
+                publisher.add_tap(tap)
 
     def warn(self, warning: EndpointWarning) -> None:
         """Record a warning, unless it is recorded already."""
@@ -139,6 +150,8 @@ class LocalNode:
             self._match(publisher, subscription)
         shared.publishers.append(publisher)
         self.endpoints.append(publisher)
+        for tap in self.middleware.taps:
+            publisher.add_tap(tap)
         return publisher
 
     def subscription(
@@ -199,7 +212,7 @@ class LocalPublisher:
 
     def __init__(self, node: LocalNode, shared: Topic, qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
-        self.matched: list[LocalSubscription] = []
+        self.matched: list[LocalSubscription | _Tap] = []
         self._shared = shared
         self._class: type[Message] | None = messages.message_type(shared.type)
         self._kept: deque[tuple[int, Message]] | None = None
@@ -215,6 +228,12 @@ class LocalPublisher:
         for subscription in self.matched:
             subscription.enqueue(message)
 
+    def add_tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
+        """Let a function get every message from now on, at once, if `tap` returns one."""
+        on_message = tap(self)
+        if on_message is not None:
+            self.matched.append(_Tap(on_message))
+
     def send_history(self, subscription: LocalSubscription) -> None:
         """Send the messages kept for late subscriptions whose lifespan is not over."""
         lifespan, now = self.qos.lifespan, self.node.middleware.scheduler.now
@@ -228,6 +247,13 @@ class LocalPublisher:
             self.matched.clear()
             self._shared.publishers.remove(self)
             self.node.remove(self, self._shared)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tap:
+    """What stands beside the subscriptions of a publisher: gets messages as they are published."""
+
+    enqueue: Callable[[Message], object]
 
 
 class LocalSubscription:
