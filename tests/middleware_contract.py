@@ -2,12 +2,14 @@
 
 ``local`` is simulated time in one process. ``dds`` has all nodes in one participant and a scheduler that waits in DDS;
 ``dds apart`` has each node in a participant of its own, so that everything between two of them goes through discovery,
-and a plain scheduler. ``ros`` and ``ros apart`` are the same with rclpy and its contexts, where it is installed.
+and a plain scheduler. ``zenoh`` and ``zenoh apart`` are the same with sessions of Zenoh, ``ros`` and ``ros apart`` with
+rclpy and its contexts, where it is installed.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import time
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Protocol
@@ -32,6 +34,8 @@ BACKENDS = [
     "local",
     pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
     pytest.param("dds apart", marks=[needs("cyclonedds"), pytest.mark.dds]),
+    pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
+    pytest.param("zenoh apart", marks=[needs("zenoh"), pytest.mark.zenoh]),
     pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
     pytest.param("ros apart", marks=[needs("rclpy"), pytest.mark.ros]),
 ]
@@ -53,6 +57,9 @@ class World(Protocol):
 
     def settle(self) -> None:
         """Run until nothing more is to be expected."""
+
+    def arrive(self) -> None:
+        """Wait until what was published waits at its subscriptions, without running."""
 
     def close(self) -> None: ...
 
@@ -80,6 +87,9 @@ class LocalWorld:
 
     def settle(self) -> None:
         self.scheduler.run()
+
+    def arrive(self) -> None:
+        pass
 
     def close(self) -> None:
         self.middleware.close()
@@ -113,6 +123,9 @@ class WallWorld:
     def settle(self) -> None:
         self.scheduler.run(until=self.scheduler.now + _QUIET)
 
+    def arrive(self) -> None:
+        time.sleep(_QUIET / SECOND)
+
     def close(self) -> None:
         for middleware in self.middlewares:
             middleware.close()
@@ -128,7 +141,7 @@ def world(backend: str) -> World:
     if backend == "local":
         return LocalWorld()
     apart = backend.endswith("apart")
-    return ros_world(apart=apart) if "ros" in backend else dds_world(apart=apart)
+    return {"dds": dds_world, "ros": ros_world, "zenoh": zenoh_world}[backend.split()[0]](apart=apart)
 
 
 def dds_world(*, apart: bool) -> WallWorld:
@@ -144,6 +157,12 @@ def ros_world(*, apart: bool) -> WallWorld:
     from fame.middleware.ros import RosMiddleware
 
     return WallWorld(WallScheduler(), partial(RosMiddleware, domain=DOMAIN), apart=apart)
+
+
+def zenoh_world(*, apart: bool) -> WallWorld:
+    from fame.middleware.zenoh import ZenohMiddleware
+
+    return WallWorld(WallScheduler(), partial(ZenohMiddleware, domain=DOMAIN), apart=apart)
 
 
 def middlewares(world: World) -> Iterable[Any]:

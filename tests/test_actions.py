@@ -179,10 +179,11 @@ def test_what_travels_has_the_type_hash_that_ros_gives_it(part: str) -> None:
 
 @needs("cyclonedds")
 def test_topics_and_types_of_actions_have_the_names_of_ros() -> None:
+    from fame.middleware import typesystem
     from fame.middleware.dds import wire
 
     name = "nav2_msgs/action/NavigateToPose_SendGoal_Request"
-    assert wire.dds_type(name) == "nav2_msgs::action::dds_::NavigateToPose_SendGoal_Request_"
-    assert wire.ros_type(wire.dds_type(name)) == name
+    assert typesystem.dds_type(name) == "nav2_msgs::action::dds_::NavigateToPose_SendGoal_Request_"
+    assert typesystem.ros_type(typesystem.dds_type(name)) == name
     asked = wire.dds_topic("/REX/navigate_to_pose/_action/send_goal", wire.REQUEST, "Request")
     assert asked == "rq/REX/navigate_to_pose/_action/send_goalRequest"

@@ -36,9 +36,10 @@ from fame.clock import SECOND, Kind
 from fame.errors import ConfigError, MessageError
 from fame.middleware import codec, messages
 from fame.middleware.dds import DdsMiddleware, DdsScheduler, wire
-from fame.middleware.dds.domain import configuration, domain_id, sockets
+from fame.middleware.dds.domain import configuration, sockets
 from fame.middleware.interface import LATCHED, SENSOR_DATA, UNKNOWN_NODE, QoS
 from fame.middleware.messages import create
+from fame.middleware.wire_base import domain_id
 
 pytestmark = pytest.mark.dds
 MILLISECOND = SECOND // 1000
@@ -333,7 +334,7 @@ def test_the_domain_is_that_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (domain_id(), domain_id(7)) == (42, 7)
     for wrong in ("233", "-1", "one", "1.0", "9" * 30):
         monkeypatch.setenv("ROS_DOMAIN_ID", wrong)
-        with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID: expected a DDS domain from 0 to 232, got '{wrong}'"):
+        with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID: expected a domain from 0 to 232, got '{wrong}'"):
             domain_id()
 
 

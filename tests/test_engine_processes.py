@@ -31,6 +31,7 @@ MODEL = document(
 @pytest.fixture(
     params=[
         pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
+        pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
         pytest.param("ros", marks=[needs("rclpy"), pytest.mark.ros]),
     ]
 )

@@ -48,6 +48,8 @@ HEAVY = {
     "rosbags",
     "sklearn",
     "skops",
+    "xxhash",
+    "zenoh",
 }
 
 

@@ -128,7 +128,7 @@ def here() -> Iterator[WallWorld]:
 @pytest.mark.dds
 @needs("cyclonedds")
 def test_held_messages_come_when_they_are_released_by_topic_and_sender(here: WallWorld) -> None:
-    from fame.middleware.dds import Lockstep
+    from fame.middleware.simulated_time import Lockstep
 
     seen: list[tuple[str, int]] = []
     node = here.node("fame_engine", "REX")

@@ -228,6 +228,7 @@ def test_keep_last_bounds_what_waits(here: World, qos: QoS, expected: list[int])
     here.connect("/x")
     for number in range(5):
         publisher.publish(create(INT, number))
+    here.arrive()
     here.until(lambda: seen[-1:] == [4])
     assert seen == expected
     publisher.publish(create(INT, 9))

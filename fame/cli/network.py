@@ -7,6 +7,7 @@ import socket
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Parser
@@ -23,9 +24,9 @@ OPEN = "other machines can reach this process, and a topic that carries code mus
 def add_network(parser: Parser) -> None:
     """``--middleware``, ``--localhost`` and ``--network``."""
     parser.add_argument(
-        "--middleware", choices=("dds", "ros"), default="dds",
-        help="how to reach the others: on the wire of ROS 2, without it (dds, the default), or by its rclpy (ros); "
-        "what follows --ros-args counts with ros only",
+        "--middleware", choices=("dds", "zenoh", "ros"), default="dds",
+        help="how to reach the others: on the wire of ROS 2, without it, by DDS (default) or Zenoh, or by its rclpy "
+        "(ros); what follows --ros-args counts with ros only",
     )  # fmt: skip
     reach = parser.add_mutually_exclusive_group()
     reach.add_argument(
@@ -34,6 +35,14 @@ def add_network(parser: Parser) -> None:
     reach.add_argument(
         "--network", type=interface, metavar="IFACE",
         help="open this network interface, by name or address; ROS_DOMAIN_ID says which domain",
+    )  # fmt: skip
+    reach.add_argument(
+        "--router", dest="network", type=router, metavar="ADDRESS",
+        help="Zenoh: connect through this router, such as 127.0.0.1, 10.0.0.7:7447 or tls/depot:7447 (see fame router)",
+    )  # fmt: skip
+    reach.add_argument(
+        "--zenoh-config", dest="network", type=zenoh_config, metavar="FILE",
+        help="Zenoh: its own configuration file (JSON5), for routers, TLS, user and password",
     )  # fmt: skip
 
 
@@ -47,6 +56,25 @@ def interface(text: str) -> str:
     if text not in names:
         raise ArgumentTypeError(f"expected one of {', '.join(names)}, or an address of this machine, got {text!r}")
     return text
+
+
+def router(text: str) -> str:
+    """Addresses of Zenoh's routers."""
+    from fame.scenario.process import Router
+
+    if not text.strip(" ,") or text.startswith("/"):
+        raise ArgumentTypeError(f"expected an address such as 10.0.0.7 or tcp/10.0.0.7:7447, got {text!r}")
+    return Router(text)
+
+
+def zenoh_config(text: str) -> str:
+    """The path of a configuration file of Zenoh."""
+    from fame.scenario.process import Router
+
+    file = Path(text).resolve()
+    if not file.is_file():
+        raise ArgumentTypeError(f"there is no file {text!r}")
+    return Router(file)
 
 
 def _is_here(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
@@ -90,10 +118,11 @@ def say_warning(warning: EndpointWarning) -> None:
 
 
 def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Lockstep:
-    """What keeps the messages of nodes of such names for their step. Raises ConfigError where there is none."""
+    """What keeps the messages of nodes of such names for their step. Raises ConfigError for other backends."""
     from fame.errors import ConfigError
-    from fame.middleware.dds import DdsMiddleware, Lockstep
+    from fame.middleware.simulated_time import Lockstep
+    from fame.middleware.wire_base import WireMiddleware
 
-    if not isinstance(middleware, DdsMiddleware):
-        raise ConfigError("--lockstep needs --middleware dds")
+    if not isinstance(middleware, WireMiddleware) or not middleware.lockstep:
+        raise ConfigError("--lockstep needs --middleware dds or zenoh")
     return Lockstep(middleware, holds)

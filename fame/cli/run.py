@@ -60,7 +60,7 @@ def add(commands: Commands) -> None:
         help="at simulated second S somebody completes a user, manual or receive task, with results",
     )  # fmt: skip
     parser.add_argument(
-        "--middleware", choices=("local", "dds", "ros"), default="local",
+        "--middleware", choices=("local", "dds", "zenoh", "ros"), default="local",
         help="local: all in one process; else the world and each engine in processes of their own, at --speed; "
         "what follows --ros-args does not reach them",
     )  # fmt: skip
@@ -147,9 +147,9 @@ def run(arguments: Namespace) -> int:
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
     if arguments.speed is not None:
-        raise ConfigError("--speed needs --middleware dds or ros: one process is as fast as it can, or --real-time")
+        raise ConfigError("--speed needs --middleware dds, zenoh or ros: one process runs as fast as it can")
     if arguments.lockstep:
-        raise ConfigError("--lockstep needs --middleware dds: one process is in step with itself")
+        raise ConfigError("--lockstep needs --middleware dds or zenoh: one process is in step with itself")
     _check_drawings(arguments, scenario)
     quiet = arguments.quiet or arguments.json
     with (

@@ -23,6 +23,7 @@ from fame.middleware.typesystem import HASHES, STRING
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
+_EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
 _lock = threading.Lock()
 
 
@@ -62,6 +63,34 @@ def type_hash(type: str) -> str:
 
     store = Typestore()
     _describe(store, name, {})
+    return store.hash_rihs01(name)
+
+
+@cache
+def service_hash(type: str) -> str:
+    """``RIHS01_...`` of a service type: of a structure of its request, its response and the event that records both."""
+    from rosbags.interfaces import Nodetype
+    from rosbags.typesys.store import Typestore
+
+    request, response = typesystem.service(type)
+    name = request.removesuffix("_Request")
+    single: Any = lambda kind: (Nodetype.NAME, kind)  # noqa: E731
+    fields = {
+        f"{name}_Event": {
+            "info": single(_EVENT_INFO),
+            "request": (Nodetype.SEQUENCE, (single(request), 1)),
+            "response": (Nodetype.SEQUENCE, (single(response), 1)),
+        },
+        name: {
+            "request_message": single(request),
+            "response_message": single(response),
+            "event_message": single(f"{name}_Event"),
+        },
+    }
+    store = Typestore()
+    for part in (request, response, _EVENT_INFO):
+        _describe(store, part, {})
+    store.fielddefs.update({part: ([], list(content.items())) for part, content in fields.items()})
     return store.hash_rihs01(name)
 
 

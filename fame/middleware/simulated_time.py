@@ -13,11 +13,12 @@ still had to.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from functools import partial
 
 from fame.clock import SECOND, Action, Entry, Kind, Scheduler
 from fame.middleware import messages
 from fame.middleware.interface import EndpointWarning, Message, Node, QoS
+from fame.middleware.wire_base import WireMiddleware
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 CLOCK_QOS = QoS(depth=10)
@@ -39,14 +40,34 @@ _REPORT_PERIOD = SECOND
 """Jumps within this time (ns of the wall clock) after a reported one are not reported."""
 
 
-class Lockstep(Protocol):
-    """Keeps messages for their step: `fame.middleware.dds.Lockstep`."""
+class Lockstep:
+    """Holds the nodes of a middleware whose names `holds` accepts: those that exist, and those to come.
+
+    It makes a run between processes repeatable. A held node gets no message as it comes in: `release` delivers all that
+    wait, sorted by topic, sender and receiver, those of one sender in its order. `flush` ensures that what held nodes
+    have sent is there when the next step begins. Services and actions are not held.
+    """
+
+    def __init__(self, middleware: WireMiddleware, holds: Callable[[str], bool]) -> None:
+        self._middleware = middleware
+        middleware.hold(holds)
 
     def release(self, enter: Callable[[Callable[[], object]], object]) -> None:
         """Take all messages that wait; `enter` gets an action that delivers each, in order."""
+        found = [
+            (subscription.topic, sender, node.full_name, number, partial(subscription.deliver, data))
+            for node in list(self._middleware.nodes)
+            if node.held
+            for subscription in list(node.subscriptions)
+            for number, (sender, data) in enumerate(subscription.drain())
+        ]
+        found.sort(key=lambda entry: entry[:4])
+        for *_, deliver in found:
+            enter(deliver)
 
     def flush(self) -> None:
         """Wait until others have what was sent."""
+        self._middleware.flush()
 
 
 class ClockFollower(Scheduler):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import threading
 from collections.abc import Iterable
 from pathlib import Path
@@ -68,6 +69,7 @@ _SERVICES = {
     "uint8 OK=1\nuint8 ERROR_NOT_CONNECTED=2\nuint8 ERROR_BUSY=3\nuint8 rc",
 }
 """Those of the standard, and that of the original FaMe's drone."""
+_ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _SUFFIXES = (".msg", ".srv", ".action")
 _definitions: dict[str, Definition] = {}
 _lock = threading.RLock()
@@ -120,6 +122,22 @@ def action(name: str) -> str:
         text = f"there is no such action type{_suggestion(name, actions)}"
         raise MessageError(f"{text}; register its .action file, or source its package", type=name)
     return full
+
+
+def dds_type(name: str) -> str:
+    """The name of a type on the wire, over DDS and Zenoh.
+
+    >>> dds_type("std_msgs/msg/String")
+    'std_msgs::msg::dds_::String_'
+    """
+    package, kind, short = name.split("/")
+    return f"{package}::{kind}::dds_::{short}_"
+
+
+def ros_type(name: str) -> str:
+    """The inverse of `dds_type`; another name is returned as it is."""
+    match = _ROS_TYPE.fullmatch(name)
+    return f"{match[1]}/{match[2]}/{match[3]}" if match else name
 
 
 def register(text: str, name: str) -> list[str]:

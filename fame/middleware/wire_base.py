@@ -10,16 +10,17 @@ scheduler.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from fame.clock import SECOND, Scheduler
-from fame.errors import MessageError
+from fame.errors import ConfigError, MessageError
 from fame.middleware import codec, messages
 from fame.middleware.errors import (
     check_name,
@@ -42,10 +43,12 @@ from fame.middleware.interface import (
     deliver_response,
     resolve,
 )
-from fame.middleware.qos import counts_losses
+from fame.middleware.qos import compatible, counts_losses
 
 NAMING_DELAY = SECOND // 5
 """How long after an endpoint the name of its node may come (ns)."""
+_LAST_DOMAIN = 232
+"""The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
 _MAX_WARNINGS = 1000
 """How many warnings are kept: those of a flood differ in their numbers."""
 _POLL = 0.002
@@ -76,11 +79,14 @@ class WireMiddleware(ABC):
 
     scheduler: Scheduler
     network: str | None
+    lockstep: bool = False
+    """Whether its nodes can be held, for `fame.middleware.simulated_time.Lockstep`."""
 
     def __init__(self, scheduler: Scheduler, network: str | None, on_warning: OnWarning | None) -> None:
         self.scheduler, self.network = scheduler, network
         self.closed: bool = False
         self.nodes: list[Any] = []
+        self.holds: Callable[[str], bool] = lambda name: False
         self.warn: Warnings = Warnings(scheduler, on_warning)
         self.warnings: list[EndpointWarning] = self.warn.kept
 
@@ -113,6 +119,15 @@ class WireMiddleware(ABC):
 
     def on_endpoints_changed(self) -> None:  # noqa: B027 (not every backend needs it)
         """Announce that nodes or their endpoints have changed, if the backend does not do so by itself."""
+
+    def hold(self, holds: Callable[[str], bool]) -> None:
+        """Hold the messages to nodes of such names, from now on, until they are drained."""
+        self.holds = holds
+        for node in self.nodes:
+            node.hold(holds(node.name))
+
+    def flush(self) -> None:  # noqa: B027 (only where nodes can be held)
+        """Wait until others have what held nodes have sent."""
 
     def connecting(self, node: Any) -> list[str]:
         """Topics on which a node has a publisher that is not connected yet to every subscription that it matches."""
@@ -162,6 +177,7 @@ class WireNode(ABC):
         self.publishers: list[Any] = []
         self.subscriptions: list[Any] = []
         self.services: list[Any] = []  # and clients
+        self.held: bool = middleware.holds(name)
         middleware.nodes.append(self)
         middleware.on_endpoints_changed()
 
@@ -180,6 +196,12 @@ class WireNode(ABC):
     @abstractmethod
     def make_client(self, name: str, type: str) -> WireClient:
         """Make a client of a service (full name)."""
+
+    def hold(self, held: bool) -> None:
+        """Let its messages wait to be drained, or not, from now on."""
+        self.held = held
+        for subscription in self.subscriptions:
+            subscription.held = held
 
     def publisher(self, topic: str, type: str, qos: QoS = SIGNAL) -> Any:
         return self._add(self.publishers, self.make_publisher(self._full(topic), type, qos))
@@ -295,6 +317,7 @@ class WireSubscription(TopicEndpoint):
     def __init__(self, node: WireNode, topic: str, type: str, callback: Callback, qos: QoS) -> None:
         super().__init__(node, topic, type, qos)
         self.max_size: int = MAX_MESSAGE_SIZE
+        self.held: bool = False
         self.on_dropped: OnWarning = self._warn_once
         self.counts_losses: bool = counts_losses(qos)
         self._callback = callback
@@ -302,6 +325,10 @@ class WireSubscription(TopicEndpoint):
         self._scheduled = False
         self._unreadable = 0
         self._soon = node.middleware.scheduler.soon
+
+    def drain(self) -> list[tuple[str, bytes]]:
+        """Take all messages that were held, each with the full name of the node that sent it."""
+        return []
 
     def enqueue(self, data: bytes) -> None:
         """Put a message into the queue. `schedule` is to follow."""
@@ -413,7 +440,11 @@ class WireClient(ServiceEndpoint):
         """If the service is gone, warn and forget the requests under way."""
         if self._waiting and not self.available:
             self._waiting.clear()
-            self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
+            self.warn_unanswered()
+
+    def warn_unanswered(self) -> None:
+        """Warn that a request gets no response."""
+        self.node.middleware.warn(unanswered_warning(self.name, self.node.full_name))
 
     def close(self) -> None:
         self._waiting.clear()
@@ -423,3 +454,34 @@ class WireClient(ServiceEndpoint):
 def _endpoints(nodes: Iterable[WireNode], topic: str) -> Iterator[Any]:
     for node in nodes:
         yield from (end for end in (*node.publishers, *node.subscriptions) if end.topic == topic)
+
+
+class Discovered(Protocol):
+    """What is known of an endpoint of any process: its type in ROS, the hash of it (or nothing), and its policies."""
+
+    @property
+    def type(self) -> str: ...
+    @property
+    def type_hash(self) -> str: ...
+    @property
+    def qos(self) -> QoS: ...
+
+
+def mismatch(writer: Discovered, reader: Discovered) -> str | None:
+    """Why a reader and a writer do not match; None if they do."""
+    if writer.type != reader.type:
+        return f"type: offered {writer.type}, requested {reader.type}"
+    if writer.type_hash and reader.type_hash and writer.type_hash != reader.type_hash:
+        return f"type: they have different definitions of {writer.type}"
+    return compatible(writer.qos, reader.qos)
+
+
+def domain_id(given: int | None = None) -> int:
+    """The number of the domain: `given`, else ROS_DOMAIN_ID, else 0. Raises ConfigError if it is not in 0..232."""
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() if given is None else str(given)
+    if not text:
+        return 0
+    if text.isascii() and text.isdigit() and int(text[:9]) <= _LAST_DOMAIN:
+        return int(text)
+    source = "ROS_DOMAIN_ID" if given is None else "domain"
+    raise ConfigError(f"expected a domain from 0 to {_LAST_DOMAIN}, got {text!r}", element=source)

@@ -11,7 +11,8 @@ from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import EndpointWarning, Middleware
 
-BACKENDS = ("dds", "ros")
+BACKENDS = ("dds", "ros", "zenoh")
+"""What connects processes. `fame run` has ``local`` beside them."""
 _ENDING = 3
 """Maximum time for stopping a component (s), longer than the grace period of scripts."""
 PARENT = "FAME_PARENT"
@@ -28,6 +29,10 @@ def orphaned() -> bool:
     """Return whether the FAME process that started this one has ended."""
     parent = os.environ.get(PARENT)
     return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
+
+
+class Router(str):
+    """A network that Zenoh reaches through routers: their addresses, or the path of its configuration file."""
 
 
 class Component(Protocol):
@@ -55,7 +60,13 @@ def connect(
     network: str | None = None,
     on_warning: Callable[[EndpointWarning], object] | None = None,
 ) -> Middleware:
-    """Return the middleware of a process. Raises UnavailableError if its packages are not installed."""
+    """Return the middleware of a process.
+
+    Raises UnavailableError if its packages are not installed, and ConfigError for a network that is not of its kind.
+    """
+    if network is not None and isinstance(network, Router) != (backend == "zenoh"):
+        routed = "Zenoh reaches other machines through routers: --router ADDRESS, not --network"
+        raise ConfigError(routed if backend == "zenoh" else "--router and --zenoh-config need --middleware zenoh")
     if backend == "dds":
         from fame.middleware.dds import DdsMiddleware
 
@@ -64,6 +75,10 @@ def connect(
         from fame.middleware.ros import RosMiddleware
 
         return RosMiddleware(scheduler, network=network, on_warning=on_warning)
+    if backend == "zenoh":
+        from fame.middleware.zenoh import ZenohMiddleware
+
+        return ZenohMiddleware(scheduler, network=network, on_warning=on_warning)
     raise ConfigError(f"expected middleware {' or '.join(BACKENDS)}, got {backend!r}")
 
 

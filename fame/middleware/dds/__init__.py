@@ -5,7 +5,7 @@ the package raises UnavailableError where Cyclone is not installed.
 
 ::
 
-    middleware   the backend: nodes, the graph, lockstep
+    middleware   the backend: nodes, the graph
     endpoints    publishers, subscriptions, services and clients
     participant  the participant: discovery, warnings, waiting for data
     discovery    who is there: endpoints, and the nodes that they belong to
@@ -24,7 +24,7 @@ except ImportError:
     text = "DDS needs Eclipse Cyclone DDS: pip install 'fame-robots[dds]' (or use ROS 2's: --middleware ros)"
     raise UnavailableError(text) from None
 
-from fame.middleware.dds.middleware import DdsMiddleware, Lockstep
+from fame.middleware.dds.middleware import DdsMiddleware
 from fame.middleware.dds.waitset import DdsScheduler
 
-__all__ = ["DdsMiddleware", "DdsScheduler", "Lockstep"]
+__all__ = ["DdsMiddleware", "DdsScheduler"]

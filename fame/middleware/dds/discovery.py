@@ -29,7 +29,7 @@ from fame.middleware.dds import wire
 from fame.middleware.dds.waitset import DataWaiter, delete
 from fame.middleware.dds.wire import Entities, from_dds
 from fame.middleware.interface import QoS, resolve
-from fame.middleware.typesystem import PARTICIPANT
+from fame.middleware.typesystem import PARTICIPANT, ros_type
 
 _INFO_TOPIC = "ros_discovery_info"
 _ANNOUNCED = QoS(durability="transient_local", depth=1)
@@ -160,7 +160,7 @@ class Discovery:
                 gid,
                 sample.participant_key.bytes,
                 sample.topic_name,
-                wire.ros_type(sample.type_name),
+                ros_type(sample.type_name),
                 writes,
                 qos,
                 data.get("typehash", ""),

@@ -24,9 +24,6 @@ from cyclonedds.domain import Domain
 from fame.errors import ConfigError
 from fame.middleware.interface import MAX_MESSAGE_SIZE
 
-_LAST_DOMAIN = 232
-"""The last one whose ports are below 65536 (DDSI-RTPS 2.5, section 9.6.2)."""
-
 _FIRST_PORT, _PORTS = 7400, 250
 """The first port of domain 0, and how many a domain has (DDSI-RTPS 2.5, section 9.6.2)."""
 
@@ -66,17 +63,6 @@ _configurations: dict[int, str] = {}
 """What each of them was made with."""
 _confined: dict[int, bool] = {}
 """Whether each of them takes nothing from other machines."""
-
-
-def domain_id(given: int | None = None) -> int:
-    """The number of the domain: `given`, else ROS_DOMAIN_ID, else 0. Raises ConfigError if it is not in 0..232."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() if given is None else str(given)
-    if not text:
-        return 0
-    if text.isascii() and text.isdigit() and int(text[:9]) <= _LAST_DOMAIN:
-        return int(text)
-    source = "ROS_DOMAIN_ID" if given is None else "domain"
-    raise ConfigError(f"expected a DDS domain from 0 to {_LAST_DOMAIN}, got {text!r}", element=source)
 
 
 def configuration(network: str | None) -> str:

@@ -90,7 +90,6 @@ class DdsSubscription(WireSubscription):
         qos: QoS,
     ) -> None:
         super().__init__(node, topic, type, callback, qos)
-        self.held: bool = False
         self._participant = participant
         self._own = {publisher.handle for publisher in node.publishers if publisher.topic == topic}
         self._senders: dict[int, str] = {}

@@ -30,7 +30,7 @@ from fame.middleware.dds.wire import Entities
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, QoS
 from fame.middleware.qos import compatible
-from fame.middleware.wire_base import NAMING_DELAY
+from fame.middleware.wire_base import NAMING_DELAY, mismatch
 
 
 class Participant:
@@ -118,8 +118,8 @@ class Participant:
         came, went = self.discovery.refresh()
         for endpoint in came:
             for writer, reader in self._pairs(endpoint):
-                if (mismatch := _mismatch(writer, reader)) is not None:
-                    self.scheduler.after(NAMING_DELAY, partial(self._report, writer, reader, mismatch))
+                if (reason := mismatch(writer, reader)) is not None:
+                    self.scheduler.after(NAMING_DELAY, partial(self._report, writer, reader, reason))
         if any(endpoint.topic.startswith(f"{wire.REQUEST}/") and not endpoint.writes for endpoint in went):
             self.scheduler.soon(self._on_service_gone)
 
@@ -143,20 +143,11 @@ class Participant:
             ):
                 yield (endpoint, other) if endpoint.writes else (other, endpoint)
 
-    def _report(self, writer: Endpoint, reader: Endpoint, mismatch: str) -> None:
+    def _report(self, writer: Endpoint, reader: Endpoint, reason: str) -> None:
         """Warn that two endpoints do not match, unless they are of one node, or one of them is gone."""
         present = {endpoint.gid for endpoint in self.discovery.on_topic(writer.topic)}
         own = any({writer.gid, reader.gid} <= node.gids for node in self.discovery.all_nodes())
         if not own and {writer.gid, reader.gid} <= present:
             owners, topic = self.discovery.owners(), writer.topic.removeprefix(wire.TOPIC)
             subscriber, publisher = (owners.get(end.gid, UNKNOWN_NODE) for end in (reader, writer))
-            self._warn(mismatch_warning(topic, subscriber, publisher, mismatch))
-
-
-def _mismatch(writer: Endpoint, reader: Endpoint) -> str | None:
-    """Why a reader and a writer do not match; None if they do."""
-    if writer.type != reader.type:
-        return f"type: offered {writer.type}, requested {reader.type}"
-    if writer.type_hash and reader.type_hash and writer.type_hash != reader.type_hash:
-        return f"type: they have different definitions of {writer.type}"
-    return compatible(writer.qos, reader.qos)
+            self._warn(mismatch_warning(topic, subscriber, publisher, reason))

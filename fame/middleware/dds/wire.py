@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import base64
 import ctypes
-import re
 import zlib
 from functools import cache
 from typing import Any
@@ -39,7 +38,7 @@ from fame.middleware import codec, typesystem
 from fame.middleware.definitions import EMPTY_FIELD, Field
 from fame.middleware.errors import check_name
 from fame.middleware.interface import QoS
-from fame.middleware.typesystem import PARTICIPANT, STRING
+from fame.middleware.typesystem import PARTICIPANT, STRING, dds_type
 
 # ---- names and types -------------------------------------------------------------------------------------------------
 
@@ -51,7 +50,6 @@ HEADER = 4
 """Length of the encapsulation header of CDR (bytes)."""
 
 _LARGEST_BOUND = 65535
-_ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 
 
 def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
@@ -62,21 +60,6 @@ def dds_topic(name: str, kind: str = TOPIC, ending: str = "") -> str:
     """
     check_name(name)
     return f"{kind}{name}{ending}"
-
-
-def dds_type(name: str) -> str:
-    """
-    >>> dds_type("std_msgs/msg/String")
-    'std_msgs::msg::dds_::String_'
-    """
-    package, kind, short = name.split("/")
-    return f"{package}::{kind}::dds_::{short}_"
-
-
-def ros_type(name: str) -> str:
-    """The inverse of `dds_type`; another name is returned as it is."""
-    match = _ROS_TYPE.fullmatch(name)
-    return f"{match[1]}/{match[2]}/{match[3]}" if match else name
 
 
 def type_hash(name: str) -> str:

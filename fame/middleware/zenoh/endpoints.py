@@ -1,0 +1,308 @@
+"""Publishers and subscriptions, services and clients.
+
+A transient local publisher keeps its last messages (Zenoh's AdvancedPublisher), which late subscriptions ask for. A
+service is a queryable: a request is a query, with an attachment as messages have one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+import zenoh.ext
+
+from fame.clock import SECOND
+from fame.errors import MessageError
+from fame.middleware import codec
+from fame.middleware.errors import dropped_warning
+from fame.middleware.interface import Message, QoS
+from fame.middleware.wire_base import WireClient, WirePublisher, WireService, WireSubscription, mismatch
+from fame.middleware.zenoh import tokens
+from fame.middleware.zenoh.tokens import Entity, Kind
+
+if TYPE_CHECKING:
+    from fame.middleware.zenoh.middleware import ZenohNode
+
+_SERVICE_QOS = QoS(depth=10)
+"""The quality of service of services in ROS: reliable, volatile, keep last 10."""
+_FOREVER = 10.0 * 365 * 86400
+"""How long a request waits for its response (s); that its service is gone is noticed sooner."""
+_MANY = 100_000
+"""How many messages of a history that is not bounded are kept."""
+_HEARTBEAT = 0.5
+"""How often a publisher with a history says what its last message was, if that is new (s)."""
+_DROP, _BLOCK = zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK
+
+
+class _Declared:
+    """An endpoint in Zenoh, and its token."""
+
+    def __init__(self, node: ZenohNode, kind: Kind, name: str, type: str, qos: QoS) -> None:
+        service = kind in (tokens.SERVICE, tokens.CLIENT)
+        type_hash = codec.service_hash(type) if service else codec.type_hash(type)
+        self._middleware = middleware = node.middleware
+        self.session: Any = middleware.session
+        self.key: str = tokens.topic_key(middleware.domain, name, type, type_hash)
+        token = tokens.endpoint_token(node.entity.token, kind, middleware.next_id(), name, type, type_hash, qos)
+        self.entity: Entity = tokens.entity(token)
+        self.end: Any = None
+        self._token: Any = None
+
+    def announce(self, end: Any) -> None:
+        """Announce it, when it is there: whoever sees the token may send at once."""
+        self.end, self._token = end, self._middleware.declare(self.entity)
+        if self.entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
+            self._middleware.report_mismatches(self.entity)
+
+    def others(self, kind: Kind) -> list[Entity]:
+        """The endpoints of that kind with the same key."""
+        same_type = self.entity.type, self.entity.type_hash
+        named = self._middleware.entities.named(self.entity.name, kind)
+        return [other for other in named if (other.type, other.type_hash) == same_type]
+
+    def matching(self, kind: Kind) -> list[Entity]:
+        """The publishers or subscriptions of other nodes that it is connected to."""
+        mine = self.entity
+        found = [other for other in self.others(kind) if other.owner != mine.owner]
+        if kind == tokens.PUBLISHER:
+            return [other for other in found if mismatch(other, mine) is None]
+        return [other for other in found if mismatch(mine, other) is None]
+
+    def withdraw(self) -> None:
+        self._middleware.withdraw(self.entity, self._token)
+        if self.end is not None:
+            self.end.undeclare()
+
+
+class ZenohPublisher(WirePublisher):
+    """A publisher."""
+
+    node: ZenohNode
+
+    def __init__(self, node: ZenohNode, topic: str, type: str, qos: QoS) -> None:
+        super().__init__(node, topic, type, qos)
+        self._declared = declared = _Declared(node, tokens.PUBLISHER, topic, self.type, qos)
+        self.gid: bytes = declared.entity.gid
+        self._numbers = count(1)
+        reliable, history = qos.reliability == "reliable", qos.durability == "transient_local"
+        options: Any = {
+            "congestion_control": _BLOCK if reliable and qos.history == "keep_all" else _DROP,
+            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+        }
+        if history:
+            misses = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT) if reliable else None
+            options |= {
+                "cache": zenoh.ext.CacheConfig(_depth(qos)),
+                "sample_miss_detection": misses,
+                "publisher_detection": True,
+            }
+            end: Any = zenoh.ext.declare_advanced_publisher(declared.session, declared.key, **options)
+        else:
+            end = declared.session.declare_publisher(declared.key, **options)
+        self._put = end.put
+        declared.announce(end)
+
+    def publish(self, message: Message) -> None:
+        data = self.pack(message)
+        try:
+            self._put(data, attachment=tokens.attachment(next(self._numbers), self.gid))
+        except zenoh.ZError as error:
+            raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
+
+    def connected(self) -> list[Entity]:
+        """The subscriptions of other nodes that it matches."""
+        return self._declared.matching(tokens.SUBSCRIPTION)
+
+    def subscriber_count(self) -> int:
+        return len(self.connected())
+
+    def matched(self) -> bool:
+        return bool(self.connected())
+
+    def release(self) -> None:
+        self._declared.withdraw()
+
+
+class ZenohSubscription(WireSubscription):
+    """A subscription. Messages that were lost are those whose number is missing."""
+
+    node: ZenohNode
+
+    def __init__(self, node: ZenohNode, topic: str, type: str, callback: Callable[[Message], object], qos: QoS) -> None:
+        super().__init__(node, topic, type, callback, qos)
+        self._declared = declared = _Declared(node, tokens.SUBSCRIPTION, topic, self.type, qos)
+        self._graph = node.middleware.entities
+        self._own = {publisher.gid for publisher in node.publishers if publisher.topic == topic}
+        self._last: dict[bytes, int] = {}
+        self._accepted: dict[bytes, bool] = {}
+        self._held: deque[tuple[bytes, bytes]] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
+        self.held = node.held
+        on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        if qos.durability == "transient_local":
+            history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=_depth(qos))
+            recovery = zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True)
+            end: Any = zenoh.ext.declare_advanced_subscriber(
+                declared.session,
+                declared.key,
+                on_sample,
+                history=history,
+                recovery=recovery if qos.reliability == "reliable" else None,
+                subscriber_detection=True,
+            )
+        else:
+            end = declared.session.declare_subscriber(declared.key, on_sample)
+        declared.announce(end)
+
+    def ignore(self, publisher: ZenohPublisher) -> None:
+        """Drop the messages of a publisher of the same node, those too that still wait when it has closed."""
+        if publisher.topic == self.topic:
+            self._own.add(publisher.gid)
+
+    def drain(self) -> list[tuple[str, bytes]]:
+        """Take all messages that were held, each with the full name of the node that sent it."""
+        found = [self._held.popleft() for _ in range(len(self._held))]
+        return [(self._sender(gid), data) for gid, data in found]
+
+    def matched(self) -> bool:
+        return bool(self._declared.matching(tokens.PUBLISHER))
+
+    def release(self) -> None:
+        self._declared.withdraw()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        """In a thread of Zenoh, or in that of a publisher of the same session."""
+        try:
+            number, sent, gid = tokens.read_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
+        except MessageError as error:
+            self._soon(partial(self._refuse, str(error)))
+            return
+        if gid in self._own or not self._accepts(gid, sent):
+            return
+        last = self._last.get(gid)
+        if last is not None and number > last + 1 and self.counts_losses:
+            self.count_lost(number - last - 1)
+        self._last[gid] = number
+        data = sample.payload.to_bytes()
+        if self.held:
+            self._held.append((gid, data))
+        else:
+            self.enqueue(data)
+            self.schedule()
+
+    def _accepts(self, gid: bytes, sent: int) -> bool:
+        """Whether the quality of service of a publisher fits, and its message is not too old."""
+        publisher = self._graph.publisher(gid)
+        if publisher is None:
+            return self._accepted.get(gid, True)  # it has left, or is not known yet
+        if gid not in self._accepted:
+            self._accepted[gid] = mismatch(publisher, self._declared.entity) is None
+        lifespan = publisher.qos.lifespan
+        return self._accepted[gid] and (lifespan is None or time.time_ns() - sent <= lifespan * SECOND)
+
+    def _refuse(self, text: str) -> None:
+        self.on_dropped(dropped_warning(self.topic, text))
+
+    def _sender(self, gid: bytes) -> str:
+        publisher = self._graph.publisher(gid)
+        return publisher.node if publisher is not None else ""
+
+
+class ZenohService(WireService):
+    """A service. See `fame.middleware.interface.Service`."""
+
+    node: ZenohNode
+
+    def __init__(self, node: ZenohNode, name: str, type: str, handler: Callable[[Message], Any]) -> None:
+        super().__init__(node, name, type, handler)
+        self.type = self.request_type.removesuffix("_Request")
+        self._declared = declared = _Declared(node, tokens.SERVICE, name, self.type, _SERVICE_QOS)
+        on_query = zenoh.handlers.Callback(self._on_query, indirect=False)
+        declared.announce(declared.session.declare_queryable(declared.key, on_query, complete=True))
+
+    def release(self) -> None:
+        self._declared.withdraw()
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        """In a thread of Zenoh."""
+        self.node.middleware.scheduler.soon(partial(self._answer, query))
+
+    def _answer(self, query: Any) -> None:
+        if self.closed:
+            return
+        try:
+            asked = tokens.read_attachment(query.attachment.to_bytes() if query.attachment else b"")
+            request = codec.deserialize(query.payload.to_bytes() if query.payload else b"", self.request_type)
+        except MessageError as error:
+            self.node.middleware.warn(dropped_warning(self.name, str(error)))
+            query.drop()
+            return
+
+        def send(response: Message) -> None:
+            if not self.closed:
+                said = tokens.attachment(asked.number, asked.gid)
+                query.reply(self._declared.key, codec.serialize(response), attachment=said)
+                query.drop()  # it has no other response
+
+        self.handle(request, send)
+
+
+class ZenohClient(WireClient):
+    """A client. See `fame.middleware.interface.Client`."""
+
+    node: ZenohNode
+
+    def __init__(self, node: ZenohNode, name: str, type: str) -> None:
+        super().__init__(node, name, type)
+        self.type = self.request_type.removesuffix("_Request")
+        self._declared = _Declared(node, tokens.CLIENT, name, self.type, _SERVICE_QOS)
+        self._declared.announce(None)
+        self._numbers = count(1)
+
+    @property
+    def available(self) -> bool:
+        """Whether a node offers the service now."""
+        return not self.closed and bool(self._declared.others(tokens.SERVICE))
+
+    def send(self, request: Message) -> int:
+        number, soon = next(self._numbers), self.node.middleware.scheduler.soon
+        self._declared.session.get(
+            self._declared.key,
+            zenoh.handlers.Callback(
+                lambda reply: soon(partial(self._on_reply, number, reply)),
+                lambda: soon(partial(self._on_end, number)),
+                indirect=False,
+            ),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_FOREVER,
+            payload=codec.serialize(request),
+            attachment=tokens.attachment(number, self._declared.entity.gid),
+        )
+        return number
+
+    def release(self) -> None:
+        self._declared.withdraw()
+
+    def _on_reply(self, number: int, reply: zenoh.Reply) -> None:
+        if self.closed or reply.ok is None:
+            return
+        try:
+            response = codec.deserialize(reply.ok.payload.to_bytes(), self.response_type)
+        except MessageError as error:
+            self.node.middleware.warn(dropped_warning(self.name, str(error)))
+        else:
+            self.on_response(number, response)
+
+    def _on_end(self, number: int) -> None:
+        """No response follows."""
+        if self._waiting.pop(number, None) is not None:
+            self.warn_unanswered()
+
+
+def _depth(qos: QoS) -> int:
+    return _MANY if qos.history == "keep_all" else qos.depth

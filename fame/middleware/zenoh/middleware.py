@@ -1,0 +1,264 @@
+"""The backend: nodes in one session of Zenoh, and the graph of all nodes and endpoints of the domain.
+
+Nodes are made and used in the thread of the scheduler (or before it runs). Zenoh calls back in threads of its own:
+these put messages into the queue of their subscription, update the graph, and enter all else in the scheduler.
+
+Zenoh connects whatever has the same key expression. That endpoints whose quality of service does not match are not
+connected, as over DDS, is up to the subscription: it knows the publisher of each message from the graph.
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from collections.abc import Callable, Iterator
+from itertools import count
+from typing import Any
+
+import zenoh
+
+from fame.clock import SECOND, WallScheduler
+from fame.middleware.errors import mismatch_warning
+from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, Message, QoS, TopicInfo
+from fame.middleware.wire_base import WireMiddleware, WireNode, domain_id, mismatch
+from fame.middleware.zenoh import tokens
+from fame.middleware.zenoh.endpoints import ZenohClient, ZenohPublisher, ZenohService, ZenohSubscription
+from fame.middleware.zenoh.session import open_session, take_over
+from fame.middleware.zenoh.tokens import Entity, Kind
+
+_MAX_ENTITIES = 100_000
+"""How many nodes and endpoints the graph holds: a flood of tokens must not fill the memory."""
+_TAKE_OVER = SECOND
+"""How often a process looks whether the one where all meet has ended (ns)."""
+_FLUSH_PATIENCE = 4.0
+"""How long another process may take to confirm what it has (s)."""
+
+
+class Graph:
+    """The nodes and endpoints of a domain, by token. Any thread may use it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._entities: dict[str, Entity] = {}
+        self._names: dict[str, dict[str, Entity]] = {}
+        self._publishers: dict[bytes, Entity] = {}
+
+    def add(self, entity: Entity) -> bool:
+        """Whether it was not there, and there is room for it."""
+        with self._lock:
+            if entity.token in self._entities or len(self._entities) >= _MAX_ENTITIES:
+                return False
+            self._entities[entity.token] = entity
+            self._names.setdefault(entity.name, {})[entity.token] = entity
+            if entity.kind == tokens.PUBLISHER:
+                self._publishers[entity.gid] = entity
+            return True
+
+    def remove(self, token: str) -> Entity | None:
+        with self._lock:
+            entity = self._entities.pop(token, None)
+            if entity is not None:
+                named = self._names[entity.name]
+                del named[token]
+                if not named:
+                    del self._names[entity.name]
+                self._publishers.pop(entity.gid, None)
+            return entity
+
+    def all(self) -> list[Entity]:
+        """All nodes and endpoints, in the order in which they came."""
+        with self._lock:
+            return list(self._entities.values())
+
+    def named(self, name: str, *kinds: Kind) -> list[Entity]:
+        """The endpoints of a topic or service (full name) of some kinds."""
+        with self._lock:
+            return [entity for entity in self._names.get(name, {}).values() if entity.kind in kinds]
+
+    def publisher(self, gid: bytes) -> Entity | None:
+        """The publisher of that gid."""
+        return self._publishers.get(gid)
+
+
+class ZenohMiddleware(WireMiddleware):
+    """Nodes on Zenoh. `warnings` has what a person should know; `on_warning` is called with each in the scheduler.
+
+    `domain` None is ROS_DOMAIN_ID. `network` None keeps everything on loopback, without a router; else it names routers
+    or a configuration file (`fame.middleware.zenoh.session`). Raises ConfigError.
+    """
+
+    use_sim_time: bool = False
+    lockstep: bool = True
+    nodes: list[ZenohNode]
+
+    def __init__(
+        self,
+        scheduler: WallScheduler,
+        *,
+        domain: int | None = None,
+        network: str | None = None,
+        on_warning: Callable[[EndpointWarning], object] | None = None,
+    ) -> None:
+        super().__init__(scheduler, network, on_warning)
+        self.domain: int = domain_id(domain)
+        self.confined: bool = network is None
+        self.entities: Graph = Graph()
+        self.session: Any = open_session(self.domain, network)
+        self.id: str = str(self.session.zid())
+        self._ids = count()
+        self._barrier: Any = None
+        self._meeting: Any = None  # a second session, where processes meet
+        on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
+        everything = f"{tokens.ROOT}/{self.domain}/**"
+        self._watch = self.session.liveliness().declare_subscriber(everything, on_token, history=True)
+        if network is None:
+            scheduler.after(_TAKE_OVER, self._take_over)
+        atexit.register(self.close)  # Zenoh's threads must not outlive the interpreter
+
+    def node(self, name: str, namespace: str = "") -> ZenohNode:
+        return ZenohNode(self, name, namespace.strip("/"))
+
+    def graph(self) -> list[TopicInfo]:
+        topics: dict[str, list[Entity]] = {}
+        for entity in self.entities.all():
+            if entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
+                topics.setdefault(entity.name, []).append(entity)
+        return [_info(name, topics[name]) for name in sorted(topics)]
+
+    def namespaces(self) -> list[str]:
+        return sorted({entity.namespace for entity in self.entities.all() if entity.namespace})
+
+    def node_names(self) -> list[str]:
+        """Full names of all nodes of the domain, in order. A name that two nodes have comes twice."""
+        return sorted(entity.node for entity in self.entities.all() if entity.kind == tokens.NODE)
+
+    def offers(self, service: str) -> list[tuple[str, str]]:
+        return [(entity.type, entity.node) for entity in self.entities.named(service, tokens.SERVICE)]
+
+    def matching_subscriptions(self, publisher: ZenohPublisher) -> int:
+        return len(publisher.connected())
+
+    def next_id(self) -> int:
+        """A number for a node or an endpoint of this session."""
+        return next(self._ids)
+
+    def declare(self, entity: Entity) -> Any:
+        """Announce a node or an endpoint, until the token that is returned is withdrawn."""
+        self.entities.add(entity)
+        return self.session.liveliness().declare_token(entity.token)
+
+    def withdraw(self, entity: Entity, token: Any) -> None:
+        """The opposite of `declare`."""
+        self.entities.remove(entity.token)
+        token.undeclare()
+
+    def hold(self, holds: Callable[[str], bool]) -> None:
+        """Hold nodes, and confirm to the sessions that flush what has come from them."""
+        super().hold(holds)
+        if self._barrier is None:
+            key = self._barrier_key(self.id)
+            answer: Any = zenoh.handlers.Callback(lambda query: query.reply(key, b""), indirect=False)
+            self._barrier = self.session.declare_queryable(key, answer, complete=True)
+
+    def flush(self) -> None:
+        """Wait until all sessions that confirm have what this one has sent. Messages of one link arrive in order."""
+        for _ in self.session.get(
+            self._barrier_key("*"),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_FLUSH_PATIENCE,
+        ):
+            pass
+
+    def release(self) -> None:
+        atexit.unregister(self.close)
+        for session in filter(None, (self._meeting, self.session)):
+            try:
+                session.close()
+            except zenoh.ZError as error:  # its threads end with the process
+                self.warn(EndpointWarning("", f"Zenoh: {error}", "backend"))
+
+    def _take_over(self) -> None:
+        """Listen where processes of the domain meet, if the one that did has ended."""
+        if not self.closed:
+            self._meeting = self._meeting or take_over(self.domain)
+            self.scheduler.after(_TAKE_OVER, self._take_over)
+
+    def report_mismatches(self, entity: Entity) -> None:
+        """Warn of the endpoints of other nodes that an endpoint is not connected to, if one of the two is ours."""
+        for other in self.entities.named(entity.name, tokens.PUBLISHER, tokens.SUBSCRIPTION):
+            writer, reader = (entity, other) if entity.kind == tokens.PUBLISHER else (other, entity)
+            ours = self.id in (entity.session, other.session)
+            if ours and entity.kind != other.kind and entity.owner != other.owner:
+                reason = mismatch(writer, reader)
+                if reason is not None:
+                    self.warn(mismatch_warning(entity.name, reader.node, writer.node, reason))
+
+    def _barrier_key(self, session: str) -> str:
+        return f"fame_lockstep/{self.domain}/{session}"
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        """In a thread of Zenoh. Its own tokens are in the graph already."""
+        token = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            entity = self.entities.remove(token)
+            if entity is not None and entity.kind == tokens.SERVICE:
+                self.scheduler.soon(self._on_service_gone)
+            return
+        entity = tokens.read_token(token)
+        if entity is None or entity.session == self.id or not self.entities.add(entity):
+            return
+        if entity.kind in (tokens.PUBLISHER, tokens.SUBSCRIPTION):
+            self.report_mismatches(entity)
+
+    def _on_service_gone(self) -> None:
+        for node in self.nodes:
+            for end in node.services:
+                if isinstance(end, ZenohClient):
+                    end.give_up()
+
+
+class ZenohNode(WireNode):
+    """A node of the session."""
+
+    middleware: ZenohMiddleware
+    publishers: list[ZenohPublisher]
+    subscriptions: list[ZenohSubscription]
+    services: list[ZenohService | ZenohClient]
+
+    def __init__(self, middleware: ZenohMiddleware, name: str, namespace: str) -> None:
+        super().__init__(middleware, name, namespace)
+        token = tokens.node_token(middleware.domain, middleware.id, middleware.next_id(), namespace, name)
+        self.entity: Entity = tokens.entity(token)
+        self._token = middleware.declare(self.entity)
+
+    def make_publisher(self, topic: str, type: str, qos: QoS) -> ZenohPublisher:
+        publisher = ZenohPublisher(self, topic, type, qos)
+        for subscription in self.subscriptions:
+            subscription.ignore(publisher)
+        return publisher
+
+    def make_subscription(
+        self, topic: str, type: str, callback: Callable[[Message], object], qos: QoS
+    ) -> ZenohSubscription:
+        return ZenohSubscription(self, topic, type, callback, qos)
+
+    def make_service(self, name: str, type: str, handler: Callable[[Message], Any]) -> ZenohService:
+        return ZenohService(self, name, type, handler)
+
+    def make_client(self, name: str, type: str) -> ZenohClient:
+        return ZenohClient(self, name, type)
+
+    def close(self) -> None:
+        """Close all endpoints. Does nothing the second time."""
+        if self in self.middleware.nodes:
+            super().close()
+            self.middleware.withdraw(self.entity, self._token)
+
+
+def _info(name: str, entities: list[Entity]) -> TopicInfo:
+    def nodes(kind: Kind) -> Iterator[str]:
+        return (entity.node or UNKNOWN_NODE for entity in entities if entity.kind == kind)
+
+    types = tuple(sorted({entity.type for entity in entities}))
+    return TopicInfo(name, types, tuple(nodes(tokens.PUBLISHER)), tuple(nodes(tokens.SUBSCRIPTION)))

@@ -1,0 +1,154 @@
+"""Which peers and routers a session connects to.
+
+Without a network everything stays on loopback, without multicast and without a router: the first process of a domain
+listens at a port of 127.0.0.1 that follows from the domain. The others connect to it, learn of each other by gossip,
+and connect directly. When the first one ends, another one listens there in its place (`take_over`), for those who come
+later. It does so by a second session: Zenoh cannot add a listener to a session, and a session that waits for a port
+cannot close.
+
+Machines are connected by routers: ``fame router``, `zenohd` or rmw_zenoh's `rmw_zenohd`, one on each machine. The
+sessions of a machine connect to its router, which says to each who else is there; what is for another machine goes
+through the routers. A session never listens on the network itself.
+
+A configuration file of Zenoh (JSON5 or YAML) is put on top: what differs in it from Zenoh's defaults holds.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from fame.errors import ConfigError
+from fame.middleware.interface import MAX_MESSAGE_SIZE
+
+ROUTER_PORT = 7447
+"""Where routers of Zenoh listen."""
+_FIRST_PORT = 7448
+"""The port of domain 0, for processes without a router."""
+_HEADERS = 1_000_000
+"""What a message may have around its data (bytes)."""
+
+_RETRY = {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}
+_SETTINGS: dict[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/delay": 200,  # ms that the first process of a domain waits for others
+    "connect/timeout_ms": -1,
+    "connect/exit_on_failure": False,
+    "connect/retry": _RETRY,
+    "timestamping/enabled": True,  # histories need it
+    "transport/link/tx/lease": 3000,  # ms after which a machine that fell silent is gone, as over DDS
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 100_000,  # us, as over DDS
+    "transport/link/rx/max_message_size": MAX_MESSAGE_SIZE + _HEADERS,
+    "transport/unicast/accept_pending": 1000,
+}
+_PEER: dict[str, Any] = {
+    "mode": "peer",
+    "listen/endpoints": ["tcp/127.0.0.1:0"],
+}
+
+
+def open_session(domain: int, network: str | None) -> zenoh.Session:
+    """A session for the processes of a domain.
+
+    `network` None keeps everything on this machine, without a router. Else it names routers, as `locators` takes them,
+    or it is the path of a configuration file, which names them. Raises ConfigError.
+    """
+    if network is None:
+        return take_over(domain) or _open(_SETTINGS | _PEER | {"connect/endpoints": [_meeting_point(domain)]})
+    file = configuration_file(network)
+    routers = [f"tcp/127.0.0.1:{ROUTER_PORT}"] if file else locators(network)
+    return _open(_SETTINGS | _PEER | {"connect/endpoints": routers}, file)
+
+
+def take_over(domain: int) -> zenoh.Session | None:
+    """A session that listens where processes of the domain meet; None if another process does."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", _FIRST_PORT + domain))
+        except OSError:
+            return None
+    try:
+        return _open(_SETTINGS | _PEER | {"listen/endpoints": [_meeting_point(domain)]})
+    except ConfigError:
+        return None  # another process was faster
+
+
+def open_router(listen: Iterable[str], others: Iterable[str], file: Path | None = None) -> zenoh.Session:
+    """A router that listens at some addresses, and connects to other routers. Raises ConfigError."""
+    ends = {"mode": "router", "listen/endpoints": list(listen), "connect/endpoints": list(others)}
+    return _open(_SETTINGS | ends | {"scouting/delay": 0}, file)
+
+
+def locators(text: str) -> list[str]:
+    """Addresses of routers, with commas between them, as Zenoh takes them.
+
+    >>> locators("10.0.0.7,depot:7450"), locators("tls/depot.example:7447"), locators("[fd00::1]")
+    (['tcp/10.0.0.7:7447', 'tcp/depot:7450'], ['tls/depot.example:7447'], ['tcp/[fd00::1]:7447'])
+    """
+    return [_locator(word.strip()) for word in text.split(",") if word.strip()]
+
+
+def configuration_file(network: str) -> Path | None:
+    """The file, if `network` is the path of one."""
+    return Path(network) if network.startswith("/") else None
+
+
+def _meeting_point(domain: int) -> str:
+    return f"tcp/127.0.0.1:{_FIRST_PORT + domain}"
+
+
+def _locator(text: str) -> str:
+    if "/" in text:
+        return text
+    port = text.rpartition("]")[2].rpartition(":")
+    return f"tcp/{text}" if port[1] else f"tcp/{text}:{ROUTER_PORT}"
+
+
+def _open(settings: dict[str, Any], file: Path | None = None) -> zenoh.Session:
+    config = zenoh.Config()
+    more = dict(_settings_of(file)) if file is not None else {}
+    for key, value in (settings | more).items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ConfigError(f"Zenoh refuses {key}: {_text(error)}", file=str(file or "")) from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ConfigError(f"Zenoh does not start: {_text(error)}", file=str(file or "")) from None
+
+
+def _settings_of(file: Path) -> Iterator[tuple[str, Any]]:
+    """What a configuration file sets, by path (``transport/link/tls/...``). Raises ConfigError."""
+    try:
+        given = json.loads(str(zenoh.Config.from_file(file)))
+    except zenoh.ZError as error:
+        raise ConfigError(f"expected a configuration of Zenoh: {_text(error)}", file=str(file)) from None
+    yield from _differences(given, _defaults(), "")
+
+
+def _differences(given: Any, default: Any, path: str) -> Iterator[tuple[str, Any]]:
+    if given == default:
+        return
+    if isinstance(given, dict) and isinstance(default, dict):
+        for key, value in given.items():
+            yield from _differences(value, default.get(key), f"{path}/{key}" if path else key)
+    else:
+        yield path, given
+
+
+@cache
+def _defaults() -> Any:
+    return json.loads(str(zenoh.Config()))
+
+
+def _text(error: Exception) -> str:
+    """What Zenoh says, in one line, without the places in its sources."""
+    return str(error).split(" at /")[0].strip()
