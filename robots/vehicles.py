@@ -1,7 +1,7 @@
 """Ground vehicles: a differential drive on tyres, odometry, an ultrasonic sensor at the nose, the map, a path planner.
 
 All vehicles subscribe to `cmd_vel` and publish `odom`, `range` and, once, `map`. Their planner answers `goal_pose` with
-`plan`.
+`plan`. With `navigation: nav2` the action servers of Nav2 replace the planner.
 
 car      a small vehicle with an LED, set by `led`
 tractor  a field robot with a blade under it, set by `blade_force`, and a battery, published as `battery_state`. With an
@@ -25,6 +25,7 @@ from fame.errors import ConfigError
 from fame.middleware.interface import LATCHED, Message
 from fame.text import suggestion
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters, Blade, BladeParameters, Led
+from robots.nav2 import Dock, Limits, Nav2
 from robots.planner import Planner, PlannerParameters
 from robots.sensors import STILL, Motion, Odometer, OdometerParameters, Ultrasonic, UltrasonicParameters
 from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectangle
@@ -141,6 +142,7 @@ class VehicleParameters(DriveParameters):
     odom: OdometerParameters = field(default=OdometerParameters())
     range: UltrasonicParameters = field(default=UltrasonicParameters())
     planner: PlannerParameters = field(default=PlannerParameters())
+    navigation: str = parameter("planner", known=("planner", "nav2"))
 
 
 class Vehicle:
@@ -163,9 +165,18 @@ class Vehicle:
         )
         self._odom_every, self._range_every = period(p.odom.rate, world.step), period(p.range.rate, world.step)
         self._map, self._map_publisher = world.map, node.publisher("map", "nav_msgs/msg/OccupancyGrid", LATCHED)
-        self._planner_node = world.middleware.node("planner", config.name)
-        self._planner = Planner(self._planner_node, p.planner, drive.radius)
+        self._navigation_node = world.middleware.node(p.navigation, config.name)
+        if p.navigation == "nav2":
+            self._nav2 = self._make_nav2(p, world)
+        else:
+            self._planner = Planner(self._navigation_node, p.planner, drive.radius)
         node.subscription("cmd_vel", "geometry_msgs/msg/Twist", lambda twist: drive.command(twist, world.scheduler.now))
+
+    def _make_nav2(self, p: VehicleParameters, world: RobotWorld) -> Nav2:
+        limits = Limits(p.max_speed, p.max_turn_rate, p.acceleration / 2, self.drive.radius, p.length / 2)
+        docks = {name: Dock(*pose) for name, pose in world.docks.items()}
+        has_battery = hasattr(p, "battery")
+        return Nav2(self._navigation_node, world.scheduler, p.planner, limits, docks, battery=has_battery)
 
     @property
     def pose(self) -> Pose:
@@ -204,7 +215,7 @@ class Vehicle:
             self.drive.blocked = True
 
     def close(self) -> None:
-        self._planner_node.close()
+        self._navigation_node.close()
         self.node.close()
 
 

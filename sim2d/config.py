@@ -151,7 +151,11 @@ def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Boun
         at = value.required("at", "[x, y] in m").point()
         if not inside(bounds, at):
             raise keys["at"].expected(f"a place on the ground, inside {list(bounds)}")
-        yield make(name, at, **{key: keys[key].number(above=0) for key in numbers if key in keys})
+        yield make(name, at, **{key: _flat_number(key, keys[key]) for key in numbers if key in keys})
+
+
+def _flat_number(key: str, value: ConfigValue) -> float:
+    return value.number() if key == "heading" else value.number(above=0)
 
 
 def inside(bounds: Bounds, place: Point) -> bool:

@@ -110,12 +110,16 @@ class WeedConfig:
 
 @dataclass(frozen=True, slots=True)
 class ChargerConfig:
-    """A place that charges the batteries of robots on it with `power` W. Flat, in m."""
+    """A place that charges the batteries of robots on it with `power` W. Flat, in m.
+
+    Robots dock there in the direction `heading` (degrees, counter-clockwise from x).
+    """
 
     name: str
     at: Point
     radius: float = 0.5
     power: float = 500.0
+    heading: float = 0.0
 
 
 @dataclass(slots=True)

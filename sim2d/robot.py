@@ -124,13 +124,17 @@ class RobotConfig:
 
 
 class RobotWorld(Protocol):
-    """The world as seen by a robot. `step` in s; `map` is a nav_msgs/msg/OccupancyGrid of the known obstacles."""
+    """The world as seen by a robot. `step` in s; `map` is a nav_msgs/msg/OccupancyGrid of the known obstacles.
+
+    `docks` are the poses of robots that are docked at chargers.
+    """
 
     space: pymunk.Space
     scheduler: Scheduler
     middleware: Middleware
     map: Message
     weeds: Weeds
+    docks: Mapping[str, Pose]
     step: float
 
     def random(self, robot: str, sensor: str) -> np.random.Generator:

@@ -23,7 +23,7 @@ from sim2d.config import WorldConfig, world_config
 from sim2d.grid import Grid, rasterise
 from sim2d.ground import Circle, Thing, Weeds
 from sim2d.randomness import generator
-from sim2d.robot import ROBOT, SimulatedRobot
+from sim2d.robot import ROBOT, Pose, SimulatedRobot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,6 +66,9 @@ class World:
         )
         self.map: Message = messages.create("nav_msgs/msg/OccupancyGrid", self.grid.fields())
         self.weeds = Weeds(self.config.weeds, lambda: self.now)
+        self.docks: Mapping[str, Pose] = {
+            one.name: Pose(*one.at, math.radians(one.heading)) for one in self.config.chargers
+        }
         self.robots: dict[str, SimulatedRobot] = {}
         self.collisions: list[Collision] = []
         self.faults: dict[str, list[str]] = {}

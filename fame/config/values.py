@@ -184,7 +184,8 @@ Parameters = TypeVar("Parameters")
 def parameter(default: Any, unit: str = "", *, up_to: str = "", **limits: Any) -> Any:
     """A field of a dataclass of parameters, with the limits of `ConfigValue.number` or `ConfigValue.integer`.
 
-    `names` maps words to the numbers that they mean; `up_to` names a field that bounds this one from above.
+    `names` maps words to the numbers that they mean, `known` lists the words of a text; `up_to` names a field that
+    bounds this one from above.
     """
     return field(default=default, metadata={"limits": limits, "unit": unit, "up_to": up_to})
 
@@ -224,9 +225,13 @@ def _number(value: ConfigValue, *, names: Mapping[str, float] | None = None, **l
     return value.number(**limits)
 
 
+def _text(value: ConfigValue, *, known: Iterable[str] = ()) -> str:
+    return value.choice(known, f"one of {', '.join(known)}") if known else value.text()
+
+
 _READERS: dict[Any, Callable[..., Any]] = {
     float: _number,
     int: ConfigValue.integer,
     bool: ConfigValue.boolean,
-    str: ConfigValue.text,
+    str: _text,
 }

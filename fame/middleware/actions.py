@@ -1,28 +1,35 @@
 """Actions of ROS 2, on any backend: a goal runs for some time, gives feedback, and can be cancelled.
 
 An action is three services and a topic below its name, all hidden from ``ros2 topic list`` (ROS 2 design, article
-Actions): ``_action/send_goal``, ``_action/get_result``, ``_action/cancel_goal``, ``_action/feedback``. A fifth, the
-status of all goals, is for observers.
+Actions): ``_action/send_goal``, ``_action/get_result``, ``_action/cancel_goal``, ``_action/feedback``. A second topic,
+``_action/status``, has the status of all goals for observers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 from uuid import uuid4
 
 from fame.middleware import messages
-from fame.middleware.interface import Client, Message, Node, QoS, resolve
+from fame.middleware.interface import LATCHED, Client, DeferredResponse, Message, Node, QoS, resolve
 
 Outcome = Literal["succeeded", "canceled", "aborted", "rejected"]
 OnEnd = Callable[[Outcome, Message], object]
 
 CANCEL = "action_msgs/srv/CancelGoal"
 FEEDBACK = QoS(depth=10)
+STATUS = "action_msgs/msg/GoalStatusArray"
 OUTCOMES: dict[int, Outcome] = {4: "succeeded", 5: "canceled", 6: "aborted"}
 """The status of a goal that has ended (action_msgs/msg/GoalStatus)."""
 UNKNOWN = 0
 """The status of a goal that the server does not know."""
+_STATUSES: dict[Outcome, int] = {outcome: status for status, outcome in OUTCOMES.items()}
+_EXECUTING = 2
+_UNKNOWN_GOAL = 2
+"""The return code of action_msgs/srv/CancelGoal for goals that do not exist."""
+_KEPT = 100
+"""Results of goals that ended are kept for this many goals, for clients that ask late."""
 
 
 class ActionClient:
@@ -143,3 +150,103 @@ class Goal:
     def _request_cancel(self) -> None:
         if self._client.cancel_goal.available:
             self._client.cancel_goal.call({"goal_info": {"goal_id": {"uuid": self.id}}}, lambda response: None)
+
+
+class ActionServer:
+    """A server of the action `name`, of type ``pkg/action/Name``. Raises MessageError for an unknown type.
+
+    `accept` decides on each goal message; `on_goal` is called with each accepted goal and must end it some time.
+    `on_cancel` is called when a client asks to cancel a goal, and should end it as ``canceled``.
+    """
+
+    name: str
+    type: str
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        type: str,
+        on_goal: Callable[[ServerGoal], object],
+        on_cancel: Callable[[ServerGoal], object],
+        accept: Callable[[Message], bool] = lambda goal: True,
+    ) -> None:
+        self.name, self.type = resolve(name, node.namespace), messages.action(type)
+        self._on_goal, self._on_cancel, self._accept = on_goal, on_cancel, accept
+        self.goals: dict[bytes, ServerGoal] = {}
+        self._results: dict[bytes, DeferredResponse] = {}
+        below = f"{self.name}/_action"
+        self._feedback = node.publisher(f"{below}/feedback", f"{self.type}_FeedbackMessage", FEEDBACK)
+        self._status = node.publisher(f"{below}/status", STATUS, LATCHED)
+        self._ends = (
+            node.service(f"{below}/send_goal", f"{self.type}_SendGoal", self._send_goal),
+            node.service(f"{below}/get_result", f"{self.type}_GetResult", self._get_result),
+            node.service(f"{below}/cancel_goal", CANCEL, self._cancel_goal),
+        )
+
+    def close(self) -> None:
+        """Close all endpoints. Clients of unfinished goals get no result."""
+        for end in (*self._ends, self._feedback, self._status):
+            end.close()
+
+    def publish_feedback(self, goal: ServerGoal, feedback: Mapping[str, Any]) -> None:
+        """Send feedback to the client of a goal."""
+        fields = {"goal_id": {"uuid": goal.id}, "feedback": feedback}
+        self._feedback.publish(messages.create(f"{self.type}_FeedbackMessage", fields))
+
+    def end(self, goal: ServerGoal, outcome: Outcome, result: Mapping[str, Any]) -> None:
+        """End a goal with its result. Does nothing if it has ended already."""
+        if self.goals.pop(goal.id, None) is None:
+            return
+        self._result(goal.id).respond({"status": _STATUSES[outcome], "result": result})
+        self._publish_status(goal.id, _STATUSES[outcome])
+        while len(self._results) > _KEPT + len(self.goals):
+            del self._results[next(iter(self._results))]
+
+    def _send_goal(self, request: Message) -> Mapping[str, Any]:
+        id = bytes(request.goal_id.uuid)
+        if id in self._results or not self._accept(request.goal):
+            return {"accepted": False}
+        goal = self.goals[id] = ServerGoal(self, id, request.goal)
+        self._result(id)
+        self._publish_status(id, _EXECUTING)
+        self._on_goal(goal)
+        return {"accepted": True}
+
+    def _get_result(self, request: Message) -> DeferredResponse | Mapping[str, Any]:
+        id = bytes(request.goal_id.uuid)
+        return self._results.get(id, {"status": UNKNOWN})
+
+    def _cancel_goal(self, request: Message) -> Mapping[str, Any]:
+        id = bytes(request.goal_info.goal_id.uuid)
+        wanted = [goal for goal in self.goals.values() if goal.id == id or not any(id)]
+        for goal in wanted:
+            self._on_cancel(goal)
+        ids = [{"goal_id": {"uuid": goal.id}} for goal in wanted]
+        return {"return_code": 0 if wanted else _UNKNOWN_GOAL, "goals_canceling": ids}
+
+    def _result(self, id: bytes) -> DeferredResponse:
+        return self._results.setdefault(id, DeferredResponse())
+
+    def _publish_status(self, changed: bytes, status: int) -> None:
+        statuses = {**dict.fromkeys(self.goals, _EXECUTING), changed: status}
+        rows = [{"goal_info": {"goal_id": {"uuid": id}}, "status": each} for id, each in statuses.items()]
+        self._status.publish(messages.create(STATUS, {"status_list": rows}))
+
+
+class ServerGoal:
+    """A goal that a server has accepted; `message` is of type ``pkg/action/Name_Goal``."""
+
+    id: bytes
+    message: Message
+
+    def __init__(self, server: ActionServer, id: bytes, message: Message) -> None:
+        self.id, self.message, self._server = id, message, server
+
+    def feedback(self, fields: Mapping[str, Any]) -> None:
+        """Send feedback to the client."""
+        self._server.publish_feedback(self, fields)
+
+    def end(self, outcome: Outcome, result: Mapping[str, Any]) -> None:
+        """End the goal with its result. Does nothing if it has ended already."""
+        self._server.end(self, outcome, result)

@@ -1,4 +1,7 @@
-"""The table of message types: ROS 2 Jazzy's common interfaces, the types of a sourced ROS, and registered ones.
+"""The table of message types: ROS 2 Jazzy's common interfaces, the types of a sourced ROS, registered ones, and Nav2's.
+
+The interfaces of Nav2 that missions use come with FAME (folder ``interfaces``, those of Jazzy). A sourced workspace
+that has the package wins, because interfaces differ between the releases of Nav2.
 
 Types belong to the process, as they do in ROS: one table, which only grows; a type in it never changes. The
 table is filled from the type store of rosbags, which is imported when the first type is asked for.
@@ -71,6 +74,7 @@ _SERVICES = {
 """Those of the standard, and that of the original FaMe's drone."""
 _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _SUFFIXES = (".msg", ".srv", ".action")
+_SHIPPED = Path(__file__).with_name("interfaces")
 _definitions: dict[str, Definition] = {}
 _lock = threading.RLock()
 
@@ -196,13 +200,15 @@ def check_references(content: Definition, inside: tuple[str, ...] = ()) -> None:
 
 
 def _sourced(full: str) -> bool:
-    """Whether a type is of a package of the ROS workspace that was sourced, if one was: then it is registered now."""
+    """Register a type of the sourced ROS workspace, or of the interfaces that come with FAME; False if neither has
+    it."""
     package, _, rest = full.partition("/")
     kind, _, name = rest.partition("/")
     name = name.partition("_")[0]
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if kind else ():
+    prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    for prefix in (*prefixes, str(_SHIPPED)) if kind else ():
         file = Path(prefix, "share", package, kind, f"{name}.{kind}")
-        if prefix and file.is_file():
+        if file.is_file():
             return full in register(file.read_text("utf-8"), f"{package}/{kind}/{name}")
     return False
 

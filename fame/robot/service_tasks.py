@@ -3,10 +3,12 @@
 The payload is the request or goal. The response (of an action its result) goes to the result variable of the task; else
 the variables of the data objects at its output association take the fields of the same name; else the variable named
 like the service takes it. In an output mapping the response is ``msg``, and its fields go by their names. Property
-``feedback`` names the variable that takes the feedback of an action.
+``feedback`` lists variables that take the feedback of an action: one named like a field takes that field, another one
+the whole message.
 
 A service or action that cannot be called is BpmnError ``service``; a goal without success is ``rejected``, ``aborted``
-or ``canceled``.
+or ``canceled``. Property ``errors`` gives these other codes, and codes to the values of the field ``error_code`` of the
+result of an aborted goal: ``{rejected: nav2.goal_rejected, 208: nav2.no_valid_path}``.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from fame.engine.program import Compiled
 from fame.errors import MessageError, ModelError
 from fame.middleware.messages import is_action
 from fame.scripting import Inbox
-from fame.scripting.requests import Act, Call, Request
+from fame.scripting.requests import Act, Call, GoalError, Request
 
 
 def ros_service_task(processes: Iterable[Process], element: str) -> tuple[Process, Task] | None:
@@ -44,6 +46,7 @@ def call_service(
     topic = task.topic
     assert topic is not None
     _make_client(task, topic, file, inbox)
+    codes = _error_codes(task, file)
     request = compile(topic.payload, element=task.id, file=file) if topic.payload is not None else None
     objects = _objects(process, task)
 
@@ -51,7 +54,11 @@ def call_service(
         try:
             response = await _request(task, topic, fields, variables)
         except MessageError as error:
-            raise BpmnError("service", str(error)) from error
+            raise BpmnError(codes.get("service", "service"), str(error)) from error
+        except GoalError as error:
+            if not codes:
+                raise
+            raise _goal_error(error, codes) from error
         variables.update(_outputs(task, topic, objects, response))
 
     def begin(variables: dict[str, Any]) -> Any:
@@ -76,8 +83,40 @@ def _request(task: Task, topic: Topic, fields: Any, variables: dict[str, Any]) -
     type = topic.type or ""
     if not is_action(type):
         return Call(topic.name, type, fields)
-    feedback = task.properties.get("feedback", "").strip()
-    return Act(topic.name, type, fields, partial(variables.__setitem__, feedback) if feedback else None)
+    names = [name.strip() for name in task.properties.get("feedback", "").split(",") if name.strip()]
+    return Act(topic.name, type, fields, partial(_take_feedback, variables, names) if names else None)
+
+
+def _take_feedback(variables: dict[str, Any], names: Iterable[str], feedback: Any) -> None:
+    for name in names:
+        variables[name] = getattr(feedback, name, feedback)
+
+
+def _error_codes(task: Task, file: str) -> Mapping[str | int, str]:
+    """The property ``errors``: outcome or value of ``error_code`` -> code of a BPMN error. Raises ModelError."""
+    text = task.properties.get("errors", "").strip()
+    if not text:
+        return {}
+    import yaml
+
+    try:
+        codes = yaml.safe_load(text)
+    except yaml.YAMLError:
+        codes = None
+    valid = isinstance(codes, dict) and all(isinstance(key, str | int) for key in codes)
+    if not valid or not all(isinstance(code, str) and code for code in codes.values()):
+        expected = "expected a mapping such as {rejected: nav2.goal_rejected, 208: nav2.no_valid_path}"
+        raise ModelError(f"property errors: {expected}, got {text!r}", file=file, element=task.id)
+    return codes  # type: ignore[no-any-return]
+
+
+def _goal_error(error: GoalError, codes: Mapping[str | int, str]) -> BpmnError:
+    """The error with the code that the task gives it, and what the result says."""
+    number = getattr(error.result, "error_code", 0) if error.code == "aborted" else 0
+    text = getattr(error.result, "error_msg", "")
+    reason = f"error code {number}{f', {text}' if text else ''}" if number else text
+    message = f"{error.message} ({reason})" if reason else error.message
+    return BpmnError(codes.get(number) or codes.get(error.code, error.code), message)
 
 
 def _objects(process: Process, task: Task) -> list[DataObject]:

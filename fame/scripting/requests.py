@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from fame.engine.host import BpmnError
 from fame.errors import MessageError
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Message, Node, Subscription, resolve
@@ -99,6 +100,19 @@ class Call(Request):
 
     def __str__(self) -> str:
         return f"call({self.service!r})"
+
+
+class GoalError(BpmnError):
+    """A goal of an action that did not succeed: code ``rejected``, ``aborted`` or ``canceled``, and its `result`.
+
+    The result is a message, or None if there is none: of a rejected goal.
+    """
+
+    result: Any
+
+    def __init__(self, code: str, message: str, result: Any) -> None:
+        super().__init__(code, message)
+        self.result = result
 
 
 @dataclass(frozen=True, slots=True)

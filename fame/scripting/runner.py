@@ -19,12 +19,24 @@ from functools import partial
 from typing import Any, Protocol
 
 from fame.clock import SECOND, Entry, Kind, Scheduler
-from fame.engine.host import BpmnError, Cancelled, is_from_outside
+from fame.engine.host import Cancelled, is_from_outside
 from fame.middleware.actions import ActionClient
 from fame.middleware.interface import Client, Node
 from fame.scripting.budget import BUDGET, Budget
 from fame.scripting.python import error_text
-from fame.scripting.requests import Act, Call, Inbox, Next, Receive, Request, Sleep, Subscribe, TopicTypes, Until
+from fame.scripting.requests import (
+    Act,
+    Call,
+    GoalError,
+    Inbox,
+    Next,
+    Receive,
+    Request,
+    Sleep,
+    Subscribe,
+    TopicTypes,
+    Until,
+)
 
 GRACE = 2.0
 """Grace period: how long a cancelled script may take to end (s)."""
@@ -347,7 +359,7 @@ class Runner:
             if outcome == "succeeded":
                 self._soon(task, task.script.send, result)
             else:
-                self._soon(task, task.script.throw, BpmnError(outcome, f"{request}: the goal was {outcome}"))
+                self._soon(task, task.script.throw, GoalError(outcome, f"{request}: the goal was {outcome}", result))
 
         def on_feedback(feedback: Any) -> None:
             if request.feedback is not None:
