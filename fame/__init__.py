@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     )
     from fame.robot.events import EventLog as EventLog
     from fame.scenario import Scenario as Scenario
+    from fame.scenario.exploration import explore as explore
     from fame.simulation import Simulation as Simulation
 else:
     __getattr__, __dir__, __all__ = attach(
@@ -54,6 +55,7 @@ else:
             ],
             "robot.events": ["EventLog"],
             "scenario": ["Scenario"],
+            "scenario.exploration": ["explore"],
             "simulation": ["Simulation"],
         },
     )

@@ -103,7 +103,7 @@ def _thrown(process: CheckedProcess, node: FlowNode, seen: set[CheckedProcess]) 
         return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
     if isinstance(node, Task) and (node.operation or node.kind in ("service", "send")):
         return None
-    return _raised(node) if isinstance(node, Activity) else set()
+    return raised_codes(node) if isinstance(node, Activity) else set()
 
 
 def _together(found: Iterator[set[str] | None]) -> set[str] | None:
@@ -115,7 +115,7 @@ def _together(found: Iterator[set[str] | None]) -> set[str] | None:
     return codes
 
 
-def _raised(activity: Activity) -> set[str] | None:
+def raised_codes(activity: Activity) -> set[str] | None:
     """The error codes in a script: ``raise BpmnError("lost")``."""
     script = activity.script if isinstance(activity, Task) else None
     if script is None or script.language not in ("python", "javascript"):

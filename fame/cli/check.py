@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fame.cli import exploration
 from fame.cli.arguments import Commands, add_json, add_library, command
 from fame.cli.output import coloured, print_json
 from fame.errors import ConfigError, ModelError
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
 _LEVELS = ("error", "warning", "note")
 _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
-             "fame check examples/delivery.yaml", "fame check --explain foreign.bpmn")  # fmt: skip
+             "fame check examples/delivery.yaml", "fame check --explain foreign.bpmn",
+             "fame check --explore models/ground_vehicles.bpmn",
+             "fame check --explore examples/convoy.yaml --faults")  # fmt: skip
 
 
 def add(commands: Commands) -> None:
@@ -38,10 +41,14 @@ def add(commands: Commands) -> None:
     parser.add_argument("--explain", action="store_true", help="say first what each file was read as")
     add_library(parser)
     add_json(parser)
+    exploration.add_arguments(parser)
 
 
 def run(arguments: Namespace) -> int:
-    """Check every file and print what was found, in the manner of compilers."""
+    """Check every file and print what was found, in the manner of compilers; or explore it."""
+    if arguments.explore:
+        return _explore(arguments)
+    exploration.refuse_without_explore(arguments)
     from fame.check import check, parts_of_one_mission, summary
     from fame.check.explain import explain
 
@@ -73,6 +80,23 @@ def run(arguments: Namespace) -> int:
         for line in (*readings, *found, summary(found)):
             print(coloured(str(line), sys.stdout))
     return 1 if failed else 0
+
+
+def _explore(arguments: Namespace) -> int:
+    """Explore files that have no errors."""
+    from fame.check import check
+
+    for path in dict.fromkeys(arguments.models):
+        if str(path) == "-":
+            raise ConfigError("--explore needs files, not stdin")
+        file = _read(path, arguments.library)
+        if file.model is not None:
+            file.found += [one for one in check(file.model, library=file.library) if one.level == "error"]
+        if file.found:
+            for finding in file.found:
+                print(coloured(str(finding), sys.stderr), file=sys.stderr)
+            raise ConfigError("has errors: nothing is explored", file=str(path))
+    return exploration.run(arguments)
 
 
 def _failed(found: Iterable[Finding]) -> bool:

@@ -1,0 +1,35 @@
+"""Explore the reachable states of a collaboration, by the engine that runs it, before anything moves.
+
+::
+
+    exploration   a team and its searches; the result
+    abstraction   what is left out of a model: work inside behaviours, variables that decide nothing
+    purity        which scripts are computed
+    values        known values by number, and the unknown one
+    host          the world as an explored engine sees it
+    local         the transitions of one robot, by the engine, remembered
+    product       the states of the team: local states, messages under way, faults
+    reduction     steps that need not be interleaved with those of others
+    trace         runs, in the terms of the model
+    findings      deadlocks, lost signals, errors ... one per cause
+
+`docs/exploration.md` says what is abstracted and what follows from that.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.check.explore.exploration import (
+        Exploration as Exploration,
+        Request as Request,
+        explore_team as explore_team,
+    )
+    from fame.check.explore.findings import Finding as Finding
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__, {"exploration": ["Exploration", "Request", "explore_team"], "findings": ["Finding"]}
+    )

@@ -1,0 +1,329 @@
+"""What an exploration leaves out of a model: work inside behaviours, variables that decide nothing.
+
+A call of a behaviour that touches no topic of the team becomes a step: it ends at some time, or raises one of the error
+codes that it can. Its results are unknown. What is left of the processes is executed by the engine as it is.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+
+from fame.bpmn import model
+from fame.bpmn.library import Library
+from fame.bpmn.pools import Pool
+from fame.bpmn.topics import TopicUse, topics_of
+from fame.check.events import raised_codes
+from fame.check.expressions import expressions_in, names_of
+from fame.engine.data import variable_name
+from fame.errors import FameError
+from fame.scripting import code_names, script_topics
+
+Home = tuple[model.Definitions, model.Process]
+STEP = "explored step "
+"""Begins the names of the services that take the place of behaviours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Something that takes time: a behaviour, a service, or a script that waits.
+
+    writes  variables that are unknown afterwards
+    codes   error codes that it may raise
+    emits   (topic, whether it is certain): what it has published when it ends
+    """
+
+    writes: tuple[str, ...] = ()
+    codes: tuple[str, ...] = ()
+    emits: tuple[tuple[str, bool], ...] = ()
+
+
+@dataclass(slots=True)
+class Abstraction:
+    """The processes of a team as they are explored.
+
+    types    the topics of the team
+    shared   those that one robot may send and another, or itself, may take
+    outside  those that only something outside of the team can send
+    steps    what each step does, by its name
+    kept     pool -> its variables that decide something
+    matters  topics whose payload decides something
+    """
+
+    library: Library
+    types: Mapping[str, TopicUse]
+    shared: frozenset[str] = frozenset()
+    outside: frozenset[str] = frozenset()
+    steps: dict[str, Step] = field(default_factory=dict)
+    kept: dict[str, frozenset[str]] = field(default_factory=dict)
+    matters: set[str] = field(default_factory=set)
+    _homes: dict[str, model.Definitions] = field(default_factory=dict)
+    _reduced: dict[tuple[str, str], model.Process] = field(default_factory=dict)
+
+    def process(self, home: model.Definitions, process: model.Process) -> model.Process:
+        """A process without the inside of behaviours."""
+        key = (home.file, process.id)
+        if key not in self._reduced:
+            self._homes[home.file] = home
+            self._reduced[key] = replace(process, body=self._body(process.body, home))
+        return self._reduced[key]
+
+    def find(self, name: str, file: str, call: model.CallActivity) -> tuple[model.Process, str]:
+        """The library of the compiler: a called process that is not a step."""
+        home, process = self.library.find(self._homes[file], call)
+        return self.process(home, process), home.file
+
+    def bodies(self, home: model.Definitions, process: model.Process) -> list[model.Body]:
+        """All bodies of an abstract process and of what it calls."""
+        found, seen = [], set()
+        pending = [(home, process)]
+        while pending:
+            home, process = pending.pop()
+            if (home.file, process.id) in seen:
+                continue
+            seen.add((home.file, process.id))
+            body = self.process(home, process).body
+            inner = [node.body for node in body.walk() if isinstance(node, model.SubProcess)]
+            found += [body, *inner]
+            calls = (node for node in body.walk() if isinstance(node, model.CallActivity))
+            pending += [self.library.find(home, call) for call in calls]
+        return found
+
+    def _body(self, body: model.Body, home: model.Definitions) -> model.Body:
+        nodes: list[model.FlowNode] = []
+        for node in body.nodes:
+            if isinstance(node, model.SubProcess):
+                node = replace(node, body=self._body(node.body, home))
+            elif isinstance(node, model.CallActivity):
+                node = self._call(node, body, home)
+            nodes.append(node)
+        return replace(body, nodes=tuple(nodes))
+
+    def _call(self, call: model.CallActivity, body: model.Body, home: model.Definitions) -> model.FlowNode:
+        try:
+            called = self.library.find(home, call)
+            closure = self.library.closure(*called)
+        except FameError:  # the compiler refuses it
+            return call
+        if any(topic in self.shared for there, process in closure for topic in _topics(there, process)):
+            return call
+        writes = {name for _, process in closure for name in _writes(process)}
+        outputs: tuple[model.Assignment, ...] = ()
+        if call.io is not None:
+            outputs = call.io.outputs
+            writes = {item.target for item in outputs} if not call.io.all_out else writes
+        codes = step_codes(call, _thrown_in(self.library, *called, set()), body)
+        name = f"{STEP}{home.file} {call.id}"
+        self.steps[name] = Step(tuple(sorted(writes)), codes)
+        kept = {item.name: getattr(call, item.name) for item in fields(model.Activity)}
+        kept |= {"io": None, "copies_out": (), "required": ()}
+        return model.Task(kind="service", operation=name, **kept)
+
+
+def abstraction(definitions: model.Definitions, pools: Sequence[Pool], library: Library,
+                types: Mapping[str, TopicUse]) -> Abstraction:  # fmt: skip
+    """The abstraction of a team. Raises ModelError for calls of unknown processes."""
+    thrown, caught = set[str](), set[str]()
+    for pool in pools:
+        for home, process in library.closure(definitions, pool.process):
+            for topic, throws in _ends(home, process):
+                (thrown if throws else caught).add(topic)
+    found = Abstraction(library, types)
+    found.shared = frozenset(topic for topic in thrown & caught if topic[0] == "/")
+    found.outside = frozenset(topic for topic in caught if topic[0] == "~" or topic not in thrown)
+    bodies = {pool.name: found.bodies(definitions, pool.process) for pool in pools}
+    _keep_what_decides(found, bodies)
+    return found
+
+
+# ---- topics and codes of behaviours ----------------------------------------------------------------------------------
+
+
+def _ends(home: model.Definitions, process: model.Process) -> Iterator[tuple[str, bool]]:
+    """(topic, whether it is thrown) of the events and scripts of a process."""
+    for node in process.body.walk():
+        for topic, throws in topics_of(node):
+            yield topic.qualified, throws
+        if isinstance(node, model.Task) and node.script is not None:
+            for one in _script_topics(node.script):
+                if one.direction in ("publish", "subscribe"):
+                    yield _qualified(one.name), one.direction == "publish"
+
+
+def _topics(home: model.Definitions, process: model.Process) -> set[str]:
+    return {topic for topic, _ in _ends(home, process)}
+
+
+def _script_topics(script: model.Expression) -> Iterable:  # type: ignore[type-arg]
+    try:
+        return script_topics(script)
+    except FameError:
+        return ()
+
+
+def _qualified(name: str) -> str:
+    return name if name.startswith(("/", "~/")) else f"~/{name}"
+
+
+def emitted(script: model.Expression) -> tuple[str, ...]:
+    """The topics that a script names to publish on."""
+    return tuple(_qualified(one.name) for one in _script_topics(script) if one.direction == "publish")
+
+
+def _writes(process: model.Process) -> Iterator[str]:
+    """The variables that a called process may set."""
+    for node in process.body.walk():
+        if isinstance(node, model.Task):
+            if node.script is not None:
+                yield from script_writes(node.script)
+            yield from (node.result_variable,) if node.result_variable else ()
+        for topic, throws in topics_of(node):
+            if not throws:
+                yield from taken(node, topic, process.body)
+    for body in (process.body, *(node.body for node in process.body.walk() if isinstance(node, model.SubProcess))):
+        for item in body.data_objects:
+            yield from item.names
+
+
+def script_writes(script: model.Expression) -> frozenset[str]:
+    """The variables that a script sets, functions and modules included."""
+    try:
+        return names_of(script, True)[1] | code_names(script)
+    except FameError:
+        return frozenset()
+
+
+def taken(node: model.FlowNode, topic: model.Topic, body: model.Body) -> tuple[str, ...]:
+    """The variables that a caught message may set."""
+    if topic.takes:
+        return tuple(item.target for item in topic.takes)
+    names = [name for item in body.data_objects if item.id in node.data_outputs for name in item.names]
+    return (*names, variable_name(topic.name))
+
+
+def step_codes(node: model.Activity, thrown: set[str] | None, body: model.Body) -> tuple[str, ...]:
+    """The codes that a step may raise: those that it names, else those that its boundary events catch."""
+    caught = [one.code for event in body.nodes if isinstance(event, model.Event) and event.attached_to == node.id
+              for one in event.definitions if isinstance(one, model.ErrorDefinition)]  # fmt: skip
+    codes = set(thrown or ()) | {code for code in caught if code and (thrown is None or code in ("script", "no_flow"))}
+    if None in caught and not codes:
+        codes.add("script")
+    return tuple(sorted(codes))
+
+
+def _thrown_in(library: Library, home: model.Definitions, process: model.Process, seen: set[str]) -> set[str] | None:
+    """The codes that leave a called process; None if it may raise any."""
+    if process.id in seen:
+        return set()
+    seen.add(process.id)
+    return _thrown_by(library, home, process.body, seen)
+
+
+def _thrown_by(library: Library, home: model.Definitions, body: model.Body, seen: set[str]) -> set[str] | None:
+    caught: dict[str, set[str | None]] = defaultdict(set)
+    for node in body.nodes:
+        if isinstance(node, model.Event) and node.place == "boundary":
+            caught[node.attached_to] |= {d.code for d in node.definitions if isinstance(d, model.ErrorDefinition)}
+        elif isinstance(node, model.SubProcess) and node.triggered_by_event:
+            starts = [one for one in node.body.nodes if isinstance(one, model.Event) and one.place == "start"]
+            caught[""] |= {d.code for one in starts for d in one.definitions if isinstance(d, model.ErrorDefinition)}
+    found: set[str] | None = set()
+    for node in body.nodes:
+        codes = _thrown_at(library, home, node, seen)
+        if codes is None and None not in caught[node.id]:
+            found = None
+        elif codes and found is not None and None not in caught[node.id]:
+            found |= codes - caught[node.id]
+    if None in caught[""]:
+        return set()
+    return None if found is None else found - caught[""]
+
+
+def _thrown_at(library: Library, home: model.Definitions, node: model.FlowNode, seen: set[str]) -> set[str] | None:
+    if isinstance(node, model.SubProcess):
+        return _thrown_by(library, home, node.body, seen)
+    if isinstance(node, model.CallActivity):
+        try:
+            return _thrown_in(library, *library.find(home, node), seen)
+        except FameError:
+            return None
+    if isinstance(node, model.Event):
+        ends = [one for one in node.definitions if isinstance(one, model.ErrorDefinition) and node.place == "end"]
+        return None if any(one.computed for one in ends) else {one.code for one in ends if one.code}
+    if isinstance(node, model.Task) and (node.operation or node.kind == "service"):
+        return None
+    return raised_codes(node) if isinstance(node, model.Activity) else set()
+
+
+# ---- variables that decide something ---------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Flow:
+    """How values flow in one pool: (reads, writes) of each text; what is needed whatever it leads to."""
+
+    needed: set[str] = field(default_factory=set)
+    links: list[tuple[frozenset[str], frozenset[str]]] = field(default_factory=list)
+    payloads: list[tuple[str, frozenset[str]]] = field(default_factory=list)
+    takes: list[tuple[str, frozenset[str], frozenset[str]]] = field(default_factory=list)  # topic, reads, targets
+
+
+def _keep_what_decides(found: Abstraction, bodies: Mapping[str, Sequence[model.Body]]) -> None:
+    """A variable decides something if a condition, a time, a loop or a script that throws reads it, or leads to one."""
+    flows = {pool: _flow_of(found, inside) for pool, inside in bodies.items()}
+    kept = {pool: set(flow.needed) for pool, flow in flows.items()}
+    grew = True
+    while grew:
+        before = sum(map(len, kept.values())) + len(found.matters)
+        for pool, flow in flows.items():
+            names = kept[pool]
+            for reads, writes in flow.links:
+                if writes & names:
+                    names |= reads
+            for topic, reads, targets in flow.takes:
+                if targets & names:
+                    found.matters.add(topic)
+                    names |= reads - {"msg"}
+            for topic, reads in flow.payloads:
+                if topic in found.matters:
+                    names |= reads
+        grew = sum(map(len, kept.values())) + len(found.matters) > before
+    found.kept = {pool: frozenset(names) for pool, names in kept.items()}
+
+
+def _flow_of(found: Abstraction, bodies: Sequence[model.Body]) -> _Flow:
+    flow = _Flow()
+    for body in bodies:
+        for use in expressions_in(body):
+            match use.use:
+                case "condition" | "timer" | "mapping":
+                    flow.needed |= use.reads
+                case "value" if isinstance(use.element, model.DataObject):
+                    flow.links.append((use.reads, frozenset(use.element.names)))
+                case "value":
+                    flow.needed |= use.reads
+                case "script":
+                    loud = set(emitted(use.expression)) & (found.shared | found.types.keys())
+                    if loud or any(word in use.expression.text for word in ("raise", "throw", "assert", "signal(")):
+                        flow.needed |= use.reads
+                    flow.links.append((use.reads, use.writes))
+        for node in body.nodes:
+            _flow_of_topics(flow, node, body)
+            if isinstance(node, model.Activity) and isinstance(node.loop, model.MultiInstance):
+                flow.needed |= {node.loop.output_collection} - {""}
+    return flow
+
+
+def _flow_of_topics(flow: _Flow, node: model.FlowNode, body: model.Body) -> None:
+    keys = [one.keys for one in getattr(node, "definitions", ()) if isinstance(one, model.MessageDefinition)]
+    keys += [node.keys] if isinstance(node, model.Task) else []
+    names = {name for pairs in keys for name, _ in pairs}
+    flow.needed |= names
+    for topic, throws in topics_of(node):
+        payload = topic.payload or getattr(node, "payload", None)
+        if throws and payload is not None:
+            flow.payloads.append((topic.qualified, names_of(payload)[0]))
+        elif not throws:
+            reads = frozenset(name for item in topic.takes for name in names_of(item.source)[0])
+            flow.takes.append((topic.qualified, reads, frozenset(taken(node, topic, body)) | names))

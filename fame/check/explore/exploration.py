@@ -1,0 +1,315 @@
+"""Explore a team's reachable states: make its robots, search for each delivery, and put together what was found."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions, Element, Process
+from fame.bpmn.pools import Pool, shared_topics
+from fame.bpmn.topics import TopicUse
+from fame.check.explore.abstraction import Abstraction, abstraction
+from fame.check.explore.faults import Faults
+from fame.check.explore.findings import FAILING, Finding, Report
+from fame.check.explore.graph import Explored
+from fame.check.explore.local import MOST_AT_ONE_PLACE, MOST_INSTANCES, Local
+from fame.check.explore.network import Kind
+from fame.check.explore.product import MASK, Delivery, Options, Product
+from fame.check.explore.reduction import Reduction
+from fame.check.explore.trace import Place, Runs
+from fame.check.explore.values import Values
+from fame.check.expressions import expressions_in
+from fame.errors import FameError, expect
+from fame.middleware import typesystem
+
+LIMIT = 200_000
+"""States of all deliveries together, by default."""
+DELIVERIES: tuple[Delivery, ...] = ("run", "fast")
+"""What is explored by default, one after the other."""
+_NAMES_ITSELF = re.compile(r"\brobot\b(?!\s*\.\s*(?:publish|subscribe|latest|call|act|now|date)\b)")
+"""Texts by which a robot may know its own name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What to explore.
+
+    delivery  ways of delivery, see `fame.check.explore.product`
+    network   ``fifo``, or ``bag``: messages are kept until they are listened to, and may overtake
+    ordered   timers of a robot fire in the order of their durations, where that is known; else in any order
+    faults    also explore what single faults lead to
+    reduced   leave out orders of steps that make no difference
+    limit     states, of all deliveries together
+    seconds   time for all deliveries together, None for no bound
+    """
+
+    delivery: tuple[Delivery, ...] = DELIVERIES
+    network: Kind = "fifo"
+    ordered: bool = False
+    faults: bool = False
+    reduced: bool = True
+    limit: int = LIMIT
+    seconds: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """One search. `explored` is None for one that was not begun, for want of budget."""
+
+    delivery: Delivery
+    states: int
+    transitions: int
+    seconds: float
+    cuts: tuple[str, ...]
+    faults: tuple[tuple[str, str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """The result of `explore`.
+
+    file        the model
+    robots      robot -> pool
+    findings    what was found, the worst first; each once, with the first delivery that shows it
+    searches    one for each delivery
+    local       robot -> number of its local states
+    outside     topics on which anything may come from outside of the team
+    seconds     of all searches (wall clock)
+    """
+
+    file: str
+    robots: Mapping[str, str]
+    findings: tuple[Finding, ...]
+    searches: tuple[Searched, ...]
+    local: Mapping[str, int]
+    outside: tuple[str, ...]
+    seconds: float
+
+    @property
+    def exhaustive(self) -> bool:
+        """Whether all states were found, in every delivery that was asked for."""
+        return not any(search.cuts for search in self.searches)
+
+    @property
+    def cuts(self) -> tuple[str, ...]:
+        """Why it is not exhaustive."""
+        return tuple(dict.fromkeys(cut for search in self.searches for cut in search.cuts))
+
+    @property
+    def failed(self) -> bool:
+        """Whether something of the kinds that fail a check was found, and not accepted."""
+        return any(one.kind in FAILING and not one.accepted for one in self.findings)
+
+    @property
+    def states(self) -> int:
+        """States of all searches."""
+        return sum(search.states for search in self.searches)
+
+    def summary(self) -> str:
+        """The first line of a report."""
+        spent = f"{self.states} states in {self.seconds:.1f} s"
+        modes = " and ".join(search.delivery for search in self.searches)
+        if self.exhaustive:
+            return f"{self.file}: all states explored ({', '.join(self.robots)}; delivery {modes}): {spent}"
+        return f"{self.file}: NOT all states explored ({', '.join(self.cuts)}; delivery {modes}): {spent}"
+
+
+class Team:
+    """The robots of a collaboration, ready to be explored; local transitions are shared by all searches."""
+
+    def __init__(self, definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> None:
+        self.definitions, self.library, self.cast, self.request = definitions, library, dict(cast), request
+        self.pools = list({pool.name: pool for pool in cast.values()}.values())
+        types = dict(shared_topics(definitions, self.pools, library))
+        self.model: Abstraction = abstraction(definitions, self.pools, library, types)
+        self.values = Values()
+        self.robots: tuple[str, ...] = tuple(cast)
+        self.places = dict(_places(definitions, self.pools, library))
+        self.alike = {pool.name: not self._knows_itself(pool) for pool in self.pools}
+        fields = _field_names(types)
+        made: dict[str, Local] = {}
+        self.locals: list[Local] = []
+        for robot, pool in cast.items():
+            local = made.get(pool.name) if self.alike[pool.name] else None
+            if local is None:
+                local = Local(robot, definitions, pool.process, self.model, self.values,
+                              kept=self.model.kept[pool.name], fields=fields, robots=self.robots,
+                              ordered=request.ordered)  # fmt: skip
+                made[pool.name] = local
+            self.locals.append(local)
+
+    def _knows_itself(self, pool: Pool) -> bool:
+        """Whether a script or expression may read the name of its robot, or somebody addresses a robot by name."""
+        bodies = self.model.bodies(self.definitions, pool.process)
+        texts = (use.expression.text for body in bodies for use in expressions_in(body))
+        return any(_NAMES_ITSELF.search(text) for text in texts) or any(
+            use.addresses and use.catches for use in self.model.types.values()
+        )
+
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """The places of robots that nothing tells apart."""
+        found = []
+        for pool in self.pools:
+            places = tuple(place for place, robot in enumerate(self.robots) if self.cast[robot].name == pool.name)
+            if len(places) > 1 and self.alike[pool.name]:
+                found.append(places)
+        return tuple(found)
+
+    def required(self) -> tuple[tuple[int, ...], ...]:
+        """The places of the robots of each pool of which one has to start, and none does by itself."""
+        found = []
+        for pool in self.pools:
+            places = tuple(place for place, robot in enumerate(self.robots) if self.cast[robot].name == pool.name)
+            if self.locals[places[0]].program.begin is None and not pool.process.optional:
+                found.append(places)
+        return tuple(found)
+
+    def search(self, delivery: Delivery, limit: int, stop: Callable[[], bool]) -> tuple[Searched, list[Finding]]:
+        """Explore with one delivery."""
+        request, begun = self.request, time.perf_counter()
+        options = Options(
+            delivery=delivery, network=request.network, reduced=request.reduced, faults=request.faults, limit=limit,
+            groups=self.groups() if request.reduced else (), required=self.required(), stop=stop,
+        )  # fmt: skip
+        product = Product(self.robots, self.locals, options)
+        if request.reduced:
+            product.reduction = Reduction(product).moves
+        if request.faults:
+            product.add_faults = Faults(product).add
+        explored = product.explore()
+        cuts = tuple(self._cuts(product, explored))
+        report = Report(
+            Runs(product, explored, self.places),
+            pools=tuple(pool.name for pool in self.cast.values()),
+            starts=tuple(_starts(local) for local in self.locals),
+            processes=tuple(pool.process.id for pool in self.cast.values()),
+            accepts=_accepted(self.definitions, self.pools, self.library),
+            elements=tuple(frozenset(one for one in local.program.elements if one) for local in self.locals),
+            exhaustive=not cuts,
+        )
+        found = report.findings()
+        spent = time.perf_counter() - begun
+        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts), found
+
+    def _cuts(self, product: Product, explored: Explored) -> Iterator[str]:
+        """What was left out."""
+        if explored.cut == "states":
+            yield f"the limit of {self.request.limit} states is reached"
+        elif explored.cut:
+            yield f"the limit of {self.request.seconds:g} s is reached, which depends on the machine"
+        if product.network.piles:
+            yield "more messages under way than are kept apart"
+        for local in dict.fromkeys(self.locals):
+            if "decisions" in local.cut:
+                yield f"too many decisions in one step of {local.robot}"
+            if any(cut.startswith("instances") for cut in local.cut):
+                yield f"more than {MOST_INSTANCES} instances on {local.robot}"
+            if any(cut.startswith("tokens") for cut in local.cut):
+                yield f"more than {MOST_AT_ONE_PLACE} tokens at one element of {local.robot}"
+            if len(local) >= MASK:
+                yield f"too many states of {local.robot}"
+
+
+def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> Exploration:
+    """Explore the robots of `cast` (robot -> pool).
+
+    Raises ModelError for a model that cannot be compiled, ConfigError for a limit below 1.
+    """
+    expect(request.limit > 0, "limit", request.limit, "a number of states above 0")
+    expect(request.seconds is None or request.seconds > 0, "seconds", request.seconds, "a number of seconds above 0")
+    begun = time.perf_counter()
+    team = Team(definitions, library, cast, request)
+    left, searches, findings = request.limit, list[Searched](), dict[tuple[str, str], Finding]()
+
+    def stop() -> bool:
+        return request.seconds is not None and time.perf_counter() - begun > request.seconds
+
+    for delivery in request.delivery:
+        if left <= 0 or stop():
+            searches.append(Searched(delivery, 0, 0, 0.0, (f"no budget is left for delivery {delivery}",)))
+            continue
+        searched, found = team.search(delivery, left, stop)
+        searches.append(searched)
+        left -= searched.states
+        for one in found:
+            findings.setdefault(_cause(one), one)
+    unreachable = [one for one in findings.values() if one.kind == "unreachable"]
+    if any(search.cuts for search in searches):  # what one search did not enter another may
+        unreachable = []
+    kept = [one for one in findings.values() if one.kind != "unreachable"] + unreachable
+    return Exploration(
+        file=definitions.file,
+        robots={robot: pool.name for robot, pool in cast.items()},
+        findings=tuple(kept),
+        searches=tuple(searches),
+        local={local.robot: len(local) for local in dict.fromkeys(team.locals)},
+        outside=tuple(sorted({topic for local in team.locals for topic in local.outside})),
+        seconds=time.perf_counter() - begun,
+    )
+
+
+def _cause(finding: Finding) -> tuple[str, str]:
+    """What makes two findings of different deliveries the same one."""
+    if finding.kind in FAILING:
+        return ("wait", repr([(place.element) for place in finding.places]))
+    if finding.kind in ("always-lost", "unneeded", "growth"):
+        return (finding.kind, finding.text)
+    return (finding.kind, repr([place.element for place in finding.places]))
+
+
+# ---- the model -------------------------------------------------------------------------------------------------------
+
+
+def _places(definitions: Definitions, pools: Sequence[Pool], library: Library) -> Iterator[tuple[str, Place]]:
+    for home, process in _closure(definitions, pools, library):
+        for element in _elements(process):
+            yield element.id, Place(element.id, home.file, element.line, element.name)
+
+
+def _accepted(definitions: Definitions, pools: Sequence[Pool], library: Library) -> dict[str, str]:
+    return {
+        element.id: element.properties["accept"]
+        for _, process in _closure(definitions, pools, library)
+        for element in _elements(process)
+        if "accept" in element.properties
+    }
+
+
+def _closure(definitions: Definitions, pools: Sequence[Pool], library: Library) -> list[tuple[Definitions, Process]]:
+    found: dict[tuple[str, str], tuple[Definitions, Process]] = {}
+    for pool in pools:
+        for home, process in library.closure(definitions, pool.process):
+            found.setdefault((home.file, process.id), (home, process))
+    return list(found.values())
+
+
+def _elements(process: Process) -> Iterable[Element]:
+    return (process, *process.body.elements())
+
+
+def _starts(local: Local) -> tuple[tuple[str, str], ...]:
+    return tuple((node.id, topic) for topic, nodes in local.program.starts.items() for node in nodes)
+
+
+def _field_names(types: Mapping[str, TopicUse]) -> frozenset[str]:
+    """The names of all fields of the messages of a team."""
+    found = set[str]()
+    pending = [use.type for use in types.values()]
+    seen = set[str]()
+    while pending:
+        name = pending.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            content = typesystem.definition(name)
+        except FameError:
+            continue
+        for one in content.fields:
+            found.add(one.attribute)
+            if one.is_message:
+                pending.append(one.base)
+    return frozenset(found)

@@ -1,0 +1,104 @@
+"""Single faults: an engine dies, a message is lost, a behaviour fails or never ends.
+
+A fault is added to the transitions of every state in which none has happened yet; the number of the fault is part of
+the states after it, so that what each one leads to can be told apart.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+from fame.check.explore.graph import Explored
+from fame.check.explore.local import Stimulus, Way
+from fame.check.explore.product import BITS, DEAD, FAULTS, Fault, Move, Product, Told, Transition
+
+
+class Faults:
+    """Adds the faults of one product; they are numbered in `Product.faults`."""
+
+    def __init__(self, product: Product) -> None:
+        self.product = product
+        self._numbers: dict[Fault, int] = {}
+
+    def _happens(self, fault: Fault) -> int:
+        """The difference of a state when a fault happens."""
+        number = self._numbers.get(fault)
+        if number is None and len(self.product.faults) <= FAULTS:
+            number = self._numbers[fault] = len(self.product.faults)
+            self.product.faults.append(fault)
+        return (number or FAULTS) << self.product.fault_shift
+
+    def add(self, state: int, found: list[Transition]) -> None:
+        """Add what a single fault may do now; an error that is not caught is a fault of its behaviour."""
+        product = self.product
+        for transition in tuple(found):
+            new, robot, move, told = transition
+            failed = next(((one, done) for one, done in ((robot, move), *told) if done.failed), None)
+            if failed is not None:
+                found.remove(transition)
+                found.append((new + self._happens(self._failure(*failed)), robot, move, told))
+            elif move.sending and product.options.delivery == "run":
+                found += self._losses(state, robot, move, told)
+            elif move.stimulus[0] == "hear":
+                found += self._loss(state, robot, move)
+        for robot, old in enumerate(product.locals_of(state)):
+            if product.locals[robot].views[old].instances:
+                died = Move(robot, old, Way(DEAD, (), (), False), 0, ("die", None, None))
+                fault = self._happens(("engine", product.robots[robot]))
+                found.append((state + died.difference + fault, robot, died, ()))
+            found += self._blocks(state, robot, old)
+
+    def _failure(self, robot: int, move: Move) -> Fault:
+        text = next(what for kind, what in move.way.flags if kind == "error")
+        element, _, error = text.partition("\n")
+        code = move.stimulus[2] if move.stimulus[0] == "end" and move.stimulus[2] else error.partition(";")[0]
+        return ("behaviour", self.product.robots[robot], element, str(code))
+
+    def _losses(self, state: int, robot: int, move: Move, told: Told) -> Iterator[Transition]:
+        """One of the deliveries that happen at once is lost."""
+        product = self.product
+        for place, (receiver, heard) in enumerate(told):
+            _, topic, message = heard.stimulus
+            fault = self._happens(("message", str(topic), product.robots[receiver]))
+            lost = Move(receiver, 0, Way(0, (), (), False), 0, ("loss", topic, message))
+            for after, others in product.spread(state + move.difference | move.mark, move.sending, place):
+                yield after + fault, robot, move, (*others[:place], (receiver, lost), *others[place:])
+
+    def _loss(self, state: int, robot: int, move: Move) -> Iterator[Transition]:
+        """A message under way is lost."""
+        product, (_, topic, message) = self.product, move.stimulus
+        old = state >> (robot * BITS) & DEAD
+        lost = Move(robot, old, Way(old, (), (), False), 0, ("loss", topic, message))
+        fault = self._happens(("message", str(topic), product.robots[robot]))
+        for receiver, other, number, less in product.network.heads(state >> product.top):
+            if (receiver, other, number) == (robot, topic, message):
+                yield state + (less << product.top) + fault, robot, lost, ()
+
+    def _blocks(self, state: int, robot: int, old: int) -> Iterator[Transition]:
+        """A behaviour that runs now never ends."""
+        product, local = self.product, self.product.locals[robot]
+        if old == DEAD:
+            return
+        for kind, key, code in local.views[old].own:
+            if kind == "end" and code is None:
+                stimulus: Stimulus = ("block", key, None)
+                fault = self._happens(("behaviour", product.robots[robot], local.element(old, stimulus), ""))
+                for move in product.moves(robot, old, stimulus, local.step(old, stimulus)):
+                    yield state + move.difference + fault, robot, move, ()
+
+
+def outcomes(product: Product, explored: Explored, good: bytearray) -> dict[Fault, int | None]:
+    """Fault -> number of the first state from which the others cannot end any more; None if they always can."""
+    found: dict[Fault, int | None] = {fault: None for fault in product.faults if fault}
+    first: dict[Fault, int] = defaultdict(lambda: len(explored.states))
+    for at in explored.stuck:
+        fault = product.fault_of(explored.states[at])
+        if fault:
+            first[fault] = min(first[fault], at)
+    found.update(first)
+    for at in range(len(explored.offsets) - 1):
+        fault = product.fault_of(explored.states[at])
+        if fault and not good[at] and found[fault] is None:
+            found[fault] = at
+    return found

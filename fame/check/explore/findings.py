@@ -1,0 +1,302 @@
+"""What an exploration has found: one finding per cause, each with the shortest run to it.
+
+The first three kinds fail a check: a ``deadlock``, a mission that can ``never`` complete, a ``lost`` signal that a
+robot waits for afterwards. Warnings are signals that are ``always-lost``, ``dropped`` triggers, pools that may not have
+started at the end (``unstarted``), ``unreachable`` elements, errors that are not caught (``error``), conditions that
+fail (``condition``) and ``growth`` without bound. What has no consequence is a note.
+
+An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from fame.check.explore.graph import Explored
+from fame.check.explore.product import Product
+from fame.check.explore.trace import Place, Runs, Step, waiting
+
+Kind = Literal[
+    "deadlock", "never", "lost", "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
+    "unneeded",
+]  # fmt: skip
+FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
+"""The kinds that make a check fail."""
+KINDS: tuple[Kind, ...] = (
+    *FAILING, "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "unneeded",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that may happen in a mission.
+
+    kind      see `fame.check.explore.findings`
+    text      one line
+    places    the elements that it is about
+    processes ids of the processes that it is about
+    run       the steps of the shortest run to it
+    doomed    number of steps after which the mission cannot complete any more; None if it can, or if that is unknown
+    delivery  how messages were delivered in that run
+    accepted  why the model accepts it, empty if it does not
+    """
+
+    kind: Kind
+    text: str
+    places: tuple[Place, ...] = ()
+    processes: tuple[str, ...] = ()
+    run: tuple[Step, ...] = ()
+    doomed: int | None = None
+    delivery: str = "run"
+    accepted: str = ""
+
+    @property
+    def level(self) -> str:
+        """``error``, ``warning`` or ``note``."""
+        if self.accepted or self.kind == "unneeded":
+            return "note"
+        return "error" if self.kind in FAILING else "warning"
+
+    def __str__(self) -> str:
+        accepted = f" (accepted: {self.accepted})" if self.accepted else ""
+        return f"{self.level}: {self.text}{accepted}"
+
+
+@dataclass(slots=True)
+class Report:
+    """What is known of a team beside its states.
+
+    pools      the pool of each robot, by place
+    starts     what each robot waits for to start, if it does not by itself: (element, topic)
+    processes  the process of each robot
+    accepts    element or process -> its property `accept`
+    elements   ids of the elements of each robot's program
+    """
+
+    runs: Runs
+    pools: tuple[str, ...]
+    starts: tuple[tuple[tuple[str, str], ...], ...]
+    processes: tuple[str, ...]
+    accepts: Mapping[str, str] = field(default_factory=dict)
+    elements: tuple[frozenset[str], ...] = ()
+    exhaustive: bool = True
+
+    @property
+    def product(self) -> Product:
+        return self.runs.product
+
+    @property
+    def explored(self) -> Explored:
+        return self.runs.explored
+
+    def findings(self) -> list[Finding]:
+        """All findings, the worst first."""
+        good = self.explored.completable()
+        found = [
+            *self._stuck(good),
+            *self._endless(good),
+            *self._not_started(),
+            *self._signals(),
+            *self._errors(),
+            *self._growth(),
+        ]
+        found += self._unreachable() if self.exhaustive else ()
+        delivery = self.product.options.delivery
+        found = [self._judged(replace(one, delivery=delivery)) for one in found]
+        return sorted(found, key=lambda one: KINDS.index(one.kind))
+
+    def _judged(self, finding: Finding) -> Finding:
+        """The finding, accepted if the model says so."""
+        for element in (*(place.element for place in finding.places), *finding.processes):
+            for line in self.accepts.get(element, "").split(";"):
+                kind, _, reason = line.partition(":")
+                if kind.strip() in (finding.kind, *(("deadlock",) if finding.kind == "lost" else ())):
+                    return replace(finding, accepted=reason.strip() or "in the model")
+        return finding
+
+    # ---- robots that wait for ever -------------------------------------------------------------------
+
+    def _stuck(self, good: bytearray) -> Iterator[Finding]:
+        """Deadlocks: one for each set of elements at which robots wait, and none for one that contains another."""
+        causes: dict[frozenset[tuple[str, str]], int] = {}
+        for at in self.explored.stuck:
+            if self.product.fault_of(self.explored.states[at]):
+                continue
+            causes.setdefault(self._cause(at), at)
+        for cause, at in causes.items():
+            if not any(other < cause for other in causes):
+                yield self._waiting("deadlock", at, good)
+
+    def _cause(self, at: int) -> frozenset[tuple[str, str]]:
+        """At which elements robots of which pool wait in a state."""
+        state = self.explored.states[at]
+        found = {(self.pools[robot], element) for robot, waits in waiting(self.product, state) for element, _ in waits}
+        return frozenset(found)
+
+    def _not_started(self) -> Iterator[Finding]:
+        """Pools that have to start, and may not have at the end."""
+        for place, pool in enumerate(self.product.options.required):
+            states = self.explored.states
+            found = (at for at in self.explored.final if not states[at] >> self.product.mark_shift + place & 1)
+            at = next((at for at in found if not self.product.fault_of(states[at])), None)
+            if at is not None:
+                name, starts = self.pools[pool[0]], self.starts[pool[0]]
+                where = ", ".join(self._wait(element, topic) for element, topic in starts)
+                text = f"{name} may never start: the mission can end while it still waits at {where}"
+                places = tuple(self.runs.place(element) for element, _ in starts)
+                yield Finding("unstarted", text, places, (self.processes[pool[0]],), tuple(self.runs.to(at)[0]))
+
+    def _waiting(self, kind: Kind, at: int, good: bytearray) -> Finding:
+        """A finding about a state in which robots wait for ever."""
+        state = self.explored.states[at]
+        steps, after = self.runs.to(at)
+        names = self.runs.names(at)
+        doomed = next((number for number, one in enumerate(after) if one >= 0 and not good[one]), None)
+        waits = waiting(self.product, state)
+        topics = {topic for _, found in waits for _, topic in found if topic}
+        missed = [step.detail for step in steps if step.kind == "miss" and step.detail in topics]
+        if missed and kind == "deadlock":
+            kind = "lost"
+        parts = []
+        for robot, found in waits:
+            where = ", ".join(self._wait(element, topic) for element, topic in dict.fromkeys(found))
+            parts.append(f"{names[robot]} waits at {where}" if where else f"{names[robot]} has no token that can move")
+        after_all = {
+            "deadlock": ", and nothing will come" if topics else "",
+            "lost": f", and {', '.join(dict.fromkeys(missed))} was lost on a robot that needed it",
+        }.get(kind, "")
+        title = {"deadlock": "deadlock", "lost": "lost signal", "never": "can never complete"}[kind]
+        initially = not good[0] if self.explored.states else False
+        if kind == "never" and initially:
+            title = "no run completes"
+        places = tuple(self.runs.place(element) for _, found in waits for element, _ in dict.fromkeys(found))
+        processes = tuple(dict.fromkeys(self.processes[robot] for robot, _ in waits))
+        return Finding(kind, f"{title}: {'; '.join(parts)}{after_all}", tuple(dict.fromkeys(places)), processes,
+                       tuple(steps), doomed)  # fmt: skip
+
+    def _wait(self, element: str, topic: str) -> str:
+        return self.runs.place(element).display_name + (f" for {topic}" if topic else "")
+
+    def _endless(self, good: bytearray) -> Iterator[Finding]:
+        """Missions that go on and can never complete: states from which neither an end nor a deadlock is reached."""
+        explored = self.explored
+        count = len(explored.offsets) - 1
+        doomed = [at for at in range(count) if not good[at] and not self.product.fault_of(explored.states[at])]
+        if not doomed:
+            return
+        leads = explored.leading_to(explored.stuck)
+        left = [at for at in doomed if not leads[at]]
+        while left:
+            at = left[0]
+            inside = explored.reached_from(at)
+            yield self._waiting("never", self._bottom(inside, at), good)
+            around = explored.leading_to(inside)
+            left = [other for other in left if not around[other]]
+
+    def _bottom(self, inside: list[int], at: int) -> int:
+        """A state of what is reached for ever: the first one."""
+        return at if at in inside else inside[0]
+
+    # ---- signals, errors, elements -------------------------------------------------------------------
+
+    def _signals(self) -> Iterator[Finding]:
+        flags, product = self.product.flags, self.product
+        by_pool: dict[tuple[str, str, str], list[int]] = defaultdict(list)
+        for kind, robot, what in flags:
+            by_pool[kind, self.pools[robot], what].append(robot)
+        for (kind, pool, what), robots in by_pool.items():
+            seen = min((flags[kind, robot, what] for robot in robots), key=lambda one: one.at)
+            run = tuple(self.runs.seen(seen)) if kind in ("lost", "dropped", "escalation", "condition") else ()
+            who = _names([product.robots[robot] for robot in robots])
+            process = (self.processes[robots[0]],)
+            catchers = self._catchers(robots[0], what)
+            if kind == "lost":
+                heard = ("heard", pool, what) in by_pool
+                text = f"{what} is {'sometimes' if heard else 'always'} lost on {who}, which does not listen then"
+                yield Finding("unneeded" if heard else "always-lost", text, catchers, process, run)
+            elif kind == "unneeded" and ("heard", pool, what) not in by_pool and ("lost", pool, what) not in by_pool:
+                yield Finding("unneeded", f"{what} reaches {who} only when it does not run", catchers, process)
+            elif kind == "dropped":
+                place = self.runs.place(what)
+                text = f"a trigger of {place.display_name} is dropped on {who}: an instance runs already"
+                yield Finding("dropped", text, (place,), process, run)
+            elif kind == "escalation":
+                place = self.runs.place(what)
+                yield Finding(
+                    "error", f"{who}: escalation at {place.display_name} is not caught", (place,), process, run
+                )
+            elif kind == "condition":
+                element, _, why = what.partition("\n")
+                place = self.runs.place(element)
+                yield Finding("condition", f"{who}: {place.display_name}: {why}", (place,), process, run)
+
+    def _catchers(self, robot: int, topic: str) -> tuple[Place, ...]:
+        nodes = self.product.locals[robot].program.nodes
+        ids = dict.fromkeys(node.id for node in nodes if node.catch is not None and node.catch.topic == topic)
+        return tuple(self.runs.place(element) for element in ids)
+
+    def _errors(self) -> Iterator[Finding]:
+        """Errors that are not caught: one finding per element."""
+        errors: dict[tuple[str, str], list[tuple[int, str]]] = defaultdict(list)
+        for kind, robot, what in self.product.flags:
+            if kind == "error":
+                element, _, why = what.partition("\n")
+                errors[self.pools[robot], element].append((robot, why))
+        for (_, element), found in errors.items():
+            first = min(
+                (self.product.flags["error", robot, f"{element}\n{why}"] for robot, why in found),
+                key=lambda one: one.at,
+            )
+            place = self.runs.place(element)
+            who = _names([self.product.robots[robot] for robot, _ in found])
+            text = f"{who}: {place.display_name} fails: {_together(why for _, why in found)}"
+            yield Finding("error", text, (place,), (self.processes[found[0][0]],), tuple(self.runs.seen(first)))
+
+    def _growth(self) -> Iterator[Finding]:
+        locals_ = {id(local): local for local in self.product.locals}.values()
+        for local in locals_:
+            for cut in sorted(local.cut):
+                kind, _, what = cut.partition("\n")
+                if kind in ("instances", "tokens"):
+                    place = self.runs.place(what)
+                    more = "instances of" if kind == "instances" else "tokens at"
+                    text = f"{local.robot}: the number of {more} {place.display_name} grows without bound"
+                    yield Finding("growth", text, (place,), (local.program.process,))
+        for sender, topic, receiver in sorted(self.product.network.piles):
+            robots = self.product.robots
+            text = f"messages on {topic} from {robots[sender]} to {robots[receiver]} pile up without bound"
+            yield Finding("growth", text, (), (self.processes[sender],))
+
+    def _unreachable(self) -> Iterator[Finding]:
+        """Elements that no robot of a pool ever enters."""
+        visited: dict[str, set[str]] = defaultdict(set)
+        for pool, local in zip(self.pools, self.product.locals, strict=True):
+            visited[pool] |= local.visited
+        for pool in dict.fromkeys(self.pools):
+            robot = self.pools.index(pool)
+            missing = [one for one in sorted(self.elements[robot]) if one not in visited[pool]]
+            if missing and visited[pool]:
+                places = tuple(self.runs.place(one) for one in missing)
+                names = ", ".join(place.display_name for place in places)
+                text = (
+                    f"{pool}: {names} can never be entered" if len(missing) == 1 else f"{pool}: never entered: {names}"
+                )
+                yield Finding("unreachable", text, places, (self.processes[robot],))
+
+
+def _names(names: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(names))
+
+
+def _together(reasons: Iterable[str]) -> str:
+    """The reasons of one element, each once, without where the mission called it."""
+    short = dict.fromkeys(reason.partition("; called at ")[0] for reason in reasons)
+    codes = [one[6:-15] for one in short if one.startswith("error ") and one.endswith(" was not caught")]
+    others = [one for one in short if not (one.startswith("error ") and one.endswith(" was not caught"))]
+    if codes:
+        word = "errors" if len(codes) > 1 else "error"
+        others.insert(0, f"{word} {', '.join(sorted(codes))} not caught")
+    return "; ".join(others[:3])

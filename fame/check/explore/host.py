@@ -1,0 +1,328 @@
+"""The world as an explored engine sees it: whatever may happen, decided by the exploration.
+
+Nothing is sent and nothing waits. What the engine publishes is noted, timers are kept by key, and scripts that may not
+be computed leave unknown variables. Methods without a docstring are those of `fame.engine.host.Host`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Set
+from dataclasses import dataclass, field
+from typing import Any
+
+from fame.bpmn.model import Expression
+from fame.bpmn.topics import EMPTY_TYPE, TopicUse
+from fame.check.explore.abstraction import Step, emitted, script_writes
+from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
+from fame.check.explore.values import UndecidableError, Values
+from fame.engine import UNDEFINED, Engine, Instance
+from fame.engine.host import BpmnError
+from fame.engine.state import Trail
+from fame.errors import FameError, ModelError
+from fame.iso8601 import parse_duration
+from fame.scripting import compile_expression, compile_script, interface, script_names
+
+Flag = tuple[str, str]
+"""Something to report of a step: (kind, detail)."""
+Send = tuple[str, int, str]
+"""A message: topic, number of its value, name of the only receiver or ""."""
+
+MOST_DECISIONS = 8
+"""Decisions within one step that go all ways; later ones alternate, so that a loop over an unknown condition ends."""
+
+
+class Running:
+    """A script, service or behaviour that takes time."""
+
+    def __init__(self, step: Step) -> None:
+        self.step = step
+
+    def close(self) -> None: ...
+
+    def send(self, value: Any) -> None: ...
+
+    throw = send
+
+
+@dataclass(slots=True)
+class Timer:
+    """A pending timer. `group` and `offset` order those whose order is known; a cycle has its `period` (s)."""
+
+    group: Any
+    offset: float
+    period: float | None
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a stimulus has led to, besides the state of the engine."""
+
+    sent: list[Send] = field(default_factory=list)
+    flags: list[Flag] = field(default_factory=list)
+    over: list[Instance] = field(default_factory=list)
+    begun: bool = False
+    choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
+
+
+class ExplorationHost:
+    """The host of all engines of one robot's program."""
+
+    engine: Engine
+
+    def __init__(
+        self,
+        robot: str,
+        types: Mapping[str, TopicUse],
+        values: Values,
+        steps: Mapping[str, Step],
+        matters: Set[str],
+        fields: frozenset[str],
+        robots: tuple[str, ...],
+        ordered: bool,
+    ) -> None:
+        self.robot, self.types, self.values, self.steps = robot, types, values, steps
+        self.matters, self.fields, self.robots, self.ordered = matters, fields, robots, ordered
+        self.own_topics: frozenset[str] = frozenset()
+        self.decisions: tuple[int, ...] = ()
+        self.place = ""
+        self.kept: Callable[[str], bool] = lambda name: True
+        self._blank: dict[str, tuple[Any, int]] = {}
+        self._interface = interface(robot=self._stub(), signal=self._signal, log=lambda level, text: None, budget=STEPS)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last step."""
+        self.outcome: Outcome = Outcome()
+        self.timers: dict[int, Timer] = {}
+        self.fired: Timer | None = None
+        self.values.unknown.choose = self.choose
+
+    def new_variables(self) -> dict[str, Any]:
+        """What an instance starts with."""
+        return {"__builtins__": self._interface}
+
+    # ---- decisions -----------------------------------------------------------------------------------
+
+    def choose(self, ways: int) -> int:
+        """One of several ways: as decided, else the first."""
+        choices = self.outcome.choices
+        place = len(choices)
+        undecided = 0 if place < MOST_DECISIONS else place % ways
+        chosen = self.decisions[place] if place < len(self.decisions) else undecided
+        choices.append((self.place, chosen, ways))
+        return chosen
+
+    # ---- texts ---------------------------------------------------------------------------------------
+
+    def compile(self, expression: Expression, *, element: str, file: str, script: bool = False) -> Callable[..., Any]:
+        if script:
+            return self._script(expression, element, file)
+        if expression.language == "javascript":
+            return self._uncomputed(element)
+        if expression.language == "python":
+            run = compile_expression(expression, file=file, element=element)
+            if not is_computable(expression, self.fields, "eval"):
+                return self._uncomputed(element)
+            return self._python(run, element)
+        run = compile_expression(expression, file=file, element=element)
+        reads = script_names(expression)[0]
+        return self._checked(run, reads, element, text=expression.language == "template")
+
+    def _uncomputed(self, element: str) -> Callable[..., Any]:
+        def evaluate(variables: dict[str, Any]) -> Any:
+            self.place = element
+            return self.values.unknown
+
+        return evaluate
+
+    def _python(self, run: Callable[..., Any], element: str) -> Callable[..., Any]:
+        def evaluate(variables: dict[str, Any]) -> Any:
+            self.place = element
+            try:
+                return run(variables)
+            except UndecidableError:
+                return self.values.unknown
+
+        return evaluate
+
+    def _checked(self, run: Callable[..., Any], reads: Set[str], element: str, *, text: bool) -> Callable[..., Any]:
+        """An expression of a language that does not know unknown values."""
+        unknown, number = self.values.unknown, self.values.number
+
+        def evaluate(variables: dict[str, Any]) -> Any:
+            self.place = element
+            for name in reads:
+                value = variables.get(name)
+                if value is unknown or (value is not None and name in variables and not number(value)):
+                    return str(unknown) if text else unknown
+            return run(variables)
+
+        return evaluate
+
+    def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
+        from fame.bpmn.model import Task
+        from fame.check.events import raised_codes
+
+        writes = tuple(sorted(script_writes(script)))
+        codes = tuple(sorted(raised_codes(Task(id=element, kind="script", script=script)) or ()))
+        emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
+        step = Step(writes, codes, emits)
+        if script.language == "python":
+            run = compile_script(script, file=file, element=element)
+        if waits(script):
+            running = Running(step)
+            return lambda variables: running
+        if not emits and not codes and "signal" not in script.text and not any(map(self.kept, writes)):
+            return lambda variables: None
+        if not is_computable(script, self.fields):
+            return lambda variables: self._abstract(step, element, variables)
+        return lambda variables: self._computed(run, step, element, variables)
+
+    def _computed(self, run: Callable[..., Any], step: Step, element: str, variables: dict[str, Any]) -> None:
+        """Run a script; one that asks too much of an unknown value counts as not computable."""
+        self.place = element
+        sent, posted = len(self.outcome.sent), len(self.engine.ready)
+        choices = len(self.outcome.choices)
+        try:
+            run(variables)
+        except UndecidableError:
+            pass
+        except BpmnError:
+            raise
+        except Exception as error:
+            reads = [variables.get(name) for name in tuple(variables) if not name.startswith("__")]
+            if not isinstance(error, TypeError | AttributeError) or all(map(self.values.number, reads)):
+                raise
+        else:
+            return
+        del self.outcome.sent[sent:], self.outcome.choices[choices:]
+        while len(self.engine.ready) > posted:
+            self.engine.ready.pop()
+        self._abstract(step, element, variables)
+
+    def _abstract(self, step: Step, element: str, variables: dict[str, Any]) -> None:
+        """What is known of a script that is not run."""
+        self.place = element
+        chosen = self.choose(1 + len(step.codes)) if step.codes else 0
+        self.end_step(step, variables)
+        if chosen:
+            raise BpmnError(step.codes[chosen - 1])
+
+    def end_step(self, step: Step, variables: dict[str, Any]) -> None:
+        """Its results are unknown; what it publishes conditionally is published or not."""
+        for name in step.writes:
+            if self.kept(name):
+                variables[name] = self.values.unknown
+        for topic, certain in step.emits:
+            if topic in self.types and (certain or self.choose(2) == 0):
+                self._emit(topic, self.values.unknown)
+
+    def service(self, operation: str, *, element: str, file: str) -> Callable[..., Any]:
+        running = Running(self.steps.get(operation, Step()))
+        return lambda variables: running
+
+    # ---- messages ------------------------------------------------------------------------------------
+
+    def publish(self, topic: str, value: Any) -> Any:
+        number, message = self._message(topic, value)
+        if topic[0] == "/":
+            self.outcome.sent.append((topic, number, ""))
+        return message
+
+    def send(self, topic: str, value: Any, robot: Any) -> None:
+        number, _ = self._message(topic, value)
+        if isinstance(robot, str):
+            receiver = next((name for name in self.robots if name.casefold() == robot.casefold()), None)
+            if receiver is None:
+                raise BpmnError("unreachable", f"there is no robot {robot!r}")
+        else:
+            receiver = self.robots[self.choose(len(self.robots))]
+        self.outcome.sent.append((topic, number, receiver))
+
+    def _message(self, topic: str, value: Any) -> tuple[int, Any]:
+        """A message by number, and as catchers get it."""
+        use = self.types.get(topic)
+        kind = use.type if use is not None else EMPTY_TYPE
+        if kind != EMPTY_TYPE and topic not in self.matters:
+            value = self.values.unknown
+        if value is self.values.unknown:
+            if kind not in self._blank:
+                message = self.values.unknown_message(kind)
+                self._blank[kind] = message, self.values.number(message)
+            message, number = self._blank[kind]
+            return number, self.values.value(number)
+        message = self.values.message(kind, None if value is UNDEFINED else value)
+        return self.values.number(message), message
+
+    def blank(self, topic: str) -> int:
+        """The number of a message on a topic of which nothing is known."""
+        use = self.types.get(topic)
+        return self.values.number(self.values.unknown_message(use.type if use is not None else EMPTY_TYPE))
+
+    def _signal(self, name: str, payload: Any = None) -> None:
+        self._emit(name if name.startswith(("/", "~/")) else f"/{name}", payload)
+
+    def _emit(self, topic: str, value: Any) -> None:
+        message = self.publish(topic, value)
+        if topic in self.own_topics:
+            self.engine.post(topic, message)
+
+    def _stub(self) -> Any:
+        def publish(topic: str, type: str, message: Any = None, /, **fields: Any) -> None:
+            name = topic if topic.startswith(("/", "~/")) else f"~/{topic}"
+            if name in self.types:
+                self._emit(name, fields if message is None else message)
+
+        attributes = {"name": self.robot, "namespace": self.robot, "publish": staticmethod(publish)}
+        return type("Robot", (), attributes)()
+
+    # ---- timers --------------------------------------------------------------------------------------
+
+    def set_timer(self, key: int, kind: str, text: str) -> None:
+        seconds = _seconds(text)
+        period = (seconds or 1.0) if kind == "cycle" else None
+        if seconds is None or not self.ordered or kind == "date":
+            self.timers[key] = Timer(("alone", key), 0.0, period)
+        else:
+            begun = self.fired.offset if self.fired is not None else 0.0
+            group = self.fired.group if self.fired is not None else "now"
+            self.timers[key] = Timer(group, begun + seconds, period)
+
+    def cancel_timer(self, key: int) -> None:
+        self.timers.pop(key, None)
+
+    # ---- the rest ------------------------------------------------------------------------------------
+
+    def run(self, key: int, script: Any) -> None: ...
+
+    def cancel(self, key: int) -> bool:
+        return True
+
+    def make_safe(self, reason: str) -> None: ...
+
+    def observe(self, trail: Trail) -> None: ...
+
+    def lacks(self, element: str, output: str) -> None: ...
+
+    def begun(self, instance: Instance) -> None:
+        self.outcome.begun = True
+
+    def report(self, element: str, text: str) -> None:
+        if "trigger dropped" in text:
+            self.outcome.flags.append(("dropped", element))
+        elif "escalation" in text:
+            self.outcome.flags.append(("escalation", element))
+        elif text.startswith("condition failed"):
+            self.outcome.flags.append(("condition", f"{element}\n{text}"))
+
+    def ended(self, instance: Instance) -> None:
+        self.outcome.over.append(instance)
+        if instance.error is not None:
+            self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
+
+
+def _seconds(text: str) -> float | None:
+    try:
+        return parse_duration(text.rsplit("/", 1)[-1]).nanoseconds / 1e9
+    except (ValueError, ModelError, FameError, AttributeError):
+        return None

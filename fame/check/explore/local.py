@@ -1,0 +1,335 @@
+"""The transitions of one robot, computed by the engine that runs it, and remembered.
+
+A local state is the canonical form of the robot's engine with its pending timers, by number. `Local.step` makes an
+engine of a state, gives it a stimulus and notes the new state and what was sent. Where a value is unknown the step is
+run once for each way: with a longer and longer list of decisions.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from fame.bpmn.model import Definitions, Process
+from fame.check.explore.abstraction import Abstraction
+from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
+from fame.check.explore.values import Values
+from fame.engine import Engine, compile_program
+from fame.engine.canonical import Forms, Keys, stimuli, waiting_elements
+from fame.engine.host import BpmnError, Host
+from fame.engine.program import LoopInstance
+
+Stimulus = tuple[str, Any, Any]
+"""What happens to a robot: (kind, key or element or topic, code or message number).
+
+``end`` and ``block`` of a step by key, ``timer`` by key, ``person`` and ``offer`` by element, ``hear`` and ``outside``
+by topic.
+"""
+
+MOST_INSTANCES = 4
+"""Instances of a process at a time beyond which it counts as growing without bound."""
+MOST_AT_ONE_PLACE = 3
+"""Tokens and handlers at one element of one scope beyond which they count as growing without bound."""
+MOST_MOVES = 20_000
+"""Moves of tokens within one step, after which it is a livelock."""
+MOST_WAYS = 300
+"""Ways that one step may go."""
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One way that a step may go: the new state, what was sent, what is to be reported, whether an instance begins."""
+
+    state: int
+    sent: tuple[Send, ...]
+    flags: tuple[Flag, ...]
+    begins: bool
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What the product needs to know of a local state.
+
+    own        stimuli that may come at any time
+    listens    topics that it takes now
+    instances  how many instances run
+    waiting    (element, topic or "") of each token
+    """
+
+    own: tuple[Stimulus, ...]
+    listens: frozenset[str]
+    instances: int
+    waiting: tuple[tuple[str, str], ...]
+
+
+State = tuple[Any, tuple[tuple[int, int, float, float | None], ...]]
+"""A form, and its timers: (number, group, offset, period)."""
+
+
+class Local:
+    """The states of one robot, or of several that nothing tells apart, by number from 0."""
+
+    def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
+                 kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
+                 ordered: bool) -> None:  # fmt: skip
+        self.robot, self.process, self.values = robot, process, values
+        self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
+        self._kept = kept
+        self.host.kept = kept.__contains__
+        host: Host = self.host
+        self.program = compile_program(
+            model.process(definitions, process), host=host, library=model.find, file=definitions.file
+        )
+        catches = [node.catch for node in self.program.nodes if node.catch is not None]
+        self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
+        self.host.own_topics = self.topics
+        self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
+        self.forms = Forms(self.program, values.number, values.value, kept.__contains__)
+        self.elements: dict[str, Any] = {node.id: node for node in reversed(self.program.nodes) if node.id}
+        self.visited: set[str] = set()
+        self.cut: set[str] = set()
+        self.steps = 0
+        self.limit: Callable[[], None] = lambda: None
+        self._numbers: dict[State, int] = {}
+        self._states: list[State] = []
+        self._topic_sets: dict[frozenset[str], frozenset[str]] = {}
+        self.views: list[View] = []
+        self._memo: dict[tuple[int, Stimulus], tuple[Way, ...]] = {}
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    # ---- steps ---------------------------------------------------------------------------------------
+
+    def start(self) -> tuple[Way, ...]:
+        """The ways in which the robot may start."""
+        return self._explored(self._new, lambda engine: engine.begin({}))
+
+    def step(self, state: int, stimulus: Stimulus) -> tuple[Way, ...]:
+        """The ways that a stimulus may go in a state."""
+        key = (state, stimulus)
+        found = self._memo.get(key)
+        if found is None:
+            found = self._memo[key] = self._explored(
+                lambda: self._revived(state), lambda engine: self._apply(engine, stimulus)
+            )
+        return found
+
+    def chosen(self, state: int | None, stimulus: Stimulus | None, way: Way) -> list[tuple[str, int, int]]:
+        """The decisions by which a step goes that way: (element, chosen, ways), for a trace."""
+        found: list[list[tuple[str, int, int]]] = []
+
+        def keep(one: Way, outcome: Outcome) -> None:
+            if one == way:
+                found.append(outcome.choices)
+
+        if state is None or stimulus is None:
+            self._explored(self._new, lambda engine: engine.begin({}), keep)
+        else:
+            self._explored(lambda: self._revived(state), lambda engine: self._apply(engine, stimulus), keep)
+        return found[0] if found else []
+
+    def _new(self) -> Engine:
+        self.host.reset()
+        host: Host = self.host
+        self.host.engine = Engine(self.program, host, self.host.new_variables, moves=MOST_MOVES)
+        return self.host.engine
+
+    def _revived(self, state: int) -> Engine:
+        form, timers = self._states[state]
+        self.host.reset()
+        host: Host = self.host
+        engine = self.forms.revived(form, host, self.host.new_variables, moves=MOST_MOVES)
+        ranks = {number: rank + 1 for rank, number in enumerate(form[11])}
+        self.host.timers = {
+            ranks.get(number, number): Timer(group, offset, period) for number, group, offset, period in timers
+        }
+        self.host.engine = engine
+        return engine
+
+    def _explored(
+        self,
+        make: Callable[[], Engine],
+        apply: Callable[[Engine], object],
+        keep: Callable[[Way, Outcome], object] | None = None,
+    ) -> tuple[Way, ...]:
+        """All ways of a step: run it with each list of decisions."""
+        host, found = self.host, dict[Way, None]()
+        pending: list[tuple[int, ...]] = [()]
+        self.limit()
+        while pending:
+            host.decisions = pending.pop()
+            engine = make()
+            apply(engine)
+            self.steps += 1
+            outcome = host.outcome
+            choices = outcome.choices
+            if choices:
+                if len(choices) > MOST_DECISIONS:
+                    self.cut.add("decisions")
+                for place in range(len(host.decisions), min(len(choices), MOST_DECISIONS)):
+                    _, chosen, ways = choices[place]
+                    prefix = tuple(one[1] for one in choices[:place])
+                    pending += [(*prefix, other) for other in range(ways) if other != chosen]
+            self._note_visits(engine, outcome)
+            number = self._number(engine)
+            if number is None:
+                continue
+            way = Way(number, tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags)), outcome.begun)
+            found[way] = None
+            if keep is not None:
+                keep(way, outcome)
+            if len(found) > MOST_WAYS:
+                self.cut.add("decisions")
+                break
+        return tuple(found)
+
+    def _note_visits(self, engine: Engine, outcome: Outcome) -> None:
+        elements, visited = self.program.elements, self.visited
+        for instance in (*engine.instances.values(), *outcome.over):
+            for slot, count in enumerate(instance.counts):
+                if count:
+                    visited.add(elements[slot])
+        for wait in engine.waits.values():
+            if wait.token:
+                visited.add(wait.node.id)
+
+    def _apply(self, engine: Engine, stimulus: Stimulus) -> None:
+        kind, what, detail = stimulus
+        host = self.host
+        if kind == "hear" or kind == "outside":
+            if kind == "hear":
+                heard = what in engine.listeners or what in self.program.starts
+                host.outcome.flags.append(("heard" if heard else "lost" if engine.instances else "unneeded", what))
+            engine.deliver(what, self.values.value(detail))
+        elif kind == "end":
+            self._end(engine, what, detail)
+        elif kind == "timer":
+            timer = host.timers.pop(what)
+            host.fired = timer
+            if timer.period is not None:
+                host.timers[what] = Timer(timer.group, timer.offset + timer.period, timer.period)
+            engine.timer_fired(what, last=timer.period is None)
+        elif kind == "person":
+            engine.complete_task(what)
+        elif kind == "offer":
+            engine.activate(what)
+        elif kind == "block":
+            engine.waits.pop(what).started = False
+
+    def _end(self, engine: Engine, key: int, code: str | None) -> None:
+        wait = engine.waits[key]
+        step = self._step_of(engine, key)
+        host = self.host
+        host.place = wait.node.id
+        if code is None:
+            host.end_step(step, wait.scope.variables)
+        variable = getattr(wait.node.spec, "variable", "")
+        if variable and self._kept and variable in self._kept:
+            wait.scope.variables[variable] = self.values.unknown
+        engine.script_ended(key, None if code is None else BpmnError(code))
+
+    def _step_of(self, engine: Engine, key: int) -> Any:
+        wait = engine.waits[key]
+        made = wait.node.spec.run(wait.scope.variables)
+        assert isinstance(made, Running)
+        return made.step
+
+    # ---- states --------------------------------------------------------------------------------------
+
+    def _number(self, engine: Engine) -> int | None:
+        """The number of the state that an engine is in; None if it is one that grows without bound."""
+        if self._grows(engine):
+            return None
+        form, keys = self.forms.canonical(engine)
+        state = (form, self._timers(keys)) if self.host.timers else (form, ())
+        number = self._numbers.get(state)
+        if number is None:
+            number = self._numbers[state] = len(self._states)
+            self._states.append(state)
+            if form[11]:  # keys keep their order while something is suspended
+                keys = _ranked(form, keys)
+            self.views.append(self._view(engine, keys))
+        return number
+
+    def _grows(self, engine: Engine) -> bool:
+        if len(engine.instances) > MOST_INSTANCES and self.program.instances is None:
+            self.cut.add(f"instances\n{self.program.process}")
+            return True
+        for instance in engine.instances.values():
+            if instance.scopes == 1 and len(instance.root.children) <= MOST_AT_ONE_PLACE:
+                continue
+            places = Counter(
+                (id(child.scope if hasattr(child, "scope") else child.parent), child.node)
+                for scope in _scopes(instance.root)
+                for child in scope.children
+                if not (child.node is not None and isinstance(child.node.spec, LoopInstance))
+            )
+            for (_, node), count in places.items():
+                if count > MOST_AT_ONE_PLACE and node is not None:
+                    self.cut.add(f"tokens\n{node.id}")
+                    return True
+        return False
+
+    def _timers(self, keys: Keys) -> tuple[tuple[int, int, float, float | None], ...]:
+        """Pending timers by number; only the order within a group counts, so each begins at 0."""
+        pending = sorted(((keys[key], timer) for key, timer in self.host.timers.items() if key in keys), key=_first)
+        groups: dict[Any, int] = {}
+        earliest: dict[Any, float] = {}
+        for _, timer in pending:
+            groups.setdefault(timer.group, len(groups))
+            earliest[timer.group] = min(earliest.get(timer.group, timer.offset), timer.offset)
+        return tuple(
+            (number, groups[timer.group], round(timer.offset - earliest[timer.group], 9), timer.period)
+            for number, timer in pending
+        )
+
+    def _view(self, engine: Engine, keys: Keys) -> View:
+        """What can happen in the state that an engine is in, by the keys that one revived from it has."""
+        found = stimuli(engine)
+        own: list[Stimulus] = []
+        for key in sorted(found.scripts, key=keys.__getitem__):
+            own += [("end", keys[key], code) for code in (None, *self._step_of(engine, key).codes)]
+        own += [("timer", key, None) for key in sorted(keys[key] for key in self._next_timers(set(found.timers)))]
+        own += [("person", element, None) for element in dict.fromkeys(wait.node.id for wait in found.people)]
+        own += [("offer", element, None) for element in found.offers]
+        own += [("outside", topic, self.host.blank(topic)) for topic in self.outside if topic in found.topics]
+        topics = self._topic_sets.setdefault(found.topics, found.topics)
+        return View(tuple(own), topics, len(engine.instances), tuple(waiting_elements(engine)))
+
+    def _next_timers(self, alive: set[int]) -> list[int]:
+        """The timers that may fire now: of each group the earliest."""
+        first: dict[Any, int] = {}
+        for key, timer in self.host.timers.items():
+            if key in alive:
+                other = first.get(timer.group)
+                if other is None or timer.offset < self.host.timers[other].offset:
+                    first[timer.group] = key
+        return list(first.values())
+
+    def element(self, state: int, stimulus: Stimulus) -> str:
+        """The id of the element that an own stimulus is for; "" for one of a topic."""
+        kind, what, _ = stimulus
+        if kind in ("person", "offer"):
+            return str(what)
+        if kind in ("end", "block", "timer"):
+            return self._revived(state).timed(what).id
+        return ""
+
+
+def _ranked(form: Any, keys: Keys) -> Keys:
+    """Keys in the engine -> those of one revived from its form, in which their order counts."""
+    ranks = {number: rank + 1 for rank, number in enumerate(form[11])}
+    return {key: ranks.get(number, number) for key, number in keys.items()}
+
+
+def _first(item: tuple[int, Timer]) -> int:
+    return item[0]
+
+
+def _scopes(root: Any) -> Any:
+    from fame.engine.state import scopes_of
+
+    return scopes_of(root)

@@ -1,0 +1,186 @@
+"""Which scripts an exploration may compute: those that static analysis shows to be free of effects.
+
+Everything that a script may do is on a list: statements and operators of Python, some builtins, methods of plain data,
+`math`, and the parts of the script interface that the exploration observes (``signal``, ``robot.publish``, ``log``). A
+script with anything else, or in another language, is not run: the variables that it sets are unknown afterwards.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from functools import lru_cache
+
+from fame.bpmn.model import Expression
+from fame.errors import FameError
+from fame.scripting.python import parse_python
+
+STEPS = 100_000
+"""Loop passes and function entries of a script that is computed."""
+_LARGEST = 10_000
+"""Numbers in a script above which it might make values too large to compute."""
+
+_BUILTINS = frozenset(
+    [
+        "abs",
+        "all",
+        "any",
+        "bool",
+        "dict",
+        "divmod",
+        "enumerate",
+        "filter",
+        "float",
+        "frozenset",
+        "int",
+        "len",
+        "list",
+        "map",
+        "max",
+        "min",
+        "print",
+        "range",
+        "repr",
+        "reversed",
+        "round",
+        "set",
+        "sorted",
+        "str",
+        "sum",
+        "tuple",
+        "zip",
+        "True",
+        "False",
+        "None",
+        "ArithmeticError",
+        "AssertionError",
+        "AttributeError",
+        "Exception",
+        "IndexError",
+        "KeyError",
+        "LookupError",
+        "RuntimeError",
+        "StopIteration",
+        "TypeError",
+        "ValueError",
+        "ZeroDivisionError",
+        "BpmnError",
+        "log",
+        "math",
+        "robot",
+        "signal",
+    ]
+)
+_METHODS = frozenset(
+    [
+        "add",
+        "append",
+        "capitalize",
+        "clear",
+        "copy",
+        "count",
+        "debug",
+        "difference",
+        "discard",
+        "endswith",
+        "error",
+        "extend",
+        "find",
+        "get",
+        "index",
+        "info",
+        "insert",
+        "intersection",
+        "isdigit",
+        "items",
+        "join",
+        "keys",
+        "lower",
+        "lstrip",
+        "name",
+        "namespace",
+        "pop",
+        "popitem",
+        "publish",
+        "remove",
+        "replace",
+        "reverse",
+        "rstrip",
+        "setdefault",
+        "sort",
+        "split",
+        "startswith",
+        "strip",
+        "title",
+        "union",
+        "update",
+        "upper",
+        "values",
+        "warning",
+    ]
+) | frozenset(name for name in dir(math) if not name.startswith("_"))
+_REFUSED = (
+    ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Await, ast.AsyncFor,
+    ast.AsyncWith, ast.Yield, ast.YieldFrom, ast.Global, ast.Nonlocal, ast.With, ast.Pow, ast.LShift, ast.GeneratorExp,
+)  # fmt: skip
+
+
+@lru_cache(maxsize=1024)
+def is_computable(script: Expression, fields: frozenset[str], mode: str = "exec") -> bool:
+    """Whether a script or expression in Python may be run. `fields`: names of the fields of messages."""
+    if script.language != "python":
+        return False
+    try:
+        tree = parse_python(script, "exec" if mode == "exec" else "eval")
+    except FameError:
+        return False
+    return all(_is_listed(node, fields) for node in ast.walk(tree))
+
+
+def _is_listed(node: ast.AST, fields: frozenset[str]) -> bool:
+    if isinstance(node, _REFUSED):
+        return False
+    if isinstance(node, ast.Attribute):
+        return node.attr in _METHODS or (node.attr in fields and not node.attr.startswith("_"))
+    if isinstance(node, ast.Name):
+        return not node.id.startswith("__") and (node.id in _BUILTINS or not _is_builtin(node.id))
+    if isinstance(node, ast.Constant):
+        return not isinstance(node.value, int | float) or abs(node.value) <= _LARGEST
+    return True
+
+
+def _is_builtin(name: str) -> bool:
+    from fame.scripting.interface import NAMES
+
+    builtins = __builtins__ if isinstance(__builtins__, dict) else vars(__builtins__)
+    return name in builtins or name in NAMES
+
+
+@lru_cache(maxsize=1024)
+def waits(script: Expression) -> bool:
+    """Whether a script has an ``await`` of its own; one in JavaScript may always wait."""
+    if script.language != "python":
+        return script.language == "javascript" and "await" in script.text
+    try:
+        tree = parse_python(script)
+    except FameError:
+        return False
+    return any(isinstance(node, ast.Await | ast.AsyncFor | ast.AsyncWith) for node in ast.walk(tree))
+
+
+@lru_cache(maxsize=1024)
+def is_certain(script: Expression, topic: str) -> bool:
+    """Whether a script publishes on a topic each time that it ends: it does so outside of conditions and loops."""
+    if script.language != "python":
+        return False
+    name = topic.removeprefix("/").removeprefix("~/")
+    try:
+        tree = parse_python(script)
+    except FameError:
+        return False
+    return any(
+        isinstance(one, ast.Constant) and isinstance(one.value, str) and one.value.removeprefix("/") == name
+        for statement in getattr(tree, "body", ())
+        if isinstance(statement, ast.Expr)
+        for one in ast.walk(statement)
+    )

@@ -1,0 +1,210 @@
+"""Runs: how a state of the team comes about, in the terms of the model.
+
+The search keeps no steps, only from which state each other was found first. A run is made again from these: the
+transitions of each state are computed once more, and the one that leads on is taken. Where equal robots were sorted,
+each keeps its own name through the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from fame.check.explore.graph import Explored
+from fame.check.explore.local import Local
+from fame.check.explore.product import BITS, MASK, Move, Product, Seen, Transition
+from fame.errors import display_name
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where an element is: its file, line and label."""
+
+    element: str
+    file: str = ""
+    line: int = 0
+    name: str = ""
+
+    @property
+    def label(self) -> str:
+        """The element in the steps of a run: its label, or its id if it has none."""
+        return f'"{" ".join(self.name.split())}"' if self.name else self.element
+
+    @property
+    def display_name(self) -> str:
+        """The element in a finding: label and id."""
+        return display_name(self.element, self.name)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of a run.
+
+    robot      who does it
+    kind       ``end``, ``fail``, ``timer``, ``person``, ``offer``, ``outside``, ``receive``, ``miss``, ``loss``,
+               ``die``, ``block`` or ``start``
+    element    the element concerned, empty for a message
+    detail     error code, or topic
+    throws     (topic, value for people) of each message that is sent
+    choices    (element, chosen, ways) of each decision about something unknown
+    """
+
+    robot: str
+    kind: str
+    element: str = ""
+    detail: str = ""
+    text: str = ""
+    throws: tuple[tuple[str, str], ...] = ()
+    choices: tuple[tuple[str, int, int], ...] = ()
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(slots=True)
+class Runs:
+    """Makes runs of what a search has found. `places` are the elements by id."""
+
+    product: Product
+    explored: Explored
+    places: dict[str, Place] = field(default_factory=dict)
+
+    def place(self, element: str) -> Place:
+        """Where an element is."""
+        return self.places.get(element) or Place(element)
+
+    def to(self, at: int, last: Transition | None = None) -> tuple[list[Step], list[int]]:
+        """The shortest run to a state, with the number of the state after each step; `last` follows it."""
+        chain = []
+        while at >= 0:
+            chain.append(at)
+            at = self.explored.parents[at]
+        chain.reverse()
+        names = list(self.product.robots)
+        steps: list[Step] = []
+        after: list[int] = []
+        before = -1
+        for number in chain:
+            transition = self._leading(before, self.explored.states[number])
+            self._add(steps, after, transition, names, number, before)
+            names = self._renamed(transition[0], names)
+            before = number
+        if last is not None:
+            self._add(steps, after, last, names, -1, before)
+        return steps, after
+
+    def seen(self, seen: Seen) -> list[Step]:
+        """The run to the first occurrence of something."""
+        return self.to(seen.at, seen.transition)[0]
+
+    def names(self, at: int) -> list[str]:
+        """The robot at each place of a state, as it is called in the run to it."""
+        chain = []
+        while at >= 0:
+            chain.append(at)
+            at = self.explored.parents[at]
+        names, before = list(self.product.robots), -1
+        for number in reversed(chain):
+            names = self._renamed(self._leading(before, self.explored.states[number])[0], names)
+            before = number
+        return names
+
+    def _leading(self, before: int, state: int) -> Transition:
+        """The transition from one state to the next."""
+        product = self.product
+        if before < 0:
+            found = product.initial()
+        else:
+            at = self.explored.states[before]
+            found = product.transitions(at)
+            if product.options.faults and not product.fault_of(at):
+                product.add_faults(at, found)
+        return next(one for one in found if product.canonical(one[0]) == state)
+
+    def _renamed(self, state: int, names: list[str]) -> list[str]:
+        """The names by place, once equal robots are sorted."""
+        names = list(names)
+        for group in self.product.options.groups:
+            order = self.product.order(state, group)
+            if order is not None:
+                old = [names[robot] for robot in group]
+                for place, robot in enumerate(group):
+                    names[robot] = old[order[place]]
+                state = self.product.permuted(state, group, order)
+        return names
+
+    def _add(self, steps: list[Step], after: list[int], transition: Transition, names: Sequence[str], number: int,
+             before: int) -> None:  # fmt: skip
+        state = self.explored.states[before] if before >= 0 else None
+        for step in self._steps(transition, names, state):
+            steps.append(step)
+            after.append(number)
+
+    def _steps(self, transition: Transition, names: Sequence[str], state: int | None) -> Iterator[Step]:
+        _, robot, move, told = transition
+        olds = self.product.locals_of(state) if state is not None else [0] * self.product.count
+        for place, done in ((robot, move), *told):
+            old = olds[place] if done is move or done.stimulus[0] != "start" else 0
+            step = self._step(self.product.locals[place], names[place], old, done)
+            if step is not None:
+                yield step
+
+    def _step(self, local: Local, robot: str, old: int, move: Move) -> Step | None:
+        kind, what, detail = move.stimulus
+        element, code = "", ""
+        match kind:
+            case "end":
+                element = local.element(old, move.stimulus)
+                kind, code = ("end", "") if detail is None else ("fail", detail)
+                text = f"{robot}'s {self._label(element)} " + (f"fails: {code}" if code else "ends")
+            case "timer":
+                element = local.element(old, move.stimulus)
+                text = f"{robot}'s timer {self._label(element)} fires"
+            case "person":
+                element = what
+                text = f"somebody completes {robot}'s {self._label(element)}"
+            case "offer":
+                element = what
+                text = f"somebody starts {robot}'s {self._label(element)}"
+            case "block":
+                element = local.element(old, move.stimulus)
+                text = f"{robot}'s {self._label(element)} never ends"
+            case "die":
+                text = f"{robot}'s engine dies"
+            case "outside":
+                code = what
+                text = f"a message on {what} reaches {robot} from outside"
+            case "loss":
+                code = what
+                text = f"{what} is lost on its way to {robot}"
+            case "hear":
+                missed = any(one in ("lost", "unneeded") for one, _ in move.way.flags)
+                kind, code = ("miss" if missed else "receive"), what
+                text = f"{robot} misses {what}: it does not listen" if missed else f"{robot} receives {what}"
+            case _:
+                text = f"{robot} starts"
+        throws = tuple((topic, local.values.text(number)) for topic, number, _ in move.way.sent)
+        if throws:
+            text += ", " + ", ".join(f"throws {topic}" for topic, _ in throws)
+        failures = [what.partition("\n") for one, what in move.way.flags if one == "error"]
+        for failed, _, why in failures:
+            text += f"; {self._label(failed)} fails: {why}" if failed != element else ""
+        start = kind == "start"
+        if start and not throws and not failures:
+            return None
+        choices = local.chosen(None if start else old, None if start else move.stimulus, move.way)
+        return Step(robot, kind, element, code, text, throws, tuple(choices))
+
+    def _label(self, element: str) -> str:
+        return self.place(element).label
+
+
+def waiting(product: Product, state: int) -> list[tuple[int, tuple[tuple[str, str], ...]]]:
+    """The robots that are not done in a state, by place, with (element, topic or "") of what each waits at."""
+    found = []
+    for robot in range(product.count):
+        old = state >> (robot * BITS) & MASK
+        views = product.locals[robot].views
+        if old < len(views) and views[old].instances:
+            found.append((robot, views[old].waiting))
+    return found

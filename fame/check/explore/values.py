@@ -1,0 +1,253 @@
+"""Values in an exploration: known ones by number, and one that is unknown.
+
+`Unknown` takes part in expressions of Python: what is computed from it is unknown, and its truth is a decision of the
+exploration, which goes both ways. `Values` numbers what variables and messages hold, so that states are small and
+compare fast; each value is made anew from its number where it can be changed.
+"""
+
+from __future__ import annotations
+
+import marshal
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from fame.errors import FameError
+from fame.middleware import messages
+from fame.middleware.definitions import EMPTY_FIELD
+
+MOST_ITEMS = 2
+"""Items of a list that is unknown."""
+_MARK = "\u2047"
+"""Stands for an unknown value in a text, which is then unknown itself."""
+_NOT_ITS_OWN = ("send", "throw", "close")
+"""Attributes by which the engine recognises a suspended script."""
+
+
+class UndecidableError(BaseException):
+    """Code asked an unknown value for what it cannot give. No Exception, so that scripts do not catch it."""
+
+
+class Unknown:
+    """A value that is not known. `choose(n)` decides between n ways wherever code asks for its truth."""
+
+    __slots__ = ("choose",)
+
+    choose: Callable[[int], int]
+
+    def __init__(self) -> None:
+        self.choose = lambda ways: 0
+
+    def __bool__(self) -> bool:
+        return self.choose(2) == 0
+
+    def __iter__(self) -> Iterator[Unknown]:
+        return iter([self] * self.choose(MOST_ITEMS + 1))
+
+    def __index__(self) -> int:
+        return self.choose(MOST_ITEMS + 1)
+
+    __int__ = __len__ = __index__
+
+    def __contains__(self, item: object) -> bool:
+        return self.choose(2) == 0
+
+    def __str__(self) -> str:
+        return _MARK
+
+    __repr__ = __str__
+
+    def __format__(self, spec: str) -> str:
+        return _MARK
+
+    def __float__(self) -> float:
+        raise UndecidableError
+
+    def __getitem__(self, key: object) -> Unknown:
+        return self
+
+    def __getattr__(self, name: str) -> Unknown:
+        if name.startswith("__") or name in _NOT_ITS_OWN:
+            raise AttributeError(name)
+        return self
+
+    def __hash__(self) -> int:
+        return id(self)
+
+
+def _unknown(self: Unknown, *others: object) -> Unknown:
+    return self
+
+
+for _name in ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "and", "or", "xor", "lshift", "rshift"):
+    setattr(Unknown, f"__{_name}__", _unknown)
+    setattr(Unknown, f"__r{_name}__", _unknown)
+for _name in ("eq", "ne", "lt", "le", "gt", "ge", "neg", "pos", "abs", "invert", "round", "divmod", "rdivmod"):
+    setattr(Unknown, f"__{_name}__", _unknown)
+
+
+_ATOMS = frozenset({type(None), bool, int, float, str, bytes})
+_PLAIN = frozenset({list, tuple, dict, set, frozenset})
+_MUTABLE: dict[str, Callable[[Any], Any]] = {"list": list, "set": set}
+_FROZEN: dict[str, Callable[[Any], Any]] = {"tuple": tuple, "frozenset": frozenset}
+UNKNOWN = 0
+"""The number of the unknown value."""
+
+
+class Values:
+    """Numbers for values. `unknown` is the one that has number 0."""
+
+    unknown: Unknown
+
+    def __init__(self) -> None:
+        self.unknown = Unknown()
+        self._numbers: dict[Any, int] = {"?": UNKNOWN}
+        self._made: list[tuple[str, Any]] = [("atom", self.unknown)]
+
+    def __len__(self) -> int:
+        return len(self._made)
+
+    def number(self, value: Any) -> int:
+        """The number of a value; that of the unknown one for what is not plain data or a message."""
+        kind = value.__class__
+        if kind in _ATOMS:
+            key: Any = (kind, value)
+            number = self._numbers.get(key)
+            if number is None:
+                if (kind is str and _MARK in value) or value != value:
+                    return UNKNOWN
+                number = self._add(key, "atom", value)
+            return number
+        return self._compound(value)
+
+    def _compound(self, value: Any) -> int:
+        if value is self.unknown:
+            return UNKNOWN
+        kind = value.__class__
+        if kind in _PLAIN:
+            try:
+                data = marshal.dumps(value, 2)  # without references, so that equal values give equal bytes
+            except ValueError:  # it holds a message, or something unknown
+                return self._structured(value)
+            number = self._numbers.get(data)
+            if number is None:
+                if marshal.loads(data) != value or _MARK.encode() in data:
+                    return self._structured(value)
+                number = self._add(data, "data", data)
+            return number
+        return self._structured(value)
+
+    def _structured(self, value: Any) -> int:
+        """The number of a value by its parts."""
+        kind = value.__class__
+        name: str = kind.__name__
+        content: Any
+        if kind in (list, tuple):
+            content = tuple([self.number(item) for item in value])
+        elif kind in (set, frozenset):
+            content = tuple(sorted(self.number(item) for item in value))
+        elif kind is dict:
+            content = tuple([(self.number(key), self.number(item)) for key, item in value.items()])
+        elif is_dataclass(value) and hasattr(value, "__msgtype__"):
+            name = value.__msgtype__
+            content = tuple([self.number(getattr(value, field.name)) for field in fields(value)])
+        else:
+            return UNKNOWN
+        key = (name, content)
+        number = self._numbers.get(key)
+        return self._add(key, name, content if "/" not in name else (kind, content)) if number is None else number
+
+    def _add(self, key: Any, name: str, content: Any) -> int:
+        number = self._numbers[key] = len(self._made)
+        self._made.append((name, content))
+        return number
+
+    def value(self, number: int) -> Any:
+        """The value of a number, made anew if it can be changed."""
+        name, content = self._made[number]
+        if name == "atom":
+            return content
+        if name == "data":
+            return marshal.loads(content)
+        if name in _MUTABLE or name in _FROZEN:
+            make = _MUTABLE.get(name) or _FROZEN[name]
+            return make([self.value(item) for item in content])
+        if name == "dict":
+            return {self.value(key): self.value(item) for key, item in content}
+        kind, numbers = content
+        message = kind()
+        for field, item in zip(fields(kind), numbers, strict=True):
+            object.__setattr__(message, field.name, self.value(item))
+        return message
+
+    def text(self, number: int, width: int = 60) -> str:
+        """The known part of a value, for people; empty if nothing is known."""
+        shown = self._known(self.value(number))
+        text = "" if shown in (None, {}) else repr(shown)
+        return text if len(text) <= width else f"{text[: width - 3]}..."
+
+    def _known(self, value: Any) -> Any:
+        """A value without what is unknown, messages as mappings."""
+        if value is self.unknown:
+            return None
+        if hasattr(value, "__msgtype__"):
+            found = {field.name: self._known(getattr(value, field.name)) for field in fields(value)}
+            return {name: item for name, item in found.items() if item not in (None, {}) and name != EMPTY_FIELD}
+        if isinstance(value, list | tuple):
+            return [self._known(item) for item in value]
+        return value
+
+    # ---- messages ------------------------------------------------------------------------------------
+
+    def message(self, type_name: str, value: Any) -> Any:
+        """A message of that type with a payload whose parts may be unknown. Raises MessageError if it does not fit."""
+        if value is self.unknown:
+            return self.unknown_message(type_name)
+        known, unknown = self._split(value)
+        message = messages.create(type_name, known)
+        for path in unknown:
+            _set(message, path, self.unknown)
+        return message
+
+    def unknown_message(self, type_name: str) -> Any:
+        """A message of which nothing is known but its type; the unknown value if FAME does not know that."""
+        try:
+            message = messages.create(type_name)
+        except FameError:
+            return self.unknown
+        self._forget(message)
+        return message
+
+    def _forget(self, message: Any) -> None:
+        for field in fields(message):
+            inner = getattr(message, field.name)
+            if is_dataclass(inner):
+                self._forget(inner)
+            else:
+                object.__setattr__(message, field.name, self.unknown)
+
+    def _split(self, value: Any, path: tuple[str, ...] = ()) -> tuple[Any, list[tuple[str, ...]]]:
+        """The payload without its unknown fields, and the paths of these."""
+        if not isinstance(value, dict):
+            unknown = self.number(value) == UNKNOWN or _holds(self, value)
+            return (None, [path or ("data",)]) if unknown and value is not None else (value, [])
+        known, unknown_paths = {}, list[tuple[str, ...]]()
+        for name, item in value.items():
+            inner, found = self._split(item, (*path, str(name)))
+            unknown_paths += found
+            if not found or isinstance(item, dict):
+                known[name] = inner
+        return known, unknown_paths
+
+
+def _holds(values: Values, value: Any) -> bool:
+    """Whether an unknown value is somewhere in a list."""
+    return isinstance(value, list | tuple) and any(item is values.unknown or _holds(values, item) for item in value)
+
+
+def _set(message: Any, path: tuple[str, ...], value: Any) -> None:
+    *outer, last = path
+    for name in outer:
+        message = getattr(message, name)
+    if any(field.name == last for field in fields(message)):
+        object.__setattr__(message, last, value)

@@ -1,0 +1,184 @@
+"""``fame check --explore``: explore the reachable states of missions, and print what may go wrong in them."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import asdict
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Parser, natural, positive
+from fame.cli.output import coloured, print_json
+from fame.errors import ConfigError, FameError
+
+if TYPE_CHECKING:
+    from fame.check.explore import Exploration, Finding
+
+_ONLY = ("robots", "delivery", "network", "timers", "faults", "limit", "seconds", "all", "trace")
+"""Options that mean something with --explore alone."""
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declare ``--explore`` and the options that go with it."""
+    group = parser.add_argument_group("exploration")
+    group.add_argument(
+        "--explore", action="store_true",
+        help="explore every reachable state of each mission: deadlocks, lost signals, missions that never complete",
+    )  # fmt: skip
+    group.add_argument(
+        "--robots", action="append", default=[], metavar="POOL=N",
+        help="number of robots for a multi-instance pool; else those of the scenario, or its minimum, at least 2",
+    )  # fmt: skip
+    group.add_argument(
+        "--delivery", action="append", default=[], choices=("run", "fast", "any"),
+        help="run: as fame run delivers; fast: in any order, but before anything that takes time; any: whenever. "
+             "May be given several times (default: run, then fast)",
+    )  # fmt: skip
+    group.add_argument(
+        "--network", default=None, choices=("fifo", "bag"),
+        help="fifo (default): each sender's messages on a topic arrive in order, and a robot that does not listen "
+             "misses them; bag: they are kept until it listens, in any order",
+    )  # fmt: skip
+    group.add_argument(
+        "--timers", default=None, choices=("any", "ordered"),
+        help="order in which the timers of a robot fire: any (default), or by their durations",
+    )  # fmt: skip
+    group.add_argument("--faults", action="store_true", help="explore also what each single fault leads to")
+    group.add_argument("--limit", type=natural, default=None, metavar="N", help="most states (default: 200000)")
+    group.add_argument("--seconds", type=positive, default=None, metavar="S", help="most seconds, for all deliveries")
+    group.add_argument("--all", action="store_true", help="show findings without consequences too")
+    group.add_argument(
+        "--trace", type=Path, metavar="DIR", help="write each run to DIR: a test, a picture, a recording"
+    )
+
+
+def refuse_without_explore(arguments: Namespace) -> None:
+    """Raise ConfigError for an option that needs ``--explore``."""
+    for name in _ONLY:
+        if getattr(arguments, name):
+            raise ConfigError(f"--{name} needs --explore")
+
+
+def run(arguments: Namespace) -> int:
+    """Explore every file; exit code 1 if something that fails a check was found, and not accepted."""
+    from fame.scenario.exploration import explore
+
+    robots = _robots(arguments.robots)
+    results = []
+    for path in dict.fromkeys(arguments.models):
+        result = explore(
+            path,
+            robots=robots,
+            library=arguments.library,
+            delivery=tuple(dict.fromkeys(arguments.delivery)) or ("run", "fast"),
+            network=arguments.network or "fifo",
+            timers=arguments.timers or "any",
+            faults=arguments.faults,
+            limit=200_000 if arguments.limit is None else arguments.limit,
+            seconds=arguments.seconds,
+        )
+        results.append(result)
+        if not arguments.json:
+            for line in report(result, everything=arguments.all):
+                print(coloured(line, sys.stdout))
+    failed = any(result.failed for result in results)
+    if arguments.json:
+        print_json({"status": "failed" if failed else "completed", "explorations": [as_json(one) for one in results]})
+    return 1 if failed else 0
+
+
+def _robots(given: list[str]) -> dict[str, int]:
+    """``POOL=N`` as a mapping. Raises FameError."""
+    found = {}
+    for one in given:
+        pool, _, number = one.partition("=")
+        if not pool or not number.isdecimal():
+            raise FameError(f"--robots: expected POOL=N, got {one!r}")
+        found[pool] = int(number)
+    return found
+
+
+def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
+    """The lines for people. The first one says whether all states were explored."""
+    yield result.summary()
+    if result.outside:
+        yield f"  from outside, at any time: {', '.join(result.outside)}"
+    shown = [one for one in result.findings if everything or one.accepted or one.kind != "unneeded"]
+    for finding in shown:
+        yield ""
+        yield f"{finding.level}: {finding.text}"
+        if finding.accepted:
+            yield f"  accepted: {finding.accepted}"
+        elif finding.level == "error" or everything:
+            yield from _steps(finding)
+    yield from _fault_table(result)
+    yield ""
+    yield _summary(result, len(result.findings) - len(shown))
+
+
+def _steps(finding: Finding) -> Iterator[str]:
+    """A numbered step a line; the same step several times in a row is one line."""
+    if not finding.run:
+        yield "    (at once)"
+    doomed = finding.doomed
+    for number, (text, group) in enumerate(groupby(finding.run, key=str), 1):
+        times = len(list(group))
+        yield f"  {number:3}. {text}" + (f"  (x{times})" if times > 1 else "")
+        if doomed is not None:
+            doomed -= times
+            if doomed < 0:
+                yield "       ---- from here on the mission cannot complete"
+                doomed = None
+
+
+def _fault_table(result: Exploration) -> Iterator[str]:
+    rows = [row for search in result.searches for row in search.faults]
+    if rows:
+        from fame.cli.output import table
+
+        yield ""
+        yield table(("fault", "delivery", "outcome"), rows)
+
+
+def _summary(result: Exploration, hidden: int) -> str:
+    levels = [one.level for one in result.findings if one.kind != "unneeded" and not one.accepted]
+    accepted = sum(bool(one.accepted) for one in result.findings)
+    parts = [f"{levels.count(level)} {level}{'s' if levels.count(level) > 1 else ''}"
+             for level in ("error", "warning") if level in levels]  # fmt: skip
+    parts += [f"{accepted} accepted"] if accepted else []
+    text = ", ".join(parts) or "No problems found."
+    return text + (f" ({hidden} without consequences: --all)" if hidden else "")
+
+
+def as_json(result: Exploration) -> dict[str, Any]:
+    """The result as plain data."""
+    return {
+        "file": result.file,
+        "exhaustive": result.exhaustive,
+        "cuts": list(result.cuts),
+        "robots": dict(result.robots),
+        "states": result.states,
+        "seconds": round(result.seconds, 3),
+        "outside": list(result.outside),
+        "searches": [asdict(search) for search in result.searches],
+        "findings": [_finding(one) for one in result.findings],
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "kind": finding.kind,
+        "level": finding.level,
+        "text": finding.text,
+        "accepted": finding.accepted,
+        "delivery": finding.delivery,
+        "doomed": finding.doomed,
+        "elements": [asdict(place) for place in finding.places],
+        "run": [
+            {"robot": step.robot, "kind": step.kind, "element": step.element, "detail": step.detail, "text": step.text}
+            for step in finding.run
+        ],
+    }

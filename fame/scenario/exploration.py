@@ -1,0 +1,90 @@
+"""Explore a model or scenario: as many robots as it has, every reachable state (`fame.check.explore`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions
+from fame.bpmn.pools import Pool, assign_pools, pools_of
+from fame.check.explore import Exploration, Request, explore_team
+from fame.errors import ConfigError, expect
+from fame.scenario.scenario import Scenario
+
+FEWEST = 2
+"""Robots of a multi-instance pool, where nothing else says how many."""
+
+
+def explore(
+    model: str | Path | Definitions,
+    *,
+    robots: Mapping[str, int] = MappingProxyType({}),
+    library: str | Path | Sequence[str | Path] = (),
+    delivery: str | Sequence[str] = ("run", "fast"),
+    network: str = "fifo",
+    timers: str = "any",
+    faults: bool = False,
+    reduced: bool = True,
+    limit: int = 200_000,
+    seconds: float | None = None,
+) -> Exploration:
+    """Explore the reachable states of a collaboration, and find what may go wrong in it.
+
+    model     a scenario (.yaml), a model (.bpmn) or what `fame.read` gave
+    robots    number of robots of a multi-instance pool, by its name; else as many as the scenario has, else the minimum
+              of the multiplicity, at least 2
+    delivery  ``run``, ``fast`` or ``any``, or several of them
+    network   ``fifo`` or ``bag``
+    timers    ``any`` order, or ``ordered`` by their durations
+    faults    also what single faults lead to
+    reduced   leave out orders of steps that make no difference
+    limit     states of all deliveries together
+    seconds   time for all of them; the result then depends on the machine
+
+    Raises ModelError and ConfigError as `fame.Scenario.load` does.
+    """
+    deliveries = (delivery,) if isinstance(delivery, str) else tuple(delivery)
+    for one in deliveries:
+        expect(one in ("run", "fast", "any"), "delivery", one, "run, fast or any")
+    expect(bool(deliveries), "delivery", delivery, "run, fast or any")
+    expect(network in ("fifo", "bag"), "network", network, "fifo or bag")
+    expect(timers in ("any", "ordered"), "timers", timers, "any or ordered")
+    request = Request(
+        delivery=deliveries,  # type: ignore[arg-type]  # checked above
+        network=network,  # type: ignore[arg-type]
+        ordered=timers == "ordered",
+        faults=faults,
+        reduced=reduced,
+        limit=limit,
+        seconds=seconds,
+    )
+    definitions, found, cast = cast_of(model, robots, library)
+    return explore_team(definitions, found, cast, request)
+
+
+def cast_of(
+    model: str | Path | Definitions, robots: Mapping[str, int], library: str | Path | Sequence[str | Path]
+) -> tuple[Definitions, Library, dict[str, Pool]]:
+    """The model, its library, and robot -> pool. Raises ModelError and ConfigError."""
+    if not isinstance(model, Definitions) and Path(model).suffix.lower() in (".yaml", ".yml"):
+        plan = Scenario.load(model, robots=robots, library=library)
+        return plan.definitions, plan.library, dict(plan.cast)
+    from fame.bpmn.reader import read
+
+    definitions = read(model)
+    pools = pools_of(definitions)
+    for name in robots:
+        if not any(pool.multi_instance and pool.name.casefold() == name.casefold() for pool in pools):
+            known = ", ".join(pool.name for pool in pools if pool.multi_instance) or "none"
+            raise ConfigError(f"unknown multi-instance pool {name!r}; there are: {known}", file=definitions.file)
+    counts = {name.casefold(): count for name, count in robots.items()}
+    names = []
+    for pool in pools:
+        count = counts.get(pool.name.casefold(), max(FEWEST, pool.minimum))
+        names += [f"{pool.name}_{n}" for n in range(1, count + 1)] if pool.multi_instance else [pool.name]
+    found = Library(library)
+    for pool in pools:
+        found.closure(definitions, pool.process)
+    return definitions, found, assign_pools(pools, names, file=definitions.file)

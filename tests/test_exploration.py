@@ -1,0 +1,178 @@
+"""Explorations of collaborations whose verdicts are known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from collaborations import Steps, philosophers, team
+
+from fame.check.explore import Exploration
+from fame.scenario.exploration import explore
+
+
+def found(steps: dict[str, Steps], *, several: tuple[str, ...] = (), **options: Any) -> Exploration:
+    """Explore a collaboration."""
+    return explore(team(steps, several), **options)
+
+
+def kinds(result: Exploration) -> set[str]:
+    return {one.kind for one in result.findings if one.kind != "unneeded"}
+
+
+def test_a_signal_and_its_answer_have_no_problem() -> None:
+    result = found({"A": ["work", "throw ask", "catch answer"], "B": ["catch ask", "work", "throw answer"]})
+    assert result.exhaustive
+    assert not kinds(result)
+
+
+def test_two_robots_that_wait_for_each_other_are_a_deadlock() -> None:
+    result = found({"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]})
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert "A waits at" in one.text
+    assert "for /b" in one.text
+    assert "B waits at" in one.text
+    assert one.doomed == 0 or not one.run
+    assert result.failed
+
+
+def test_a_signal_thrown_before_its_catcher_waits_is_lost() -> None:
+    result = found({"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}, delivery="run")
+    (one,) = (one for one in result.findings if one.kind == "lost")
+    assert "/go was lost on a robot that needed it" in one.text
+    assert any(step.kind == "miss" and step.detail == "/go" for step in one.run)
+
+
+def test_a_queue_removes_the_loss() -> None:
+    """The queue is open from the start of the process, before any delivery."""
+    result = found({"A": ["throw go", "catch done"], "B": ["work", "queue go", "throw done"]})
+    assert not kinds(result)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_dining_philosophers_block_each_other(count: int) -> None:
+    result = found(philosophers(count, ordered=False), delivery="run")
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert all(f"Phil{n} waits at" in one.text for n in range(count))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_dining_philosophers_who_take_forks_in_one_order_do_not(count: int) -> None:
+    result = found(philosophers(count, ordered=True), delivery="run")
+    assert result.exhaustive
+    assert not result.failed
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_a_ring_in_which_somebody_begins_goes_round(count: int) -> None:
+    robots: dict[str, Steps] = {"R0": ["work", "throw s0", f"catch s{count - 1}"]}
+    robots |= {f"R{n}": [f"catch s{n - 1}", f"throw s{n}"] for n in range(1, count)}
+    assert not kinds(found(robots))
+    robots["R0"] = [f"catch s{count - 1}", "throw s0"]
+    assert "deadlock" in kinds(found(robots))
+
+
+def test_a_race_of_two_signals_that_only_one_answers() -> None:
+    robots: dict[str, Steps] = {
+        "Judge": [("race", ["catch red", "throw stop"], ["catch blue", "throw go"]), "catch seen"],
+        "Red": ["work", "throw red"],
+        "Blue": ["work", "throw blue"],
+        "Watch": ["catch go", "throw seen"],
+    }
+    result = found(robots)
+    assert "deadlock" in kinds(result)
+    (one,) = (one for one in result.findings if one.kind in ("deadlock", "lost"))
+    assert "Watch waits at" in one.text
+    assert any("Red" in str(step) for step in one.run)
+
+
+def test_timers_that_race() -> None:
+    """Nothing says that 10 s are over before 30 s have passed, unless timers are ordered."""
+    late: Steps = [("and", ["timer PT10S", "run armed = 1", "throw x"], ["timer PT30S", "catch y"])]
+    robots: dict[str, Steps] = {"A": late, "B": ["catch x", "throw y"]}
+    assert "lost" in kinds(found(robots, timers="any"))
+    assert "lost" in kinds(found(robots, timers="ordered")), "/y comes at once, after 10 s"
+    early: Steps = [("and", ["timer PT30S", "throw x"], ["timer PT10S", "catch y"])]
+    robots = {"A": early, "B": ["catch x", "throw y"]}
+    assert "lost" in kinds(found(robots, timers="any"))
+    assert not kinds(found(robots, timers="ordered"))
+
+
+def test_a_mission_without_an_end_never_completes() -> None:
+    result = found({"A": [("while", ["work"])]})
+    (one,) = (one for one in result.findings if one.kind == "never")
+    assert one.text.startswith("no run completes")
+
+
+def test_the_step_after_which_completion_is_impossible() -> None:
+    robots: dict[str, Steps] = {"A": ["work", ("or", ["throw x"], ["work", "work"]), "end"], "B": ["catch x"]}
+    result = found(robots, delivery="run")
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert one.doomed == 0, "the decision is taken as the first step ends"
+    assert len(one.run) == 3
+
+
+def test_values_are_computed() -> None:
+    robots: dict[str, Steps] = {
+        "A": ["run n = 0", "work", "run n = n + 1", ("if", "n == 1", ["throw x"], ["work"])],
+        "B": ["catch x"],
+    }
+    result = found(robots)
+    assert not result.failed
+    (other,) = (one for one in result.findings if one.kind == "unreachable")
+    assert len(other.places) == 2, "the other branch is never taken"
+
+
+def test_an_error_that_nobody_catches_is_one_finding_per_element() -> None:
+    result = found({"A": [("and", ["work"], ["work"]), "fail broken"]})
+    (one,) = (one for one in result.findings if one.kind == "error")
+    assert "error broken not caught" in one.text
+    assert not result.failed
+
+
+def test_multi_instance_bidding() -> None:
+    """The auctioneer takes the first bid; the others have nobody to tell them that it is over."""
+    robots: dict[str, Steps] = {
+        "Seller": ["work", "throw call", "catch bid", "throw sold"],
+        "Bidder": ["catch call", "work", "throw bid", "catch sold"],
+    }
+    result = found(robots, several=("Bidder",), robots={"Bidder": 3})
+    assert "lost" in kinds(result)
+    assert any("Bidder_" in one.text for one in result.findings if one.kind == "lost")
+
+
+def test_a_dropped_trigger() -> None:
+    robots: dict[str, Steps] = {"A": ["throw go", "work", "throw go"], "B": ["start go", "work"]}
+    assert not kinds(found(robots)), "two instances may run at a time"
+
+
+def test_an_element_that_no_token_enters() -> None:
+    result = found({"A": ["run n = 1", ("if", "n == 2", ["person"], ["work"])]})
+    (one,) = (one for one in result.findings if one.kind == "unreachable")
+    assert any("person" in place.element for place in one.places)
+
+
+def test_growth_without_bound_is_reported_and_not_exhaustive() -> None:
+    result = found({"A": [("while", ["work", "throw go"])], "B": ["start go", "person"]}, delivery="run")
+    assert "growth" in kinds(result)
+    assert not result.exhaustive
+    assert "NOT all states explored" in result.summary()
+
+
+def test_a_limit_is_said_first() -> None:
+    result = found(philosophers(3, ordered=False), limit=50)
+    assert not result.exhaustive
+    assert "the limit of 50 states is reached" in result.summary()
+
+
+def test_an_accepted_deadlock_does_not_fail() -> None:
+    robots: dict[str, Steps] = {"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]}
+    result = explore(team(robots, accept={"A": "deadlock: they are started by hand"}))
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert one.accepted == "they are started by hand"
+    assert not result.failed
+
+
+def test_messages_kept_in_a_bag_are_not_lost() -> None:
+    robots: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
+    assert not kinds(found(robots, network="bag", delivery="any"))
