@@ -28,7 +28,7 @@ FLOORS = (
     ("fame.robot",),
     ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log"),
     ("sim2d", "robots"),
-    ("fame.scenario",),
+    ("fame.scenario", "fame.testing"),
     ("fame.cli", "fame", "fame.__main__"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}

@@ -41,6 +41,11 @@ class Library:
                 raise ConfigError("is not a folder; the library path has folders of .bpmn files", file=str(folder))
         self._files: dict[Path, Definitions] = {}
 
+    @property
+    def declared(self) -> Library:
+        """The library whose files declare the topics: this one, unless some of its processes are replaced."""
+        return self
+
     def folders_for(self, file: str) -> Iterator[Path]:
         """The folders to search for the processes that `file` calls."""
         yield from self.folders

@@ -49,7 +49,8 @@ class Completion:
 class Plan:
     """A checked scenario. `cast` has the pool of each robot; `faults` are injected, `completions` done by people.
 
-    `duration` is in simulated s; `epoch` is the date of simulated second 0.
+    `duration` is in simulated s; `epoch` is the date of simulated second 0; `variables` has what the process of a robot
+    starts with.
     """
 
     file: str
@@ -62,6 +63,7 @@ class Plan:
     faults: tuple[Fault, ...] = ()
     completions: tuple[Completion, ...] = ()
     epoch: datetime = EPOCH
+    variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def processes(self) -> list[Process]:
         """Return the processes that the robots run, each once."""

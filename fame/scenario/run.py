@@ -6,7 +6,7 @@ import gc
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
-from fame.robot import Event, RobotNode, make_mission
+from fame.robot import Event, RobotNode, Service, make_mission
 from fame.robot.events import Observer, combine_observers
 from fame.scenario.film_captions import Captions
 from fame.scenario.plan import Completion, Fault
@@ -35,7 +35,7 @@ _THRESHOLDS = 100_000, 20, 100
 
 
 class Run:
-    """One run of a scenario."""
+    """One run of a scenario. `services` gives each robot the Python functions of its service tasks, by name."""
 
     def __init__(
         self,
@@ -46,8 +46,10 @@ class Run:
         record: bool = False,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
+        services: Callable[[str], Mapping[str, Service]] | None = None,
     ) -> None:
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
+        self._services = services or (lambda robot: {})
         refuse_literals(scenario.definitions, scenario.processes(), scenario.library, strict=strict)
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
         self.middleware = LocalMiddleware(self.scheduler)
@@ -71,11 +73,17 @@ class Run:
     def _build_nodes(self, strict: bool) -> list[RobotNode]:
         """Make and load a node with an engine for each robot."""
         scenario, bodies = self.scenario, self.world.robots if self.world is not None else {}
-        shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library)
+        shared = shared_topics(scenario.definitions, pools_of(scenario.definitions), scenario.library.declared)
         nodes = [
             RobotNode(
                 robot,
-                make_mission(scenario.definitions, pool.process, library=scenario.library, shared=shared),
+                make_mission(
+                    scenario.definitions,
+                    pool.process,
+                    library=scenario.library,
+                    shared=shared,
+                    services=self._services(robot),
+                ),
                 built_in_services=SERVICES,
                 scheduler=self.scheduler,
                 middleware=self.middleware,
@@ -149,7 +157,7 @@ class Run:
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
                 self.reports.append(Event(self.scheduler.now, names[end], 0, 0, "", "log", text))
-        self._stop()
+        self.stop()
         return Result(
             status=status,
             seed=self.scenario.seed,
@@ -185,18 +193,22 @@ class Run:
         finally:
             signal.signal(signal.SIGINT, former)
 
-    def _work(self, begun: float) -> None:
-        """Run until the mission is over or its time is up."""
+    def begin(self) -> None:
+        """Start the world and the processes of all robots, and schedule faults and what people do."""
         if self._logs is not None and self.scenario.epoch != EPOCH:
             self._logs(Event(0, "", 0, 0, "", "epoch", date_text(self.scenario.epoch)))
         if self.world is not None:
             self.world.start()
         for node in self.nodes:
-            node.start()
+            node.start(self.scenario.variables.get(node.name))
         for fault in self.scenario.faults:
-            self.scheduler.after(round(fault.time * SECOND), partial(self._break, fault))
+            self.scheduler.after(round(fault.time * SECOND), partial(self.inject, fault))
         for done in self.scenario.completions:
             self.scheduler.after(round(done.time * SECOND), partial(self._complete, done))
+
+    def _work(self, begun: float) -> None:
+        """Run until the mission is over or its time is up."""
+        self.begin()
         end, reported = round(self.scenario.duration * SECOND), begun
         going = True
         while going:
@@ -228,7 +240,7 @@ class Run:
         at = {node.name: self.captions.now.get(node.name, "") for node in self.nodes}
         self.progress(Progress(self.scheduler.now / SECOND, self.scenario.duration, at))
 
-    def _break(self, fault: Fault) -> None:
+    def inject(self, fault: Fault) -> None:
         """Inject a fault."""
         self.reports.append(Event(self.scheduler.now, fault.robot, 0, 0, "", "report", f"fault: {fault.kind}"))
         if fault.kind != "engine":
@@ -269,7 +281,7 @@ class Run:
         if self.world is not None:
             self.world.close()
 
-    def _stop(self) -> None:
+    def stop(self) -> None:
         """Bring every robot with a live engine to its safe state, then close everything."""
         for node in self.nodes:
             if node.name not in self.dead:

@@ -1,0 +1,41 @@
+"""Tests of missions, in the terms of the model and in simulated time: a pytest plugin.
+
+The fixture ``mission`` loads a model or a scenario::
+
+    def test_the_helper_follows(mission):
+        m = mission.load("patrol.yaml")
+        m.run_until("HELPER", at="Go To")
+        m.expect("SCOUT").passed("Go To").before("Green light")
+        m.expect("HELPER").completed(within=60)
+
+::
+
+    plugin        options and fixture of pytest, the report of a failed test
+    mission       a mission under test: what drives it
+    expectations  what is expected of a robot
+    failure       what a failed expectation shows and saves
+    trace         what has happened, and where
+    elements      elements of a model by label or id
+    fakes         topics, services, actions and people that a test plays
+    stubs         behaviours that a test replaces
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.testing.expectations import Expectation as Expectation
+    from fame.testing.failure import ExpectationError as ExpectationError
+    from fame.testing.mission import MissionLoader as MissionLoader, MissionUnderTest as MissionUnderTest
+else:
+    __getattr__, __dir__, __all__ = attach(
+        __name__,
+        {
+            "expectations": ["Expectation"],
+            "failure": ["ExpectationError"],
+            "mission": ["MissionLoader", "MissionUnderTest"],
+        },
+    )

@@ -1,0 +1,85 @@
+"""Elements of the processes that a robot runs, by label or id."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions, Element, Process, SubProcess
+from fame.bpmn.pools import Pool
+from fame.errors import ConfigError, display_name
+
+
+@dataclass(frozen=True, slots=True)
+class ModelElement:
+    """A flow node or sequence flow, with the file and the process that it is in."""
+
+    file: str
+    process: Process
+    element: Element
+
+    @property
+    def shown(self) -> str:
+        """Its label and id."""
+        return display_name(self.element.id, self.element.name)
+
+
+class Elements:
+    """The elements of each robot: those of its process and of all processes that this calls."""
+
+    def __init__(self, definitions: Definitions, cast: Mapping[str, Pool], library: Library) -> None:
+        self._of = {
+            robot: [
+                ModelElement(home.file, process, element)
+                for home, process in library.closure(definitions, pool.process)
+                for element in parts(process)
+            ]
+            for robot, pool in cast.items()
+        }
+        self._names = {
+            robot: {one.element.id: one.element.name for one in reversed(elements)}
+            for robot, elements in self._of.items()
+        }
+
+    def find(self, robot: str, name: str) -> frozenset[str]:
+        """The ids of the elements with this id, else of those with this label.
+
+        Raises ConfigError for an unknown one, with similar ones.
+        """
+        elements = self._of[robot]
+        if any(one.element.id == name for one in elements):
+            return frozenset([name])
+        label = _plain(name)
+        found = frozenset(one.element.id for one in elements if _plain(one.element.name) == label)
+        if not found:
+            raise ConfigError(f"{robot} has no element {name!r}{self._similar(elements, name)}")
+        return found
+
+    def shown(self, robot: str, id: str) -> str:
+        """An element of a robot as messages show it: its label and id."""
+        return display_name(id, self._names.get(robot, {}).get(id, ""))
+
+    def _similar(self, elements: Iterable[ModelElement], name: str) -> str:
+        """``; did you mean ...?``, or some that it has."""
+        known: dict[str, str] = {}
+        for one in elements:
+            for word in (one.element.name, one.element.id):
+                if word:
+                    known.setdefault(_plain(word), one.shown)
+        near = difflib.get_close_matches(_plain(name), known, 3, 0.5)
+        if near:
+            return f"; did you mean {' or '.join(dict.fromkeys(known[word] for word in near))}?"
+        return f"; it has {', '.join(list(dict.fromkeys(known.values()))[:12]) or 'none'}"
+
+
+def parts(process: Process) -> Iterator[Element]:
+    """All flow nodes and sequence flows of a process, at any depth."""
+    for body in (process.body, *(node.body for node in process.body.walk() if isinstance(node, SubProcess))):
+        yield from body.nodes
+        yield from body.flows
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.split()).casefold()

@@ -1,0 +1,168 @@
+"""What is expected of a robot. Each expectation returns something that more can be said about."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import SECOND
+from fame.errors import ConfigError
+from fame.testing.failure import ExpectationError, failure
+from fame.testing.trace import Step
+
+if TYPE_CHECKING:
+    from fame.testing.mission import MissionUnderTest
+
+
+class Expectation:
+    """What is expected of a robot. Methods raise ExpectationError, and ConfigError for an unknown element."""
+
+    def __init__(self, mission: MissionUnderTest, robot: str) -> None:
+        self._mission, self._robot = mission, robot
+
+    def passed(self, element: str, *, times: int | None = None) -> Passage:
+        """The element has completed, `times` times if given; a sequence flow has been taken."""
+        __tracebackhide__ = True
+        ids, shown = self._find(element)
+        steps = self._steps(ids, "leave") or self._steps(ids, "take")
+        if not steps or (times is not None and len(steps) != times):
+            often = f" {times} times" if times is not None else ""
+            entered = len(self._steps(ids, "enter"))
+            got = f"it has completed {len(steps)} times" if steps else "it has not completed" if entered else _NEVER
+            raise self._error(f"expected to have passed {shown}{often}, but {got}")
+        return Passage(self, shown, steps)
+
+    def entered(self, element: str) -> Passage:
+        """A token has come to the element."""
+        __tracebackhide__ = True
+        ids, shown = self._find(element)
+        steps = self._steps(ids, "enter") or self._steps(ids, "take")
+        if not steps:
+            raise self._error(f"expected to have entered {shown}, but {_NEVER}")
+        return Passage(self, shown, steps)
+
+    def never_entered(self, element: str) -> Expectation:
+        """No token has come to the element."""
+        __tracebackhide__ = True
+        ids, shown = self._find(element)
+        steps = self._steps(ids, "enter") or self._steps(ids, "take")
+        if steps:
+            raise self._error(f"expected never to enter {shown}, but it was entered at {_moment(steps[0])}")
+        return self
+
+    def waits_at(self, element: str) -> Expectation:
+        """A token is at the element now."""
+        __tracebackhide__ = True
+        ids, shown = self._find(element)
+        if not self._mission.is_at(self._robot, ids):
+            steps = self._steps(ids, "enter")
+            got = f"it was left at {_moment(steps[-1])} or later" if steps else _NEVER
+            raise self._error(f"expected to wait at {shown}, but {got}")
+        return self
+
+    def completed(self, within: float | None = None) -> Expectation:
+        """The process has completed, and nothing of it runs; with `within` it may run that long from now (s)."""
+        __tracebackhide__ = True
+        mission = self._mission
+        if within is not None:
+            if not (isinstance(within, int | float) and 0 <= within < math.inf):
+                raise ConfigError(f"completed: expected a number of seconds, got {within!r}")
+            mission.go_on(lambda: mission.has_completed(self._robot), within)
+        if not mission.has_completed(self._robot) or mission.node(self._robot).failed:
+            often = f" within {within:g} s" if within is not None else ""
+            raise self._error(f"expected to have completed{often}")
+        return self
+
+    def failed(self, code: str | None = None, *, at: str | None = None, within: float | None = None) -> Expectation:
+        """An instance of the process has failed, with the code of the error and at the element, if given."""
+        __tracebackhide__ = True
+        mission, ids = self._mission, self._find(at)[0] if at is not None else None
+        if within is not None:
+            mission.go_on(lambda: mission.node(self._robot).failed, within)
+        errors = [one.error for one in mission.node(self._robot).instances if one.error is not None]
+        around = bool(ids and (self._steps(ids, "fail") or self._steps(ids, "cancel")))  # what called it was cancelled
+        matching = [
+            error for error in errors if code in (None, error.code) and (ids is None or around or error.element in ids)
+        ]
+        if not matching:
+            wanted = (f" with code {code!r}" if code is not None else "") + (f" at {at!r}" if at is not None else "")
+            got = f"it failed with code {errors[-1].code!r} at {errors[-1].element}" if errors else "it has not failed"
+            raise self._error(f"expected to have failed{wanted}, but {got}")
+        return self
+
+    def has(self, **variables: Any) -> Expectation:
+        """Process variables of the last instance have these values; floats to a millionth."""
+        __tracebackhide__ = True
+        now = self._mission.variables(self._robot)
+        for name, value in variables.items():
+            if name not in now:
+                raise self._error(f"expected the variable {name} = {value!r}, but it is not set")
+            if not _equal(now[name], value):
+                raise self._error(f"expected the variable {name} = {value!r}, but it is {now[name]!r}")
+        return self
+
+    def _find(self, element: str) -> tuple[frozenset[str], str]:
+        self._mission.node(self._robot)  # begins
+        ids = self._mission.elements.find(self._robot, element)
+        return ids, " or ".join(self._mission.elements.shown(self._robot, id) for id in sorted(ids))
+
+    def _steps(self, ids: frozenset[str], what: str) -> list[Step]:
+        return self._mission.trace.of(self._robot, ids, what)
+
+    def _error(self, text: str) -> ExpectationError:
+        return failure(self._mission, f"{self._robot}: {text}")
+
+
+class Passage:
+    """An element that was passed or entered: more that is expected of when."""
+
+    def __init__(self, expectation: Expectation, shown: str, steps: list[Step]) -> None:
+        self._expectation, self._shown, self.steps = expectation, shown, steps
+
+    @property
+    def times(self) -> list[float]:
+        """When, in simulated s."""
+        return [step.time / SECOND for step in self.steps]
+
+    def before(self, element: str) -> Passage:
+        """The first time was before a token first came to another element, which it has."""
+        __tracebackhide__ = True
+        return self._compare(element, "before", lambda own, other: own.order < other.order)
+
+    def after(self, element: str) -> Passage:
+        """The first time was after a token first came to another element, which it has."""
+        __tracebackhide__ = True
+        return self._compare(element, "after", lambda own, other: own.order > other.order)
+
+    def within(self, seconds: float) -> Passage:
+        """The first time was at most so many simulated seconds after the start."""
+        __tracebackhide__ = True
+        if self.steps[0].time > seconds * SECOND:
+            text = f"expected {self._shown} within {seconds:g} s, but it was at {_moment(self.steps[0])}"
+            raise self._expectation._error(text)
+        return self
+
+    def _compare(self, element: str, word: str, holds: Callable[[Step, Step], bool]) -> Passage:
+        __tracebackhide__ = True
+        ids, shown = self._expectation._find(element)
+        others = self._expectation._steps(ids, "enter") or self._expectation._steps(ids, "take")
+        if not others:
+            raise self._expectation._error(f"expected {self._shown} {word} {shown}, but {shown} was never entered")
+        if not holds(self.steps[0], others[0]):
+            text = f"{self._shown} was at {_moment(self.steps[0])}, and {shown} was entered at {_moment(others[0])}"
+            raise self._expectation._error(f"expected {self._shown} {word} {shown}, but {text}")
+        return self
+
+
+_NEVER = "it was never entered"
+
+
+def _moment(step: Step) -> str:
+    return f"{step.time / SECOND:g} s"
+
+
+def _equal(found: Any, wanted: Any) -> bool:
+    if isinstance(found, float) and isinstance(wanted, int | float):
+        return math.isclose(found, wanted, rel_tol=1e-6, abs_tol=1e-6)
+    return bool(found == wanted)

@@ -1,0 +1,286 @@
+"""What a test plays beside the mission: topics, services, actions and people, all in simulated time."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fame.clock import SECOND
+from fame.errors import ConfigError, MissionError
+from fame.middleware import messages
+from fame.middleware.actions import CANCEL, FEEDBACK
+from fame.middleware.interface import SIGNAL, DeferredResponse, Message, Node, QoS
+from fame.testing.trace import Step
+from fame.text import suggestion
+
+if TYPE_CHECKING:
+    from fame.testing.mission import MissionUnderTest
+
+_Fake = TypeVar("_Fake", "FakeTopic", "FakeService", "FakeAction")
+
+_SUCCEEDED, _CANCELLED, _ABORTED = 4, 5, 6
+"""The status of a goal that has ended (action_msgs/msg/GoalStatus)."""
+
+
+class Fakes:
+    """All that a test plays for one mission. What is made before the mission begins is there from its beginning."""
+
+    def __init__(self, mission: MissionUnderTest) -> None:
+        self._mission = mission
+        self._waiting: list[FakeTopic | FakeService | FakeAction] = []
+
+    def topic(self, topic: str, type: str, **given: Any) -> FakeTopic:
+        return self._made(FakeTopic(self._mission, _full(topic), type, **given))
+
+    def service(self, name: str, type: str, **given: Any) -> FakeService:
+        return self._made(FakeService(self._mission, _full(name), type, **given))
+
+    def action(self, name: str, type: str, **given: Any) -> FakeAction:
+        return self._made(FakeAction(self._mission, _full(name), type, **given))
+
+    def person(self, robot: str, tasks: Mapping[str, Mapping[str, Any] | None], after: float) -> None:
+        found = {
+            id: dict(values or {}) for task, values in tasks.items() for id in self._mission.elements.find(robot, task)
+        }
+        self._mission.trace.listeners.append(_Person(self._mission, robot, found, after).on_step)
+
+    def begin(self) -> None:
+        """Make the endpoints."""
+        for fake in self._waiting:
+            fake.begin(self._mission.outside)
+
+    def _made(self, fake: _Fake) -> _Fake:
+        if self._mission.begun:
+            fake.begin(self._mission.outside)
+        else:
+            self._waiting.append(fake)
+        return fake
+
+
+def _full(name: str) -> str:
+    return name if name.startswith("/") else f"/{name}"
+
+
+class FakeTopic:
+    """A publisher that a test plays. The type may be left out if the mission uses the topic.
+
+    values, every  messages from time 0 on, one every so many simulated s (the last one is not repeated)
+    series         (simulated s, message) pairs, or a mapping
+    csv            a file with a column ``stamp`` (s) and one for each field (``pose.x``); `bag`: a recorded bag
+    """
+
+    def __init__(
+        self,
+        mission: MissionUnderTest,
+        topic: str,
+        type: str,
+        *,
+        values: Sequence[Any] | None = None,
+        every: float = 0.1,
+        series: Mapping[float, Any] | Iterable[tuple[float, Any]] | None = None,
+        csv: str | Path | None = None,
+        bag: str | Path | None = None,
+        qos: QoS = SIGNAL,
+    ) -> None:
+        self.topic: str = topic
+        self._mission, self._type, self._qos = mission, type, qos
+        if sum(given is not None for given in (values, series, csv, bag)) > 1:
+            raise ConfigError(f"fake_topic({topic!r}): expected one of values, series, csv, bag")
+        if not every > 0:
+            raise ConfigError(f"fake_topic({topic!r}): every: expected a number above 0, got {every!r}")
+        self._series: list[tuple[float, Any]] = [(number * every, value) for number, value in enumerate(values or ())]
+        if series is not None:
+            self._series = list(series.items() if isinstance(series, Mapping) else series)
+        elif csv is not None:
+            self._series = read_series(Path(csv))
+        self._bag = bag
+
+    def begin(self, node: Node) -> None:
+        """Make the publisher, and schedule what is to be published."""
+        type = self._type or self._known_type()
+        self._publisher = node.publisher(self.topic, type, self._qos)
+        if self._bag is not None:
+            from fame.monitor.data_files import read_bag
+
+            first: float | None = None
+            for time, _, message in read_bag(self._bag, {self.topic: type}):
+                first = time if first is None else first
+                self._series.append((time - first, message))
+        made = [(time, messages.create(self._publisher.type, value)) for time, value in self._series]
+        scheduler = self._mission.run.scheduler
+        for time, message in made:
+            scheduler.after(round(time * SECOND), partial(self._publisher.publish, message))
+
+    def publish(self, value: Any = None, **fields: Any) -> None:
+        """Publish a message now: a payload, or fields. Raises MessageError if it does not fit."""
+        self._mission.settle()
+        if not self._mission.begun:
+            raise ConfigError(f"fake_topic({self.topic!r}): publish before the mission begins: give values or series")
+        self._publisher.publish(messages.create(self._publisher.type, fields or value))
+        self._mission.settle()
+
+    def _known_type(self) -> str:
+        topics = self._mission.run.middleware.topics
+        if self.topic not in topics:
+            text = f"no process uses the topic {self.topic}; {suggestion(self.topic, sorted(topics))}"
+            raise ConfigError(f"{text}, or give its type")
+        return topics[self.topic].type
+
+
+def read_series(path: Path) -> list[tuple[float, Any]]:
+    """The rows of a CSV file: time (column ``stamp``, s) and fields by path. Raises ConfigError with file and line."""
+    if not path.is_file():
+        raise ConfigError("no such file", file=str(path))
+    with path.open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        if "stamp" not in (reader.fieldnames or ()):
+            has = ", ".join(reader.fieldnames or ()) or "none"
+            raise ConfigError(f"expected a column stamp (s), got the columns {has}", file=str(path), line=1)
+        series = []
+        for row in reader:
+            line = reader.line_num
+            try:
+                time = float(row.pop("stamp") or "")
+            except ValueError as error:
+                raise ConfigError(f"stamp: {error}", file=str(path), line=line) from None
+            series.append((time, _nested({name: text for name, text in row.items() if name and text})))
+    return series
+
+
+def _nested(fields: Mapping[str, str]) -> dict[str, Any]:
+    """``{"pose.x": "1"}`` as ``{"pose": {"x": "1"}}``."""
+    found: dict[str, Any] = {}
+    for name, text in fields.items():
+        *path, last = name.split(".")
+        inner = found
+        for part in path:
+            inner = inner.setdefault(part, {})
+        inner[last] = text
+    return found
+
+
+class FakeService:
+    """A service that a test plays: `response` is a message, a mapping, or a function of the request; `after` in s.
+
+    With `fail` it takes requests and never answers. `requests` has what was requested.
+    """
+
+    def __init__(
+        self,
+        mission: MissionUnderTest,
+        name: str,
+        type: str,
+        *,
+        response: Any = None,
+        after: float = 0.0,
+        fail: bool = False,
+    ) -> None:
+        self.name, self.requests = name, list[Message]()
+        self._mission, self._type, self._response, self._after, self._fail = mission, type, response, after, fail
+        if not callable(response) and response is not None:
+            messages.create(messages.service(type)[1], response)  # refused now, not when it is called
+
+    def begin(self, node: Node) -> None:
+        """Offer the service."""
+        node.service(self.name, self._type, self._handle)
+
+    def _handle(self, request: Message) -> Any:
+        self.requests.append(request)
+        later = DeferredResponse()
+        if not self._fail:
+            value = self._response(request) if callable(self._response) else self._response
+            self._mission.run.scheduler.after(round(self._after * SECOND), partial(later.respond, value))
+        return later
+
+
+class FakeAction:
+    """An action server that a test plays. A goal ends `after` simulated s.
+
+    feedback  messages, evenly spread over that time
+    result    a message, a mapping, or a function of the goal
+    fail      ``"rejected"``, ``"aborted"`` (also True), or False
+
+    `goals` has the goals that came, `cancelled` how many were cancelled.
+    """
+
+    def __init__(
+        self,
+        mission: MissionUnderTest,
+        name: str,
+        type: str,
+        *,
+        after: float = 0.0,
+        feedback: Sequence[Any] = (),
+        result: Any = None,
+        fail: bool | str = False,
+    ) -> None:
+        if fail not in (False, True, "aborted", "rejected"):
+            raise ConfigError(f"fake_action({name!r}): fail: expected aborted or rejected, got {fail!r}")
+        self.name, self.goals, self.cancelled = name, list[Message](), 0
+        self._mission, self._type, self._after = mission, messages.action(type), after
+        self._feedback, self._result, self._fail = feedback, result, fail
+        self._results: dict[bytes, DeferredResponse] = {}
+        self._ended: set[bytes] = set()
+
+    def begin(self, node: Node) -> None:
+        """Offer the action."""
+        below, type = f"{self.name}/_action", self._type
+        self._say = node.publisher(f"{below}/feedback", f"{type}_FeedbackMessage", FEEDBACK)
+        node.service(f"{below}/send_goal", f"{type}_SendGoal", self._on_goal)
+        node.service(f"{below}/get_result", f"{type}_GetResult", lambda request: self._later(request.goal_id))
+        node.service(f"{below}/cancel_goal", CANCEL, self._on_cancel)
+
+    def _on_goal(self, request: Message) -> Any:
+        self.goals.append(request.goal)
+        if self._fail == "rejected":
+            return None
+        id, scheduler = bytes(request.goal_id.uuid), self._mission.run.scheduler
+        for number, value in enumerate(self._feedback):
+            time = self._after * (number + 1) / (len(self._feedback) + 1)
+            scheduler.after(round(time * SECOND), partial(self._give_feedback, id, value))
+        result = self._result(request.goal) if callable(self._result) else self._result
+        status = _ABORTED if self._fail else _SUCCEEDED
+        scheduler.after(round(self._after * SECOND), partial(self._end, id, status, result))
+        return {"accepted": True}
+
+    def _give_feedback(self, id: bytes, value: Any) -> None:
+        if id not in self._ended:
+            said = {"goal_id": {"uuid": id}, "feedback": value}
+            self._say.publish(messages.create(f"{self._type}_FeedbackMessage", said))
+
+    def _end(self, id: bytes, status: int, result: Any) -> None:
+        if id not in self._ended:
+            self._ended.add(id)
+            later = self._results.setdefault(id, DeferredResponse())
+            later.respond({"status": status, "result": result} if result is not None else {"status": status})
+
+    def _on_cancel(self, request: Message) -> Any:
+        id = bytes(request.goal_info.goal_id.uuid)
+        self.cancelled += 1
+        self._end(id, _CANCELLED, None)
+        return {"goals_canceling": [{"goal_id": {"uuid": id}}]}
+
+    def _later(self, goal_id: Message) -> DeferredResponse:
+        return self._results.setdefault(bytes(goal_id.uuid), DeferredResponse())
+
+
+class _Person:
+    """Completes tasks of a robot, some time after a token has come there."""
+
+    def __init__(
+        self, mission: MissionUnderTest, robot: str, tasks: Mapping[str, Mapping[str, Any]], after: float
+    ) -> None:
+        self._mission, self._robot, self._tasks, self._after = mission, robot, tasks, after
+
+    def on_step(self, step: Step) -> None:
+        """Plan to complete the task that a token has entered."""
+        if step.what == "enter" and step.robot == self._robot and step.element in self._tasks:
+            self._mission.run.scheduler.after(round(self._after * SECOND), partial(self._complete, step.element))
+
+    def _complete(self, element: str) -> None:
+        with suppress(MissionError):  # the token has left meanwhile
+            self._mission.node(self._robot).complete(element, self._tasks[element])

@@ -1,0 +1,488 @@
+"""A mission under test: a model or scenario in simulated time, driven step by step.
+
+Nothing runs before the first `advance` or `run_until`: until then behaviours can be replaced, topics and services faked
+and variables set. What is signalled before then arrives at time 0, when all robots have started. Everything is
+deterministic; nothing sleeps.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.model import Definitions
+from fame.clock import SECOND
+from fame.engine.state import Trail, scopes_of
+from fame.engine.waiting import check_conditions
+from fame.errors import ConfigError
+from fame.log.recorder import About, Recorder, recording_to
+from fame.middleware import messages
+from fame.middleware.interface import resolve
+from fame.middleware.local import LocalNode, LocalPublisher
+from fame.robot import Event, RobotNode
+from fame.robot.events import combine_observers
+from fame.scenario import Fault, Scenario
+from fame.scenario.run import Run
+from fame.testing.elements import Elements
+from fame.testing.expectations import Expectation
+from fame.testing.failure import failure, save_diagrams
+from fame.testing.fakes import Fakes
+from fame.testing.stubs import Stub, StubLibrary
+from fame.testing.trace import Trace
+from fame.text import suggestion
+
+WITHIN = 600.0
+"""How long `run_until` runs if nobody says otherwise (simulated s)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """A message that a process has published: simulated s, robot, message."""
+
+    time: float
+    robot: str
+    message: Any
+
+    @property
+    def value(self) -> Any:
+        """The message; of a wrapper such as std_msgs/msg/String the bare value."""
+        return messages.bare(self.message)
+
+
+class MissionUnderTest:
+    """A loaded mission. Robots are named first where there are several; elements by label or id.
+
+    Methods raise ConfigError for unknown robots, elements and topics, with similar ones; expectations that do not hold
+    raise ExpectationError, which shows the state of the mission.
+    """
+
+    def __init__(self, scenario: Scenario, folder: Path, on_close: Callable[[MissionUnderTest], object]) -> None:
+        self.scenario: Scenario = scenario
+        self.elements: Elements = Elements(scenario.definitions, scenario.cast, scenario.library)
+        self.trace: Trace = Trace(dict.fromkeys(scenario.cast, scenario.definitions.file))
+        self.library: StubLibrary = StubLibrary(scenario.library)
+        self._folder, self._on_close = folder, on_close
+        self._variables: dict[str, dict[str, Any]] = {
+            robot: dict(scenario.variables.get(robot, {})) for robot in self.robots
+        }
+        self._pending: list[Callable[[], object]] = []
+        self._published: dict[str, list[Published]] = {}
+        self._run: Run | None = None
+        self._resources = ExitStack()
+        self._recording = _Buffer()
+        self._saved: list[str] | None = None
+        self.fakes: Fakes = Fakes(self)
+
+    # ---- what it is ------------------------------------------------------------------------------------------------
+
+    @property
+    def robots(self) -> Sequence[str]:
+        """The names of all robots."""
+        return list(self.scenario.cast)
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has begun to run."""
+        return self._run is not None
+
+    @property
+    def run(self) -> Run:
+        """The run, which begins now if it has not."""
+        if self._run is None:
+            self._begin()
+        assert self._run is not None
+        return self._run
+
+    @property
+    def now(self) -> float:
+        """Simulated seconds since the start."""
+        return self._run.scheduler.now / SECOND if self._run is not None else 0.0
+
+    @property
+    def world(self) -> Any:
+        """The simulated world (`sim2d.world.World`), None if the mission has none."""
+        return self.run.world
+
+    @property
+    def reports(self) -> Sequence[Event]:
+        """What robots and scripts have reported."""
+        return self._run.reports if self._run is not None else ()
+
+    def node(self, robot: str = "") -> RobotNode:
+        """The node of a robot, with its engine."""
+        name = self.robot(robot)
+        return next(node for node in self.run.nodes if node.name == name)
+
+    @property
+    def outside(self) -> LocalNode:
+        """The node of what the test plays."""
+        self.run  # noqa: B018 (begins)
+        return self._outside
+
+    def variables(self, robot: str = "") -> dict[str, Any]:
+        """The variables of a robot's last process instance."""
+        instances = self.node(robot).instances
+        return dict(instances[-1].variables) if instances else {}
+
+    def files(self) -> list[Definitions]:
+        """The models of what runs: that of the mission first, then those of called processes."""
+        return self.scenario.closures()
+
+    def robot(self, name: str = "") -> str:
+        """The name of a robot; without one the only robot. Raises ConfigError."""
+        if not name and len(self.robots) == 1:
+            return self.robots[0]
+        if name not in self.scenario.cast:
+            text = f"unknown robot {name!r}; {suggestion(name, self.robots)}" if name else "name the robot first"
+            raise ConfigError(text if name else f"{text}: robots are {', '.join(self.robots)}")
+        return name
+
+    # ---- what drives it --------------------------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> MissionUnderTest:
+        """Let time go on by so many simulated seconds."""
+        if not (isinstance(seconds, int | float) and 0 <= seconds < math.inf):
+            raise ConfigError(f"advance: expected a number of seconds from 0 on, got {seconds!r}")
+        run = self.run
+        end = run.scheduler.now + round(seconds * SECOND)
+        while run.scheduler.now < end:
+            run.scheduler.run(end)
+        run.scheduler.run(end)
+        return self
+
+    def run_until(
+        self,
+        robot: str = "",
+        *,
+        at: str | None = None,
+        completed: str | bool | None = None,
+        published: str | None = None,
+        condition: Callable[[], object] | None = None,
+        within: float = WITHIN,
+    ) -> MissionUnderTest:
+        """Run until a token comes to an element, a robot has completed, a topic has a message, or a condition holds.
+
+        Raises ExpectationError if that does not happen `within` simulated seconds.
+        """
+        __tracebackhide__ = True
+        given = [at, completed, published, condition]
+        if sum(value is not None for value in given) != 1:
+            raise ConfigError("run_until: expected one of at=, completed=, published=, condition=")
+        if at is not None:
+            self._run_to(self.robot(robot), at, within)
+        elif completed is not None:
+            name = self.robot(completed if isinstance(completed, str) else robot)
+            if not self.go_on(lambda: self.has_completed(name), within):
+                raise failure(self, f"{name}: expected to complete within {within:g} s")
+        elif published is not None:
+            seen = len(self.published(published))
+            if not self.go_on(lambda: len(self.published(published)) > seen, within):
+                raise failure(self, f"expected a message on {published} within {within:g} s")
+        elif condition is not None and not self.go_on(condition, within):
+            raise failure(self, f"expected the condition to hold within {within:g} s")
+        return self
+
+    def _run_to(self, robot: str, at: str, within: float) -> None:
+        __tracebackhide__ = True
+        ids = self.elements.find(robot, at)
+        seen = len(self.trace.of(robot, ids, "enter")) if self.begun else 0
+
+        def there() -> bool:
+            return self.is_at(robot, ids) or len(self.trace.of(robot, ids, "enter")) > seen
+
+        if not self.go_on(there, within):
+            shown = " or ".join(self.elements.shown(robot, id) for id in sorted(ids))
+            raise failure(self, f"{robot}: expected to come to {shown} within {within:g} s")
+
+    def go_on(self, condition: Callable[[], object], within: float) -> bool:
+        """Run until a condition holds, instant by instant, at most `within` simulated s; whether it holds."""
+        scheduler = self.run.scheduler
+        end = scheduler.now + round(within * SECOND)
+        while not condition():
+            due = scheduler.next_time()
+            if due is None or due > end:
+                if due is not None:
+                    scheduler.run(end)
+                return bool(condition())
+            scheduler.run(due)
+        return True
+
+    def is_at(self, robot: str, ids: frozenset[str]) -> bool:
+        """Whether a token of a robot waits at one of these elements, or in one of them."""
+        for instance in self.node(robot).engine.instances.values():
+            inside = (scope.node.id for scope in scopes_of(instance.root) if scope.node is not None)
+            if not ids.isdisjoint((*instance.waiting, *inside)):
+                return True
+        return False
+
+    def has_completed(self, robot: str) -> bool:
+        """Whether a robot has completed its process, and runs nothing."""
+        node = self.node(robot)
+        return node.completed > 0 and not node.engine.instances
+
+    # ---- what people and other robots do ---------------------------------------------------------------------------
+
+    def signal(self, *where_and_what: Any, **fields: Any) -> MissionUnderTest:
+        """Publish a message from outside: ``signal("/done")``, ``signal("/go", {"x": 1})``, ``signal("/go", x=1.0)``.
+
+        With a robot first, ``signal("REX", "~/odom", ...)``, only its process gets it. The topic of a signal has its
+        name. Raises MessageError if the payload does not fit.
+        """
+        robot, topic, payload = self._addressed(where_and_what, fields)
+        return self._do(partial(self._publish, robot, topic, payload))
+
+    def message(self, *where_and_what: Any, **fields: Any) -> MissionUnderTest:
+        """Send a BPMN message from outside; arguments as of `signal`."""
+        return self.signal(*where_and_what, **fields)
+
+    def complete(self, *where: str, **values: Any) -> MissionUnderTest:
+        """Complete a user, manual or receive task that waits, with results: ``complete("Sign", approved=True)``."""
+        robot, (element,) = self._split(where, 1)
+        ids = self.elements.find(robot, element)
+        return self._do(partial(self._complete, robot, ids, values))
+
+    def set(self, robot: str = "", **variables: Any) -> MissionUnderTest:
+        """Set process variables: before the mission begins those that its instances start with."""
+        names = [robot] if robot else self.robots
+        for name in map(self.robot, names):
+            if self._run is None:
+                self._variables[name].update(variables)
+                continue
+            node = self.node(name)
+            for instance in node.engine.instances.values():
+                instance.root_variables.update(variables)
+            check_conditions(node.engine)
+            node.engine.run()
+            node.runner.poll()
+        return self.settle()
+
+    def fault(self, *where: str) -> MissionUnderTest:
+        """Break something of a robot now: ``fault("REX", "engine")``, or what its type can break."""
+        robot, (kind,) = self._split(where, 1)
+        return self._do(lambda: self.run.inject(Fault(robot, self.now, kind)))
+
+    # ---- what a test plays -----------------------------------------------------------------------------------------
+
+    def stub(
+        self,
+        behaviour: str,
+        *,
+        after: float = 0.0,
+        sets: Any = None,
+        raises: Any = None,
+        signals: Any = None,
+    ) -> Stub:
+        """Replace a behaviour (the called element of call activities): it takes `after` simulated s, then ends.
+
+        `sets` are the variables that it sets, or a function of the variables that gives them; `signals` the payloads of
+        signals that it throws, by name; `raises` the code of a BPMN error. A list is for successive calls; its last
+        value is repeated. Returns the stub, whose `calls` have robot and variables of each call.
+        """
+        if self._run is not None:
+            raise ConfigError(
+                f"stub({behaviour!r}): expected before the mission begins: what it calls is compiled then"
+            )
+        return self.library.stub(self.files(), behaviour, after=after, sets=sets, raises=raises, signals=signals)
+
+    def fake_topic(self, topic: str, type: str = "", **given: Any) -> Any:
+        """Play a publisher; see `fame.testing.fakes.FakeTopic`."""
+        return self.fakes.topic(topic, type, **given)
+
+    def fake_service(self, name: str, type: str, **given: Any) -> Any:
+        """Play a service; see `fame.testing.fakes.FakeService`."""
+        return self.fakes.service(name, type, **given)
+
+    def fake_action(self, name: str, type: str, **given: Any) -> Any:
+        """Play an action server; see `fame.testing.fakes.FakeAction`."""
+        return self.fakes.action(name, type, **given)
+
+    def person(self, tasks: Mapping[str, Mapping[str, Any] | None], *, robot: str = "", after: float = 0.0) -> None:
+        """Play a person who completes tasks `after` simulated s, whenever a token waits there: task -> results."""
+        self.fakes.person(self.robot(robot), tasks, after)
+
+    # ---- what is expected ------------------------------------------------------------------------------------------
+
+    def expect(self, robot: str = "") -> Expectation:
+        """What is expected of a robot."""
+        return Expectation(self, self.robot(robot))
+
+    def published(self, topic: str) -> list[Published]:
+        """What processes have published on a topic, with times, in order. Raises ConfigError for an unknown topic."""
+        full = resolve(topic, self.robots[0] if len(self.robots) == 1 else "")
+        known = self.run.middleware.topics
+        if full not in known:
+            raise ConfigError(f"no process uses the topic {full}; {suggestion(full, sorted(known))}")
+        others = set(known[full].info().publishers)
+        if full not in self._published and others and others.isdisjoint(self._engines):
+            raise ConfigError(f"no process publishes on {full}: {', '.join(sorted(others))} does")
+        return list(self._published.get(full, ()))
+
+    # ---- life ------------------------------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        plan = replace(self.scenario, library=self.library, variables=self._variables)
+        metadata = {"seed": str(plan.seed), "scenario": Path(plan.file).name, "command": "pytest"}
+        stream = recording_to(lambda: self._recording, self.files(), About(metadata=metadata))
+        self._recorder: Recorder = self._resources.enter_context(stream)
+        observer = combine_observers([self.trace, _UntilSaved(self._recorder, lambda: self._saved is None)])
+        self._run = Run(plan, False, observer, None, services=self.library.services)
+        self._outside = self._run.middleware.node("test")
+        self._engines = {node.node.full_name: node.name for node in self._run.nodes}
+        self._run.middleware.tap(self._record)
+        self.fakes.begin()
+        self._run.begin()
+        self._run.scheduler.run(0)
+        pending, self._pending = self._pending, []
+        for action in pending:
+            action()
+        self._run.scheduler.run(0)
+
+    def _record(self, publisher: LocalPublisher) -> Callable[[Any], object] | None:
+        """Keep what a process publishes."""
+        robot = self._engines.get(publisher.node.full_name)
+        if robot is None:
+            return None
+        kept, scheduler = self._published.setdefault(publisher.topic, []), self.run.scheduler
+        return lambda message: kept.append(Published(scheduler.now / SECOND, robot, message))
+
+    def _do(self, action: Callable[[], object]) -> MissionUnderTest:
+        """Act now, or when the mission begins."""
+        if self._run is None:
+            self._pending.append(action)
+            return self
+        action()
+        return self.settle()
+
+    def settle(self) -> MissionUnderTest:
+        """Let happen what is due at the present instant."""
+        if self._run is not None:
+            self._run.scheduler.run(self._run.scheduler.now)
+        return self
+
+    def _addressed(self, given: Sequence[Any], fields: Mapping[str, Any]) -> tuple[str, str, Any]:
+        """Robot (or empty), topic and payload."""
+        robot = given[0] if len(given) > 1 and given[0] in self.scenario.cast else ""
+        rest = given[1:] if robot else given
+        if not rest or len(rest) > 2 or not isinstance(rest[0], str) or (len(rest) == 2 and fields):
+            raise ConfigError(f"expected a topic and its payload or fields, got {', '.join(map(repr, given))}")
+        topic = rest[0] if rest[0].startswith(("/", "~/")) else f"/{rest[0]}"
+        return robot, topic, rest[1] if len(rest) == 2 else dict(fields) or None
+
+    def _split(self, where: Sequence[str], count: int) -> tuple[str, Sequence[str]]:
+        """A robot, if it is named, and the other arguments."""
+        if len(where) not in (count, count + 1):
+            raise ConfigError(f"expected {count} arguments, or a robot before them, got {', '.join(map(repr, where))}")
+        return self.robot(where[0] if len(where) > count else ""), where[-count:]
+
+    def _publish(self, robot: str, topic: str, payload: Any) -> None:
+        if robot or topic.startswith("~"):
+            self.node(robot).deliver(topic, payload)
+            return
+        known = self.run.middleware.topics
+        if topic not in known:
+            raise ConfigError(f"no process uses the topic {topic}; {suggestion(topic, sorted(known))}")
+        publisher = self._outside.publisher(topic, known[topic].type)
+        publisher.publish(messages.create(known[topic].type, payload))
+
+    def _complete(self, robot: str, ids: frozenset[str], values: Mapping[str, Any]) -> None:
+        waits = [wait.element for wait in self.node(robot).waiting_tokens() if wait.element in ids]
+        self.node(robot).complete(waits[0] if waits else min(ids), values)
+
+    def save(self) -> list[str]:
+        """Save the recording and the diagrams of the run, once. Returns a line for each file."""
+        if self._saved is None:
+            self._saved = []
+            if self._run is not None:
+                try:
+                    self._saved = [f"saved: {path}" for path in self._write()]
+                except OSError as error:  # a full disk hides no failure
+                    self._saved = [f"not saved: {error}"]
+        return self._saved
+
+    def _write(self) -> Iterator[Path]:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._resources.close()
+        recording = self._folder / "run.mcap"
+        recording.write_bytes(self._recording.getvalue())
+        yield recording
+        yield from save_diagrams(self, self._folder)
+
+    def close(self) -> None:
+        """End the mission."""
+        if self._run is not None:
+            self._run.stop()
+        self._resources.close()
+        self._on_close(self)
+
+
+class _Buffer(io.BytesIO):
+    """A buffer that keeps what was written when it is closed."""
+
+    def close(self) -> None:
+        """Keep the content."""
+
+
+class _UntilSaved:
+    """Passes events on to a recorder as long as the recording is open."""
+
+    def __init__(self, recorder: Recorder, is_open: Callable[[], bool]) -> None:
+        self._recorder, self._is_open = recorder, is_open
+
+    def __call__(self, event: Event) -> None:
+        if self._is_open():
+            self._recorder(event)
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Pass on what happened at one instant."""
+        if self._is_open():
+            self._recorder.trail(time, robot, trail)
+
+    def watch(self, node: RobotNode) -> Callable[[], object]:
+        """Record this robot."""
+        step = self._recorder.watch(node)
+        return lambda: step() if self._is_open() else None
+
+    def watch_world(self, record: Callable[[Callable[[str, int, str], object]], object]) -> None:
+        """Record a simulated world."""
+        self._recorder.watch_world(
+            lambda put: record(lambda topic, time, text: put(topic, time, text) if self._is_open() else None)
+        )
+
+
+class MissionLoader:
+    """The fixture ``mission``: loads missions, relative to the file of the test or to the folder of pytest.
+
+    `folder` is where a failed mission is saved; `on_close` is called with each mission at the end of the test.
+    """
+
+    def __init__(
+        self,
+        folder: Callable[[], Path],
+        search: Sequence[Path] = (),
+        on_close: Callable[[MissionUnderTest], object] = lambda mission: None,
+    ) -> None:
+        self.loaded: list[MissionUnderTest] = []
+        self._folder, self._search, self._on_close = folder, search, on_close
+
+    def load(self, path: str | Path, **options: Any) -> MissionUnderTest:
+        """Load a model (.bpmn) or a scenario (.yaml); `options` are those of `fame.Scenario.load`: seed, faults ...
+
+        A model alone has robots without a world. Raises ConfigError and ModelError.
+        """
+        found = next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))
+        scenario = Scenario.load(found, **options)
+        number = f"-{len(self.loaded) + 1}" if self.loaded else ""
+        mission = MissionUnderTest(scenario, self._folder() / f"mission{number}", self._on_close)
+        self.loaded.append(mission)
+        return mission
+
+    def close(self) -> None:
+        """End all missions."""
+        for mission in self.loaded:
+            mission.close()

@@ -1,0 +1,73 @@
+"""What has happened in a mission under test, and where: the observer that expectations and coverage read."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from fame.engine.state import Scope, Trail
+from fame.robot import Event
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What happened at an element: `what` as in `fame.engine`; `order` counts all steps; `time` in ns."""
+
+    order: int
+    time: int
+    robot: str
+    element: str
+    what: str
+    detail: object
+
+
+class Trace:
+    """An observer that keeps what happened, by robot and element. `homes`: robot -> file of its process.
+
+    steps      in order
+    covered    (file, element id) of each element that was entered and each flow that was taken
+    listeners  called with each step
+    """
+
+    def __init__(self, homes: Mapping[str, str]) -> None:
+        self._homes = homes
+        self.steps: list[Step] = []
+        self.covered: set[tuple[str, str]] = set()
+        self._at: defaultdict[tuple[str, str], list[Step]] = defaultdict(list)
+        self.listeners: list[Callable[[Step], object]] = []
+
+    def __call__(self, event: Event) -> None:
+        self._add(event.time, event.robot, event.element, event.what, event.detail)
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Keep what happened at one instant."""
+        for scope, marks in trail:
+            file = self._file(robot, scope)
+            for element, what, detail in marks:
+                self._add(time, robot, element, what, detail)
+                if what in ("enter", "take"):
+                    self.covered.add((file, element))
+
+    def of(self, robot: str, elements: frozenset[str], what: str) -> list[Step]:
+        """The steps of one kind at some elements of a robot, in order."""
+        steps = [step for element in elements for step in self._at[robot, element] if step.what == what]
+        return sorted(steps, key=lambda step: step.order)
+
+    def _add(self, time: int, robot: str, element: str, what: str, detail: object) -> None:
+        step = Step(len(self.steps), time, robot, element, what, detail)
+        self.steps.append(step)
+        self._at[robot, element].append(step)
+        for listener in self.listeners:
+            listener(step)
+
+    def _file(self, robot: str, scope: Scope) -> str:
+        """The file of the elements in a scope: that of the innermost call around it, else of the process."""
+        found: Scope | None = scope
+        while found is not None:
+            opening = getattr(found.body, "opening", None)  # the body of a process that nothing calls has none
+            if opening is not None:
+                file: str = opening.file
+                return file
+            found = found.parent
+        return self._homes[robot]

@@ -1,0 +1,318 @@
+"""Tests of missions: what drives them, what is expected of them, what a failed expectation shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from action_server import DRIVE
+from bpmn_text import process, properties
+
+from fame.errors import ConfigError, MessageError
+from fame.testing import ExpectationError, MissionLoader, MissionUnderTest
+
+pytest_plugins = ["pytester"]
+ROOT = Path(__file__).parent.parent
+VEHICLES = ROOT / "models" / "ground_vehicles.bpmn"
+FOUND = {"target_found": {"x": 1.0, "y": 2.0}}
+
+
+def flows(*pairs: str) -> str:
+    """Sequence flows between elements of one letter: ``flows("st", "te")``."""
+    return "".join(f'<sequenceFlow id="{a}{b}" sourceRef="{a}" targetRef="{b}"/>' for a, b in pairs)
+
+
+def signal_of(id: str, **said: str) -> str:
+    return f'<signalEventDefinition id="d_{id}" signalRef="{id}"/>' if not said else properties(**said)
+
+
+@pytest.fixture
+def vehicles(mission: MissionLoader) -> MissionUnderTest:
+    """Two cars without a world; REX finds the target after 2 s."""
+    loaded = mission.load(VEHICLES)
+    loaded.stub("Explore", after=2, signals=FOUND)
+    return loaded
+
+
+def one(folder: Path, content: str, root: str = "") -> Path:
+    """A model with one process."""
+    path = folder / "mission.bpmn"
+    path.write_text(process(content, root))
+    return path
+
+
+# ---- driving ---------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_runs_before_the_first_advance(vehicles: MissionUnderTest) -> None:
+    assert not vehicles.begun
+    assert (vehicles.now, vehicles.trace.steps) == (0.0, [])
+    vehicles.advance(0)
+    assert vehicles.begun
+    vehicles.expect("REX").waits_at("Explore")
+
+
+def test_a_mission_goes_on_to_an_element_and_tells_the_way(vehicles: MissionUnderTest) -> None:
+    go = vehicles.stub("GoTo", after=3)
+    vehicles.run_until("DINGO", at="Go To")
+    assert vehicles.now == 2
+    vehicles.expect("REX").passed("Explore").before("done").within(2)
+    vehicles.expect("DINGO").never_entered("Fire").has(x_target=1.0, y_target=2.0)
+    vehicles.expect("DINGO").completed(within=10)
+    vehicles.expect("REX").completed()
+    assert [(call.robot, call.variables["x_goal"]) for call in go.calls] == [("DINGO", 1.0)]
+    (found,) = vehicles.published("/target_found")
+    assert (found.time, found.robot, found.message.y) == (2.0, "REX", 2.0)
+
+
+def test_a_signal_before_the_beginning_arrives_when_all_have_started(mission: MissionLoader) -> None:
+    m = mission.load(VEHICLES)
+    m.stub("Explore")
+    m.stub("GoTo")
+    m.signal("target_found", x=3.0, y=0.5).advance(0)
+    m.expect("DINGO").passed("Go To", times=1)
+
+
+def test_it_runs_until_a_topic_a_robot_or_a_condition(vehicles: MissionUnderTest) -> None:
+    vehicles.stub("GoTo", after=3)
+    assert vehicles.run_until(published="/target_found").now == 2
+    assert vehicles.run_until(condition=lambda: vehicles.now >= 2).now == 2
+    vehicles.run_until(completed="REX")
+    vehicles.expect("REX").passed("done").after("Explore")
+
+
+def test_variables_are_set_before_and_while_it_runs(mission: MissionLoader, tmp_path: Path) -> None:
+    waits = '<conditionalEventDefinition id="c"><condition>x &gt; limit</condition></conditionalEventDefinition>'
+    content = f'<startEvent id="s"/><intermediateCatchEvent id="w">{waits}</intermediateCatchEvent><endEvent id="e"/>'
+    m = mission.load(one(tmp_path, content + flows("sw", "we")))
+    m.set(x=1, limit=3).advance(1)
+    m.expect().waits_at("w").has(x=1)
+    m.set(x=4)
+    m.expect().completed()
+
+
+def test_people_complete_tasks(mission: MissionLoader, tmp_path: Path) -> None:
+    content = '<startEvent id="s"/><userTask id="u" name="Sign it"/><userTask id="v"/><endEvent id="e"/>'
+    m = mission.load(one(tmp_path, content + flows("su", "uv", "ve")))
+    m.person({"Sign it": {"approved": True}}, after=5)
+    m.run_until(at="v")
+    assert m.now == 5
+    m.complete("v", count=2)
+    m.expect().completed().has(approved=True, count=2)
+
+
+def test_an_instance_that_fails_is_expected_by_its_code(vehicles: MissionUnderTest) -> None:
+    vehicles.stub("GoTo", after=1, raises="blocked")
+    vehicles.expect("DINGO").failed("blocked", at="Go To", within=10)
+    with pytest.raises(ExpectationError, match="with code 'lost', but it failed with code 'blocked'"):
+        vehicles.expect("DINGO").failed("lost")
+
+
+# ---- failures --------------------------------------------------------------------------------------------------------
+
+
+def test_a_failed_expectation_shows_tokens_reasons_and_events_and_saves_the_run(mission: MissionLoader) -> None:
+    m = mission.load(VEHICLES)
+    m.stub("Explore", after=2)
+    m.stub("GoTo")
+    with pytest.raises(ExpectationError) as caught:
+        m.expect("DINGO").completed(within=60)
+    lines = str(caught.value).splitlines()
+    assert lines[0] == "DINGO: expected to have completed within 60 s"
+    assert '  REX  at "done" (Event_DoneCaught) since 2 s, waits for topic /done' in lines
+    start = '  DINGO  at "target_found" (Event_TargetFound), waits for its start on topic /target_found'
+    assert any(line.startswith(start) for line in lines)
+    assert '      2.000 s  REX  left "Explore" (Activity_Explore)' in lines
+    saved = [Path(line.removeprefix("saved: ")) for line in lines if line.startswith("saved: ")]
+    assert [path.name for path in saved] == ["run.mcap", "ground_vehicles.svg"]
+    assert "waiting" in saved[1].read_text()
+    from fame.log import Recording
+
+    with Recording(saved[0]) as recording:
+        assert "REX" in recording.robots
+
+
+@pytest.mark.parametrize(
+    ("expected", "text"),
+    [
+        (lambda e: e.passed("Fire"), 'expected to have passed "Fire" (Activity_Fire), but it was never entered'),
+        (lambda e: e.passed("Go To", times=2), "expected to have passed"),
+        (lambda e: e.never_entered("Go To"), "but it was entered at 2 s"),
+        (lambda e: e.waits_at("Fire"), "but it was never entered"),
+        (lambda e: e.entered("Go To").before("target_found"), 'and "target_found" (Event_TargetFound) was entered'),
+        (lambda e: e.entered("Go To").within(1), "within 1 s, but it was at 2 s"),
+        (lambda e: e.has(x_target=7), "expected the variable x_target = 7, but it is 1.0"),
+        (lambda e: e.has(speed=7), "expected the variable speed = 7, but it is not set"),
+        (lambda e: e.failed(), "but it has not failed"),
+    ],
+)
+def test_what_does_not_hold_is_said(vehicles: MissionUnderTest, expected: object, text: str) -> None:
+    vehicles.stub("GoTo", after=30)
+    vehicles.run_until("DINGO", at="Go To")
+    with pytest.raises(ExpectationError) as caught:
+        expected(vehicles.expect("DINGO"))  # type: ignore[operator]
+    assert text in str(caught.value).splitlines()[0]
+
+
+def test_unknown_names_get_similar_ones(vehicles: MissionUnderTest) -> None:
+    with pytest.raises(
+        ConfigError, match=r"""REX has no element 'Exploe'; did you mean "Explore" \(Activity_Explore\)"""
+    ):
+        vehicles.expect("REX").passed("Exploe")
+    with pytest.raises(ConfigError, match="unknown robot 'REKS'; known are: REX, DINGO"):
+        vehicles.expect("REKS")
+    with pytest.raises(ConfigError, match="name the robot first: robots are REX, DINGO"):
+        vehicles.expect()
+    with pytest.raises(ConfigError, match="no process uses the topic /target_fond; did you mean '/target_found'"):
+        vehicles.signal("/target_fond")
+    with pytest.raises(ConfigError, match="no process uses the topic /odom"):
+        vehicles.published("/odom")
+
+
+def test_an_element_that_is_not_reached_ends_the_run_when_nothing_can_happen(vehicles: MissionUnderTest) -> None:
+    vehicles.stub("GoTo", raises="blocked")
+    with pytest.raises(ExpectationError, match=r'DINGO: expected to come to "Fire" \(Activity_Fire\) within 600 s'):
+        vehicles.run_until("DINGO", at="Fire")
+
+
+# ---- stubs -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_stub_has_other_results_at_successive_calls(mission: MissionLoader, tmp_path: Path) -> None:
+    loop = (
+        '<startEvent id="s"/><callActivity id="c" calledElement="GoTo"/><boundaryEvent id="b" attachedToRef="c">'
+        '<errorEventDefinition id="d"/></boundaryEvent><endEvent id="e"/>'
+    )
+    m = mission.load(one(tmp_path, loop + flows("sc", "bc", "ce")))
+    go = m.stub("GoTo", after=[1, 2, 3], raises=["blocked", "blocked", None], sets=lambda found: {"done": True})
+    m.expect().completed(within=6).has(done=True)
+    assert (m.now, len(go.calls)) == (6.0, 3)
+    m.expect().passed("b", times=2)
+
+
+def test_a_behaviour_of_the_library_may_be_named_that_nothing_calls(vehicles: MissionUnderTest) -> None:
+    assert vehicles.stub("Sweep").calls == []
+    with pytest.raises(
+        ConfigError, match=r"stub: no behaviour 'Gooto' is called or in the library; did you mean 'GoTo'"
+    ):
+        vehicles.stub("Gooto")
+    with pytest.raises(ConfigError, match="stub: after: expected seconds from 0 on, got -1"):
+        vehicles.stub("GoTo", after=-1)
+    vehicles.advance(0)
+    with pytest.raises(ConfigError, match="expected before the mission begins"):
+        vehicles.stub("GoTo")
+
+
+# ---- fakes -----------------------------------------------------------------------------------------------------------
+
+LISTEN = """<startEvent id="s"/><scriptTask id="t"><script>
+seen = []
+for number in range(3):
+    message = await receive("range", "sensor_msgs/msg/Range")
+    seen.append((round(message.range, 3), round(now() , 3)))
+</script></scriptTask><endEvent id="e"/>""" + flows("st", "te")
+RANGE = "sensor_msgs/msg/Range"
+
+
+@pytest.mark.parametrize("way", ["values", "series", "csv"])
+def test_a_fake_topic_says_its_values_at_their_times(mission: MissionLoader, tmp_path: Path, way: str) -> None:
+    table = tmp_path / "range.csv"
+    table.write_text("stamp,range\n0,1.5\n2,1.25\n4,1.0\n")
+    m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    said = {
+        "values": {"values": [{"range": 1.5}, {"range": 1.25}, {"range": 1.0}], "every": 2},
+        "series": {"series": {0: {"range": 1.5}, 2: {"range": 1.25}, 4: {"range": 1.0}}},
+        "csv": {"csv": table},
+    }[way]
+    m.fake_topic("/P/range", RANGE, **said)
+    m.expect().completed(within=10).has(seen=[(1.5, 0.0), (1.25, 2.0), (1.0, 4.0)])
+
+
+def test_a_fake_of_the_wrong_type_is_refused_with_the_field(mission: MissionLoader, tmp_path: Path) -> None:
+    m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    m.fake_topic("/P/range", RANGE, values=[{"rnge": 1.5}])
+    with pytest.raises(MessageError, match=r"sensor_msgs/msg/Range: .*rnge"):
+        m.advance(1)
+
+
+def test_a_fake_topic_of_another_type_than_the_mission_uses_is_refused(mission: MissionLoader, tmp_path: Path) -> None:
+    m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    m.fake_topic("/P/range", "std_msgs/msg/String", values=["far"])
+    with pytest.raises(MessageError, match="topic /P/range is in use with sensor_msgs/msg/Range"):
+        m.advance(1)
+    other = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    other.fake_topic("/P/rang")
+    with pytest.raises(ConfigError, match="no process uses the topic /P/rang; did you mean '/P/range'"):
+        other.advance(1)
+
+
+def test_a_table_without_stamps_is_refused_with_its_line(mission: MissionLoader, tmp_path: Path) -> None:
+    table = tmp_path / "range.csv"
+    m = mission.load(one(tmp_path, LISTEN.replace("now()", "robot.now")))
+    table.write_text("time,range\n0,1\n")
+    with pytest.raises(ConfigError, match=r"range.csv:1: expected a column stamp \(s\), got the columns time, range"):
+        m.fake_topic("/P/range", RANGE, csv=table)
+    table.write_text("stamp,range\nsoon,1\n")
+    with pytest.raises(ConfigError, match=r"range.csv:2: stamp: "):
+        m.fake_topic("/P/range", RANGE, csv=table)
+
+
+ASK = '<startEvent id="s"/><serviceTask id="t" camunda:resultVariable="answer">{}</serviceTask><endEvent id="e"/>'
+
+
+def test_a_fake_service_answers_after_its_time(mission: MissionLoader, tmp_path: Path) -> None:
+    said = properties(service="/enable", type="std_srvs/srv/SetBool", payload="{data: true}")
+    m = mission.load(one(tmp_path, ASK.format(said) + flows("st", "te")))
+    enable = m.fake_service(
+        "/enable", "std_srvs/srv/SetBool", response=lambda asked: {"success": asked.data}, after=1.5
+    )
+    m.expect().completed(within=5)
+    assert (m.variables()["answer"].success, m.now, len(enable.requests)) == (True, 1.5, 1)
+    with pytest.raises(MessageError, match="sucess"):
+        m.fake_service("/enable", "std_srvs/srv/SetBool", response={"sucess": True})
+
+
+@pytest.mark.parametrize(("fail", "code"), [(False, None), (True, "aborted"), ("rejected", "rejected")])
+def test_a_fake_action_gives_feedback_and_a_result(
+    mission: MissionLoader, tmp_path: Path, fail: bool | str, code: str | None
+) -> None:
+    said = properties(service="/drive", type=DRIVE, payload="{distance: 3}", feedback="so_far")
+    m = mission.load(one(tmp_path, ASK.format(said) + flows("st", "te")))
+    drive = m.fake_action(
+        "/drive", DRIVE, after=4, feedback=[{"remaining": 2}, {"remaining": 1}], result={"driven": 3}, fail=fail
+    )
+    if code is not None:
+        m.expect().failed(code, within=10)
+        return
+    m.advance(2)
+    assert m.variables()["so_far"].remaining == 2
+    m.expect().completed(within=10)
+    assert (m.variables()["answer"].driven, m.now) == (3.0, 4.0)
+    assert [goal.distance for goal in drive.goals] == [3.0]
+
+
+# ---- the plugin ------------------------------------------------------------------------------------------------------
+
+
+def test_the_report_of_a_failed_test_has_the_state_of_its_missions(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        f"""
+        def test_it(mission):
+            m = mission.load({str(VEHICLES)!r})
+            m.stub("Explore", after=2)
+            m.advance(5)
+            assert m.now == 3
+        """
+    )
+    result = pytester.runpytest_inprocess("-p", "fame.testing.plugin")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ["*assert 5.0 == 3*", "*mission ground_vehicles.bpmn*", "at 5 s", '*REX  at "done"*', "saved: *run.mcap"]
+    )
+
+
+def test_a_model_is_found_beside_the_test(pytester: pytest.Pytester) -> None:
+    folder = pytester.mkdir("missions")
+    one(folder, '<startEvent id="s"/>')
+    (folder / "test_it.py").write_text("def test_it(mission):\n    mission.load('mission.bpmn').expect().completed()\n")
+    pytester.runpytest_inprocess("-p", "fame.testing.plugin", str(folder)).assert_outcomes(passed=1)
