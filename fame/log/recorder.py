@@ -124,6 +124,8 @@ class TopicRecorder:
     def _tap(self, publisher: Any) -> Callable[[Any], object] | None:
         """What records the messages of a publisher; it is chosen at its first message, when all endpoints exist."""
         chosen: list[tuple[RecordingFile, int] | None] = []
+        if "/msg/" not in publisher.type:  # feedback of an action: rosbags cannot write the definition of its type
+            return None
 
         def on_message(message: Any) -> None:
             if not chosen:

@@ -328,7 +328,7 @@ class MissionUnderTest:
     def _begin(self) -> None:
         plan = replace(self.scenario, library=self.library, variables=self._variables)
         metadata = {"seed": str(plan.seed), "scenario": Path(plan.file).name, "command": "pytest"}
-        stream = recording_to(lambda: self._recording, self.files(), About(metadata=metadata))
+        stream = recording_to(lambda: self._recording, self.files(), About(metadata=metadata), "signals")
         self._recorder: Recorder = self._resources.enter_context(stream)
         observer = combine_observers([self.trace, _UntilSaved(self._recorder, lambda: self._saved is None)])
         self._run = Run(plan, False, observer, None, services=self.library.services)
