@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fame.deploy import EngineNode
     from fame.middleware.interface import Middleware
     from fame.robot import Event
+    from fame.robot.journal import StateDirectory
 
 STUCK = 10.0
 """How long one call that nothing can interrupt may compute before it ends the engine (s of processor time)."""
@@ -29,7 +30,8 @@ _OPEN = f"{OPEN}: give --trust FILE.pub, or --insecure to take what anybody send
 def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
-        commands, "engine", run, examples=("fame engine REX --type car", "fame engine Tractor_1 --type tractor"),
+        commands, "engine", run,
+        examples=("fame engine REX --type car", "fame engine Tractor_1 --type tractor --state state/Tractor_1"),
         help="run one robot's engine: it waits for its process on /NAME/bpmn_process",
     )  # fmt: skip
     parser.add_argument("name", type=_name, metavar="NAME", help="the robot's name and namespace")
@@ -63,6 +65,13 @@ def add(commands: Commands) -> None:
         "--files", type=Path, metavar="DIR",
         help="folder of the files that service tasks name, such as learned models (default: the current folder)",
     )  # fmt: skip
+    parser.add_argument(
+        "--state", type=Path, metavar="DIR",
+        help="keep the mission on disk: after a crash the same command goes on where it was (docs/durability.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fresh", action="store_true", help="with --state: start over, and set the old state aside in DIR/old-N"
+    )
     add_network(parser)
     add_library(parser)
 
@@ -103,6 +112,7 @@ def _serve(arguments: Namespace) -> None:
     if arguments.network is not None and not guarded:
         raise FameError(_OPEN)
     safe, suspended = _safe_states(arguments.type)
+    state = _state(arguments)
     library = None
     if arguments.library:  # without it, an engine needs none before its first process
         from fame.bpmn.library import Library
@@ -139,14 +149,32 @@ def _serve(arguments: Namespace) -> None:
             unsigned_tasks=arguments.unsigned_tasks,
             files=arguments.files,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
+            state=state,
         )
         if time is not None:
             time.on_jump = engine.warn
         preload(scheduler, lambda: engine.state == "waiting", lambda: len(engines(middleware)))
-        say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
+        if engine.resuming:
+            say_ready(f"{arguments.name} goes on with its mission from {arguments.state}")
+        else:
+            say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
 
     serve(arguments.middleware, arguments.network, build)
+
+
+def _state(arguments: Namespace) -> StateDirectory | None:
+    """The directory of the engine's state. Raises ConfigError."""
+    if arguments.state is None:
+        if arguments.fresh:
+            raise ConfigError("--fresh needs --state DIR: without it no state is kept")
+        return None
+    from fame.robot.journal import StateDirectory
+
+    state = StateDirectory(arguments.state)
+    if arguments.fresh and (old := state.set_aside()) is not None:
+        note(f"the old state is in {old}")
+    return state
 
 
 def _epoch(scheduler: WallScheduler, *, simulated: bool) -> datetime:

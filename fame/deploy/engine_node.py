@@ -17,7 +17,9 @@ from fame.deploy.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope, Pro
 from fame.deploy.loading import Candidate, Work, load
 from fame.deploy.machine import Machine
 from fame.deploy.requests import TaskRequest, TaskServer
+from fame.deploy.resumption import StateKeeper, Stored
 from fame.deploy.robot_protocol import (
+    MATCHING,
     Action,
     AskOthers,
     AwaitSender,
@@ -39,12 +41,13 @@ from fame.deploy.robot_protocol import (
     Run,
     ScheduleLoad,
     Stopped,
+    resumed,
     step,
 )
 from fame.deploy.signing import Identity, verify, verify_signature
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
-from fame.errors import DeploymentError, FameError
+from fame.errors import ConfigError, DeploymentError, FameError
 from fame.middleware.interface import Middleware, Node
 
 if TYPE_CHECKING:
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
 
     from fame.bpmn.library import Library
     from fame.robot import Event as RobotEvent, RobotNode, Service
+    from fame.robot.journal import StateDirectory
 
 
 class EngineNode:
@@ -60,7 +64,8 @@ class EngineNode:
     `observer`, `safe_state` and others: as of `fame.robot.RobotNode`. With `trusted` public keys it takes only what one
     of them signed, and signs its reports with the key of its `identity`, or one made now; with `unsigned_tasks`
     requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that
-    is not `scheduler`: one of simulated time, and `epoch` the date of its second 0.
+    is not `scheduler`: one of simulated time, and `epoch` the date of its second 0. In the directory `state`
+    the mission is kept on disk: what was running when the engine before ended goes on.
 
     Raises FameError, from the scheduler's `run`, if an older engine of the same robot reports before this one has a
     process.
@@ -90,6 +95,7 @@ class EngineNode:
         wall_time: Callable[[], float] = time.time,
         time: Scheduler | None = None,
         epoch: datetime = EPOCH,
+        state: StateDirectory | None = None,
         files: Path | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
@@ -106,6 +112,7 @@ class EngineNode:
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
             "epoch": epoch,
+            "durable": state is not None,
             "files": files,
             "on_end": lambda instance: self.status.publish(),
         }
@@ -114,6 +121,9 @@ class EngineNode:
         self.running: RobotNode | None = None
         self.candidate: Candidate | None = None
         self._loaded: RobotNode | None = None  # on its way to be a candidate
+        self._stored: Stored | None = None  # what was running before, until it goes on
+        self._resuming: Candidate | None = None
+        self._keeper = StateKeeper(state, robot, scheduler, self._on_disk_trouble) if state is not None else None
         self._protocol: Machine[RobotState, Event, Action] = Machine(RobotState(robot), step, self._perform)
         self._absences = Absences()
         self._refusals = {
@@ -146,12 +156,15 @@ class EngineNode:
             "refused", reason=str(warning), cause=warning.kind
         )
         self._tasks = TaskServer(self.node, lambda: self.running, self.status.publish, self._verify_task)
+        self._resume()
         self.status.begin()
 
     @property
     def state(self) -> str:
         """See `Report`."""
         protocol = self._protocol.state
+        if self.resuming:
+            return "loading"
         if protocol.candidate is None:
             return "loading" if protocol.loading is not None else state_of(self.running)
         if protocol.candidate.stage != "ready":
@@ -280,6 +293,8 @@ class EngineNode:
             case Run():
                 self._close_running()
                 self.running, self.candidate = candidate.process, None
+                if self._keeper is not None:
+                    self._keeper.begin(candidate.envelope, self.running)
                 self.running.start()
 
     def _load(self, envelope: Envelope) -> None:
@@ -313,9 +328,62 @@ class EngineNode:
 
     def _close_running(self) -> None:
         """The safe state comes last: scripts that leave may have commanded something else."""
+        self._stop_resuming()
         if self.running is not None:
             self.running.host.make_safe("terminated")
             self.running.close()
+
+    # ---- what was running when the engine ended ----------------------------------------------------------------------
+
+    @property
+    def resuming(self) -> bool:
+        """Whether a mission of before is being loaded, or waits for its topics."""
+        return self._stored is not None
+
+    def _resume(self) -> None:
+        """Load what was running. Raises ConfigError for a state that cannot be used."""
+        stored = self._stored = self._keeper.read(self._trusted) if self._keeper is not None else None
+        if stored is None:
+            return
+        envelope = stored.envelope
+        self._protocol.state = resumed(self.robot, envelope)
+        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options)
+        Work(self.scheduler, task, partial(self._on_loaded_again, stored))
+
+    def _on_loaded_again(self, stored: Stored, result: RobotNode | FameError) -> None:
+        if isinstance(result, FameError):
+            raise ConfigError(f"the mission cannot be resumed: {result}; --fresh starts over")
+        if self._stored is not stored or self._stopped or self._keeper is None:
+            result.close()
+            return
+        go_on = self._keeper.resume(stored, result)
+        around: dict[str, Any] = {"node": self.node, "scheduler": self.scheduler, "middleware": self.middleware}
+        self._resuming = Candidate(stored.envelope, result, **around)
+        self._resuming.match(partial(self._go_on, go_on))
+
+    def _go_on(self, go_on: Callable[[], object], missing: Sequence[str]) -> None:
+        if self._resuming is None:
+            return
+        if missing:
+            self._note(f"goes on although nobody came to {', '.join(missing)} within {MATCHING:g} s")
+        self.running, self._resuming, self._stored = self._resuming.process, None, None
+        go_on()
+        self._note("goes on with its mission")
+
+    def _stop_resuming(self) -> None:
+        """Another deployment takes the place of what was to go on."""
+        self._stored = None
+        if self._resuming is not None:
+            self._resuming.close()
+            self._resuming = None
+
+    def _on_disk_trouble(self, reason: str) -> None:
+        """Hold the mission while its state cannot be written."""
+        running = self.running
+        if running is None:
+            return
+        self._note(f"holds: its state cannot be written: {reason}" if reason else "goes on: its state is written again")
+        self.scheduler.soon(running.hold if reason else running.release, Kind.RESUMPTION)
 
     # ---- the end ---------------------------------------------------------------------------------------------------
 
@@ -328,6 +396,8 @@ class EngineNode:
             self._tasks.close()
             for refusals in self._refusals.values():
                 refusals.close()
+            if self._keeper is not None:
+                self._keeper.stop()  # that this engine ends is no part of the mission
             self._protocol.handle(Stopped())
             if self.running is not None:
                 self.running.stop()

@@ -265,6 +265,19 @@ def read_envelope(text: str, robot: str, now: float) -> Envelope:
     return envelope
 
 
+def stored_envelope(text: str) -> Envelope:
+    """An envelope that an engine has kept as JSON. Raises DeploymentError."""
+    try:
+        found = json.loads(text)
+        found.pop("fame")
+        if found["phase"] != "run":
+            return _message(Envelope, found, _ENVELOPE)
+        bare = {**found, "phase": "load", "sequence": 0}  # a bare model is no envelope that is sent
+        return replace(_message(Envelope, bare, _ENVELOPE), phase="run", sequence=-1)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise DeploymentError(f"is not a deployment that an engine has kept: {error}", cause="syntax") from None
+
+
 def signed(envelope: Envelope, key: Any, *, born: int, now: float) -> Envelope:
     """An envelope signed `now` (s since 1970) for the engine that was `born` then; unchanged without a key."""
     from fame.deploy.signing import sign

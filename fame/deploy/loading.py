@@ -115,16 +115,24 @@ class Work(Generic[Result]):
 
 
 def load(
-    model: str, robot: str, *, library: Library | None, services: Mapping[str, Service] | None, **options: Any
+    model: str,
+    robot: str,
+    *,
+    library: Library | None,
+    services: Mapping[str, Service] | None,
+    durable: bool = False,
+    **options: Any,
 ) -> Task[RobotNode]:
     """A robot's node with the process of a .bpmn text, its endpoints made. `options` are those of `RobotNode`.
+
+    `durable`: its state is to be kept on disk, so that a model is refused whose state cannot be stored.
 
     A task of `Work`: the text is read, checked and compiled in a thread. Raises ModelError, MessageError, ConfigError,
     also for what would fail only when a token gets there; any other exception becomes a ModelError, since what runs
     must not end for a model that is to take its place.
     """
     try:
-        return (yield from _load(model, robot, library, services, options))
+        return (yield from _load(model, robot, library, services, durable, options))
     except FameError:
         raise
     except Exception as error:
@@ -136,9 +144,10 @@ def _load(
     robot: str,
     library: Library | None,
     services: Mapping[str, Service] | None,
+    durable: bool,
     options: Mapping[str, Any],
 ) -> Task[RobotNode]:
-    mission = yield partial(_read, model, robot, library, services)
+    mission = yield partial(_read, model, robot, library, services, durable)
     from fame.monitor.services import SERVICES
     from fame.robot import RobotNode
 
@@ -152,7 +161,9 @@ def _load(
     return node
 
 
-def _read(model: str, robot: str, library: Library | None, services: Mapping[str, Service] | None) -> Mission:
+def _read(
+    model: str, robot: str, library: Library | None, services: Mapping[str, Service] | None, durable: bool
+) -> Mission:
     import fame.monitor.services  # noqa: F401
     from fame.bpmn.library import Library
     from fame.bpmn.reader import read_text
@@ -165,7 +176,12 @@ def _read(model: str, robot: str, library: Library | None, services: Mapping[str
     pools = [pool for pool in definitions.participants if pool.process]
     process = choose_process(definitions, pools[0].process if len(pools) == 1 else None)
     refuse_literals(definitions, [process], library)
-    return make_mission(definitions, process, library=library, services=services)
+    mission = make_mission(definitions, process, library=library, services=services)
+    if durable:
+        from fame.robot.stored_values import refuse_unstorable
+
+        refuse_unstorable(mission)
+    return mission
 
 
 # ---- before the first model ------------------------------------------------------------------------------------------

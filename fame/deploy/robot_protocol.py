@@ -107,6 +107,12 @@ class RobotState:
         return self.candidate if same else None
 
 
+def resumed(robot: str, envelope: Envelope) -> RobotState:
+    """The state of a robot whose engine goes on with what it had been running."""
+    answers = (Reply("started", envelope.deployment),)
+    return RobotState(robot, running=replace(envelope, model=""), newest=envelope.order, answers=answers)
+
+
 # ---- events ----------------------------------------------------------------------------------------------------------
 
 

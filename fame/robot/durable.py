@@ -17,6 +17,7 @@ property ``retry`` says.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any, Literal, Protocol
@@ -48,6 +49,14 @@ _RETRY_DISK = SECOND
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
+_Effect = tuple[str, list[Any], Callable[[], object]]
+"""Its id, what is recorded of it, and what lets it leave."""
+
+
+def _nothing() -> None:
+    """What is done around the writing of a state if nothing is."""
+
+
 class Settings(Protocol):
     """What the elements of a mission say about resumption."""
 
@@ -66,15 +75,18 @@ class Recorder:
         self, node: RobotNode, journal: Journal, *, on_trouble: Callable[[str], object] = lambda text: None
     ) -> None:
         self.node, self.journal, self._on_trouble = node, journal, on_trouble
-        journal.failed = lambda error: self._fail(error, unsynced=True)
+        journal.failed = self._fail
         self._settings = mission_settings(node)
         self._tables = StateTables(node.engine, self._report_unstorable)
-        self._outbox: list[tuple[str, list[Any], Callable[[], object]]] = []
+        self._outbox: list[_Effect] = []
+        self._unsynced: list[_Effect] = []
         self._effects: dict[str, list[Any]] = {}
         self._next_effect = 1
         self._requests: dict[Wait, list[str]] = {}
         self._made: dict[Wait, int] = {}
         self._ended: dict[str, Any] = {}
+        self._before: Callable[[], object] = _nothing
+        self._after: Callable[[], object] = _nothing
         self._trouble = ""
         self._quiet = False
         node.engine.settled = self.settled
@@ -85,29 +97,34 @@ class Recorder:
 
     def begin(self) -> None:
         """Write the state as the beginning of a journal. Raises OSError."""
+        self._before()
         self.journal.begin_segment(self._record(whole=True))
+        self._after()
+        self._before = self._after = _nothing
+
+    def begin_with(self, before: Callable[[], object], after: Callable[[], object]) -> None:
+        """The same, and something before and after it; if the disk cannot be written, all of it is tried again."""
+        self._before, self._after = before, after
+        try:
+            self.begin()
+        except OSError as error:
+            self._fail(error)
 
     def settled(self) -> None:
         """A stimulus has run to completion: record what it has changed, then let its effects leave."""
-        if self._quiet:
+        if self._quiet or self._trouble:
             return
         try:
             if self.journal.is_long:
                 self.begin()
-            else:
-                record = self._record()
-                if record:
-                    self.journal.append(record)
+            elif record := self._record():
+                self.journal.append(record)
+            if self._outbox:
+                leaving, self._outbox = self._outbox, []
+                self._unsynced += leaving
+                self.journal.sync(partial(self._let_leave, leaving))
         except OSError as error:
             self._fail(error)
-            return
-        if self._outbox:
-            leaving, self._outbox = self._outbox, []
-            try:
-                self.journal.sync(partial(self._let_leave, leaving))
-            except OSError as error:
-                self._outbox = leaving + self._outbox
-                self._fail(error, unsynced=True)
 
     def _record(self, *, whole: bool = False) -> Record:
         """The changes since the last record, or the whole state; empty if nothing has changed."""
@@ -135,11 +152,23 @@ class Recorder:
             del self._ended[key]
 
     def close(self) -> None:
-        """Stop recording. The journal stays open."""
+        """Record and send what is to leave now, and stop. The journal stays open."""
+        with suppress(OSError):
+            if not self._quiet and not self._trouble:
+                self._flush()
         self._quiet = True
         self.node.engine.settled = None
         self.node.host.recorder = None
         self.node.runner.outward = None
+
+    def _flush(self) -> None:
+        if record := self._record():
+            self.journal.append(record)
+        leaving = [*self._unsynced, *self._outbox]
+        if leaving:
+            self.journal.flush()
+            self._unsynced, self._outbox = [], []
+            self._let_leave(leaving)
 
     # ---- effects -----------------------------------------------------------------------------------------------------
 
@@ -161,15 +190,19 @@ class Recorder:
         self._outbox.append((id, effect, action))
         return id
 
-    def _let_leave(self, leaving: list[tuple[str, list[Any], Callable[[], object]]]) -> None:
+    def _let_leave(self, leaving: list[_Effect]) -> None:
+        """The record of some effects is on the disk."""
+        if self._quiet:
+            return
+        gone = {id for id, _, _ in leaving}
+        self._unsynced = [effect for effect in self._unsynced if effect[0] not in gone]
         for id, effect, action in leaving:
             try:
                 action()
             except FameError as error:
                 self.node.host.report("", f"{effect[0]} {effect[1]} cannot be sent: {error}")
             self._effects.pop(id, None)
-        if not self._quiet:
-            self.settled()
+        self.settled()
 
     # ---- requests of tasks (`fame.scripting.runner.Outward`) ---------------------------------------------------------
 
@@ -225,28 +258,25 @@ class Recorder:
 
     # ---- trouble -----------------------------------------------------------------------------------------------------
 
-    def _fail(self, error: OSError, *, unsynced: bool = False) -> None:
-        """The disk cannot be written: nothing leaves until it can."""
-        first, self._trouble = not self._trouble, error.strerror or str(error)
-        if first:
+    def _fail(self, error: OSError) -> None:
+        """The disk cannot be written: nothing leaves until all of the state is written."""
+        if not self._trouble:
+            self._trouble = error.strerror or str(error)
             self._on_trouble(self._trouble)
-        self.node.scheduler.after(_RETRY_DISK, partial(self._try_again, unsynced), Kind.RESUMPTION)
+            self.node.scheduler.after(_RETRY_DISK, self._try_again, Kind.RESUMPTION)
 
-    def _try_again(self, unsynced: bool) -> None:
+    def _try_again(self) -> None:
         if self._quiet:
             return
-        if unsynced:  # what the system said to have written may be lost: write all of it
-            try:
-                self.begin()
-            except OSError as error:
-                self._fail(error, unsynced=True)
-                return
-        trouble, self._trouble = self._trouble, ""
-        self.settled()
-        if trouble and not self._trouble:
-            self._on_trouble("")
-        elif self._trouble:
-            self._trouble = trouble
+        try:
+            self.begin()
+        except OSError:
+            self.node.scheduler.after(_RETRY_DISK, self._try_again, Kind.RESUMPTION)
+            return
+        self._trouble = ""
+        waiting, self._outbox = [*self._unsynced, *self._outbox], []
+        self._let_leave(waiting)
+        self._on_trouble("")
 
     def _report_unstorable(self, name: str, reason: str) -> None:
         self.node.host.report("", f"variable {name} is lost if the engine ends: {reason}" if name else reason)

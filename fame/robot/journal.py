@@ -94,7 +94,7 @@ def _header(path: Path, line: bytes) -> tuple[Record, int]:
         raise ConfigError("is not a journal of a FAME engine, or its first line is damaged", file=str(path))
     header = parsed[2]
     if header.get("format") != FORMAT:
-        text = f"has format {header.get('format')} (FAME {header.get('fame')}); this FAME reads format {FORMAT}"
+        text = f"has format {header.get('format')}; this version of FAME reads format {FORMAT}"
         raise ConfigError(text, file=str(path))
     return header, _seed(str(header["journal"]))
 
@@ -137,6 +137,8 @@ def _seed(journal: str) -> int:
 class StateDirectory:
     """The directory of one engine's state, locked while it is open. Made with mode 0700 if it does not exist.
 
+    last_seen  when the engine before was last known to be at work (s since 1970): see `touch`
+
     Raises ConfigError if it cannot be used, or if another engine uses it.
     """
 
@@ -153,8 +155,14 @@ class StateDirectory:
             owner = os.read(self._lock, 32).decode(errors="replace").strip()
             os.close(self._lock)
             raise ConfigError(f"is in use by another engine (process {owner})", file=str(path)) from None
+        self.last_seen: float = os.fstat(self._lock).st_mtime
         os.ftruncate(self._lock, 0)
         os.write(self._lock, str(os.getpid()).encode())
+
+    def touch(self) -> None:
+        """Note that the engine is at work."""
+        with suppress(OSError):
+            os.utime(self._lock)
 
     def segments(self) -> list[Path]:
         """The segments, oldest first."""
@@ -282,9 +290,13 @@ class Journal:
         if self._committer is not None:
             self._committer.request(self._number, then)
             return
+        self.flush()
+        then()
+
+    def flush(self) -> None:
+        """Wait until all records so far are on the disk."""
         os.fdatasync(self._file)
         self._synced = self._number
-        then()
 
     def close(self) -> None:
         """Write to the disk what is not there yet, and close the file."""

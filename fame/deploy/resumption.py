@@ -1,0 +1,160 @@
+"""Keep what an engine runs on disk, with the deployment that it came with, and take it up again.
+
+The directory holds the journal of the mission (`fame.robot.journal`) and a file with the envelope of its deployment,
+which the header of the journal names by its hash. A new deployment writes both anew before its process starts.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import SECOND, Kind, Scheduler, WallScheduler
+from fame.deploy.envelope import Envelope, model_hash, stored_envelope
+from fame.deploy.signing import verify_signature
+from fame.errors import ConfigError, DeploymentError
+
+if TYPE_CHECKING:
+    from fame.robot import RobotNode
+    from fame.robot.durable import Recorder
+    from fame.robot.journal import Contents, StateDirectory
+
+_ENVELOPE = "deployment-"
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What was running: the deployment and the journal."""
+
+    envelope: Envelope
+    contents: Contents
+
+
+class StateKeeper:
+    """The state of one engine in its directory.
+
+    on_trouble  called with the reason when the disk cannot be written, and with an empty text when it can again
+    """
+
+    def __init__(
+        self, directory: StateDirectory, robot: str, scheduler: Scheduler, on_trouble: Callable[[str], object]
+    ) -> None:
+        self.directory: StateDirectory = directory
+        self.recorder: Recorder | None = None
+        self._robot, self._scheduler, self._on_trouble = robot, scheduler, on_trouble
+        self._touch()
+
+    # ---- reading -----------------------------------------------------------------------------------------------------
+
+    def read(self, trusted: Sequence[Any]) -> Stored | None:
+        """What was running, if something was.
+
+        Raises ConfigError for a journal that is damaged, foreign, of another robot or not signed by a trusted key.
+        """
+        contents = self.directory.read()
+        if contents is None:
+            return None
+        header, file = contents.header, str(contents.path)
+        if header.get("robot") != self._robot:
+            raise ConfigError(f"is the state of robot {header.get('robot')!r}, not of {self._robot!r}", file=file)
+        return Stored(self._envelope(header, trusted), contents)
+
+    def _envelope(self, header: Mapping[str, Any], trusted: Sequence[Any]) -> Envelope:
+        """The envelope that a journal names, verified. Raises ConfigError."""
+        path = self.directory.path / str(header["envelope"])
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", file=str(path)) from None
+        if sha256(data).hexdigest() != header["envelope_hash"]:
+            raise ConfigError("is not the deployment that the journal names, or is damaged", file=str(path))
+        try:
+            envelope = stored_envelope(data.decode())
+            if trusted:
+                verify_signature(asdict(envelope), trusted)
+                if model_hash(envelope.model.encode()) != envelope.hash:
+                    raise DeploymentError("the model does not have the hash that was signed")
+        except DeploymentError as error:
+            raise ConfigError(str(error), file=str(path)) from None
+        return envelope
+
+    def away(self, stored: Stored, process: RobotNode) -> float:
+        """How long the engine was away (s)."""
+        if isinstance(process.scheduler, WallScheduler):
+            return max(0.0, time.time() - self.directory.last_seen)
+        from fame.robot.durable import epoch_of, last_time
+
+        return max(0.0, (epoch_of(process) + process.scheduler.now - last_time(stored.contents)) / SECOND)
+
+    # ---- writing -----------------------------------------------------------------------------------------------------
+
+    def begin(self, envelope: Envelope, process: RobotNode) -> None:
+        """Record a process that is about to start."""
+        from fame.robot.durable import Recorder
+        from fame.robot.journal import Journal
+
+        self.stop()
+        data = json.dumps({"fame": 1, **asdict(envelope)}, sort_keys=True).encode()
+        key = sha256(data).hexdigest()
+        name = f"{_ENVELOPE}{key[:16]}"
+        header = {
+            "robot": self._robot,
+            "deployment": envelope.deployment,
+            "hash": envelope.hash,
+            "program": process.engine.program.hash,
+            "envelope": name,
+            "envelope_hash": key,
+        }
+        journal = Journal(self.directory, header, _later(process))
+        self.recorder = Recorder(process, journal, on_trouble=self._on_trouble)
+        self.recorder.begin_with(lambda: self.directory.write_file(name, data), lambda: self._remove_all_but(name))
+
+    def _remove_all_but(self, name: str) -> None:
+        """Remove the deployments of before, as soon as no journal names them."""
+        for path in self.directory.path.glob(f"{_ENVELOPE}*"):
+            if path.name != name:
+                path.unlink(missing_ok=True)
+
+    def resume(self, stored: Stored, process: RobotNode) -> Callable[[], object]:
+        """Give a loaded process the stored state. Returns a function that lets it go on.
+
+        Raises ConfigError for the state of another program.
+        """
+        from fame.robot.durable import Recorder, restored
+        from fame.robot.journal import Journal
+
+        tables = restored(process, stored.contents)
+        try:
+            journal = Journal.resume(self.directory, stored.contents, _later(process))
+        except OSError as error:
+            raise ConfigError(f"cannot be written: {error.strerror}", file=str(stored.contents.path)) from None
+        self.recorder = recorder = Recorder(process, journal, on_trouble=self._on_trouble)
+
+        def go_on() -> None:
+            recorder.go_on(tables, self.away(stored, process))
+
+        return go_on
+
+    def stop(self) -> None:
+        """Record no more: what follows is no part of the mission."""
+        if self.recorder is not None:
+            self.recorder.close()
+            self.recorder.journal.close()
+            self.recorder = None
+
+    def _touch(self) -> None:
+        if isinstance(self._scheduler, WallScheduler):
+            self.directory.touch()
+            self._scheduler.after(SECOND, self._touch, Kind.TIMER)
+
+
+def _later(process: RobotNode) -> Callable[[Callable[[], object]], object] | None:
+    """On the wall clock the disk is written in a thread; simulated time waits for it."""
+    scheduler = process.scheduler
+    if not isinstance(scheduler, WallScheduler):
+        return None
+    return lambda function: scheduler.soon(function, Kind.MESSAGE)

@@ -1,0 +1,320 @@
+"""An engine with a state directory ends, and the next one goes on: deployment, answers, refusals, trust."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from deployment_field import Field, definitions, patrol, process
+
+from fame.bpmn.reader import read_text
+from fame.deploy import EngineNode
+from fame.deploy.late_joiners import LateJoiners
+from fame.errors import ConfigError
+from fame.robot.journal import StateDirectory
+
+POOL = '<collaboration id="C"><participant id="A" name="A" processRef="p"/></collaboration>'
+MISSION = definitions(
+    POOL,
+    '<signal id="S" name="go"/><signal id="R" name="~/recovered"/>',
+    process(
+        "p",
+        '<startEvent id="s"/><scriptTask id="t"><script>count = 1</script></scriptTask>'
+        '<intermediateCatchEvent id="c"><signalEventDefinition signalRef="S"/></intermediateCatchEvent>'
+        '<intermediateThrowEvent id="w"><signalEventDefinition signalRef="S"/></intermediateThrowEvent>'
+        '<userTask id="u"/>'
+        '<subProcess id="h" triggeredByEvent="true"><startEvent id="hs" isInterrupting="false">'
+        '<signalEventDefinition signalRef="R"/></startEvent>'
+        '<scriptTask id="k"><script>away = recovered</script></scriptTask>'
+        '<sequenceFlow id="hf" sourceRef="hs" targetRef="k"/></subProcess>',
+        ("s", "t"),
+        ("t", "c"),
+        ("c", "w"),
+        ("w", "u"),
+    ),
+)
+
+
+class Durable(Field):
+    """A field of one robot with a state directory."""
+
+    def __init__(self, folder: Path, **options: Any) -> None:
+        super().__init__()
+        self.folder, self.options = folder, options
+        self.notes: list[str] = []
+        self.start()
+        self.listen("A")
+
+    def start(self) -> None:
+        """Start an engine on the directory."""
+        self.state = StateDirectory(self.folder)
+        self.engines["A"] = EngineNode(
+            "A",
+            scheduler=self.scheduler,
+            middleware=self.middleware,
+            state=self.state,
+            on_report=lambda event: self.notes.append(event.detail),
+            **self.options,
+        )
+
+    def crash(self) -> None:
+        """The engine ends without a word: nothing more is written, all its endpoints are gone."""
+        engine = self.engines.pop("A")
+        engine._keeper.recorder._quiet = True
+        engine._keeper.recorder.journal.close()
+        engine._keeper.recorder = None
+        engine.close()
+        self.state.close()
+
+    @property
+    def engine(self) -> EngineNode:
+        return self.engines["A"]
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Iterator[Durable]:
+    made = Durable(tmp_path / "state")
+    yield made
+    for engine in made.engines.values():
+        engine.close()
+
+
+def test_it_goes_on_where_it_was_and_says_what_it_runs(field: Durable) -> None:
+    field.deploy(MISSION)
+    assert field.engine.running.instances[0].waiting == ["c"]
+    before = field.engine.hash
+    field.crash()
+    field.pass_time(20)
+    field.start()
+    assert (field.engine.deployed, field.engine.hash) == ("d1", before)
+    field.pass_time(1)
+    assert (field.engine.state, field.engine.deployed, field.engine.hash) == ("running", "d1", before)
+    assert field.engine.running.instances[0].waiting == ["c"]
+    assert field.variables("A")["count"] == 1
+    assert field.engine.running.instances[0].visits["t"] == 1
+
+
+def test_it_raises_recovered_with_the_seconds_that_it_was_away(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    field.pass_time(20)
+    field.start()
+    field.pass_time(1)
+    assert 20 <= field.variables("A")["away"] < 40
+    assert field.engine.running.instances[0].visits["k"] == 1
+
+
+def test_a_sender_that_stays_leaves_it_running(field: Durable) -> None:
+    field.deploy(MISSION)
+    sent: list[Any] = []
+    field.crash()
+    field.start()
+    definitions = read_text(MISSION, file="team.bpmn")
+    joiners = LateJoiners(
+        definitions,
+        lambda robots, again, ended: sent.append(robots),  # type: ignore[arg-type,return-value]
+        scheduler=field.scheduler,
+        middleware=field.middleware,
+        supplied=["A"],
+    )
+    field.pass_time(20)
+    joiners.close()
+    assert sent == []
+    assert field.engine.running.instances[0].visits["t"] == 1
+
+
+def test_the_answer_to_its_deployment_is_repeated(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    field.start()
+    field.said.clear()
+    field.deploy(MISSION, id="d1", sequence=1)
+    assert {report.answer for report in field.said if report.deployment == "d1"} == {"started"}
+    assert field.engine.running.instances[0].visits["t"] == 1
+
+
+def test_a_new_deployment_takes_the_place_of_what_is_being_resumed(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    field.start()
+    field.deploy(patrol(7).replace("<process", POOL + "<process", 1), id="d2", sequence=2)
+    assert field.engine.deployed == "d2"
+    assert field.variables("A")["mark"] == 7
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.deployed, field.variables("A")["mark"]) == ("d2", 7)
+    assert len(list(field.folder.glob("deployment-*"))) == len(list(field.folder.glob("journal-*"))) == 1
+
+
+def test_an_engine_that_is_stopped_in_order_goes_on_as_well(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.engines.pop("A").close()
+    field.state.close()
+    field.start()
+    field.pass_time(1)
+    assert field.engine.running.instances[0].waiting == ["c"]
+    field.engine.running.deliver("/go", None)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+def test_a_bare_model_is_resumed_too(field: Durable) -> None:
+    field.send("A", patrol(3))
+    field.pass_time(1)
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert field.variables("A")["mark"] == 3
+
+
+def test_a_mission_that_is_over_stays_over(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.engine.running.deliver("/go", None)
+    field.engine.running.complete("u")
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert field.engine.state == "idle"
+    assert (field.engine.running.completed, field.engine.running.instances[0].status) == (1, "completed")
+
+
+def test_a_model_whose_state_cannot_be_stored_is_refused(field: Durable) -> None:
+    text = definitions(
+        POOL,
+        process(
+            "p",
+            '<startEvent id="s"/><scriptTask id="a"><script>def twice(x): return 2 * x</script></scriptTask>'
+            '<scriptTask id="b"><script>y = twice(2)</script></scriptTask>',
+            ("s", "a"),
+            ("a", "b"),
+        ),
+    )
+    refused = field.deploy(text)
+    assert "defines 'twice', a function or class that another script uses" in str(refused.robots["A"])
+    assert "which an engine with --state cannot store" in str(refused.robots["A"])
+
+
+def test_imports_of_scripts_are_made_again(field: Durable) -> None:
+    text = definitions(
+        POOL,
+        process(
+            "p",
+            '<startEvent id="s"/><scriptTask id="a"><script>import json as j\nfrom math import hypot</script>'
+            "</scriptTask>"
+            '<userTask id="u"/><scriptTask id="b"><script>y = j.loads("2") + hypot(3, 4)</script></scriptTask>',
+            ("s", "a"),
+            ("a", "u"),
+            ("u", "b"),
+        ),
+    )
+    field.deploy(text)
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    field.engine.running.complete("u")
+    assert field.variables("A")["y"] == 7
+
+
+def test_the_state_of_another_robot_is_refused(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    with pytest.raises(ConfigError, match="is the state of robot 'A', not of 'B'"):
+        EngineNode("B", scheduler=field.scheduler, middleware=field.middleware, state=StateDirectory(field.folder))
+
+
+def test_a_deployment_that_was_changed_on_the_disk_is_refused(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    (path,) = field.folder.glob("deployment-*")
+    path.write_bytes(path.read_bytes().replace(b"count = 1", b"count = 2"))
+    with pytest.raises(ConfigError, match="is not the deployment that the journal names, or is damaged"):
+        field.start()
+
+
+def test_with_trusted_keys_what_was_not_signed_is_refused(field: Durable, tmp_path: Path) -> None:
+    ed25519 = pytest.importorskip("cryptography.hazmat.primitives.asymmetric.ed25519")
+    field.deploy(MISSION)
+    field.crash()
+    field.options["trusted"] = [ed25519.Ed25519PrivateKey.generate().public_key()]
+    with pytest.raises(ConfigError, match="not signed; this robot runs only what a trusted key signed"):
+        field.start()
+
+
+def test_damage_is_never_a_silent_fresh_start(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    (path,) = field.folder.glob("journal-*")
+    path.write_bytes(path.read_bytes()[10:])
+    with pytest.raises(ConfigError, match="is not a journal of a FAME engine, or its first line is damaged"):
+        field.start()
+
+
+def test_a_full_disk_holds_the_mission_until_there_is_room(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:
+    field.deploy(MISSION)
+    heard: list[Any] = []
+    field.person.subscription("/go", "std_msgs/msg/Empty", heard.append)
+    journal = field.engine._keeper.recorder.journal
+
+    def full(*arguments: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(journal, "append", full)
+    monkeypatch.setattr(journal, "begin_segment", full)
+    field.engine.running.deliver("/go", None)
+    field.pass_time(3)
+    assert heard == []
+    assert "holds: its state cannot be written: No space left on device" in field.notes
+    monkeypatch.undo()
+    field.pass_time(2)
+    assert len(heard) == 1
+    assert "goes on: its state is written again" in field.notes
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+def test_a_signal_leaves_when_it_is_on_the_disk_and_not_before(field: Durable, monkeypatch: pytest.MonkeyPatch) -> None:
+    field.deploy(MISSION)
+    order: list[str] = []
+    recorder = field.engine._keeper.recorder
+    flush = recorder.journal.flush
+    monkeypatch.setattr(recorder.journal, "flush", lambda: (order.append("disk"), flush()))
+    field.person.subscription("/go", "std_msgs/msg/Empty", lambda message: order.append("signal"))
+    field.engine.running.deliver("/go", None)
+    field.pass_time(1)
+    assert order == ["disk", "signal"]
+
+
+def test_a_signal_that_may_not_have_left_is_sent_again(field: Durable) -> None:
+    field.deploy(MISSION)
+    heard: list[Any] = []
+    recorder = field.engine._keeper.recorder
+    recorder._let_leave = lambda leaving: None  # the robot ends between the disk and the network
+    field.engine.running.deliver("/go", None)
+    field.crash()
+    field.person.subscription("/go", "std_msgs/msg/Empty", heard.append)
+    field.start()
+    field.pass_time(1)
+    assert len(heard) == 1
+    assert field.engine.running.instances[0].waiting == ["u"]
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert len(heard) == 1
+
+
+def test_messages_that_come_while_it_is_loading_are_taken_afterwards(field: Durable) -> None:
+    field.deploy(MISSION)
+    field.crash()
+    field.start()
+    field.scheduler.run(field.scheduler.now)  # loaded, and its endpoints are there
+    other = field.middleware.node("other")
+    publisher = other.publisher("/go", "std_msgs/msg/Empty")
+    from fame.middleware import messages
+
+    publisher.publish(messages.create("std_msgs/msg/Empty"))
+    field.pass_time(1)
+    assert field.engine.running.instances[0].waiting == ["u"]
