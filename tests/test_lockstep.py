@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from bpmn_text import document
 from domains import PROCESSES
-from middleware_contract import WallWorld, dds_world, needs
+from middleware_contract import WallWorld, dds_world, needs, zenoh_world
 
 from fame.cli import main
 from fame.clock import SECOND, Scheduler
@@ -118,15 +118,19 @@ def test_a_follower_says_that_it_is_done_when_all_that_was_due_is() -> None:
 # ---- messages wait for their step ------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def here() -> Iterator[WallWorld]:
-    world = dds_world(apart=True)
+WIRES = [
+    pytest.param("dds", marks=[needs("cyclonedds"), pytest.mark.dds]),
+    pytest.param("zenoh", marks=[needs("zenoh"), pytest.mark.zenoh]),
+]
+
+
+@pytest.fixture(params=WIRES)
+def here(request: pytest.FixtureRequest) -> Iterator[WallWorld]:
+    world = dds_world(apart=True) if request.param == "dds" else zenoh_world(apart=True)
     yield world
     world.close()
 
 
-@pytest.mark.dds
-@needs("cyclonedds")
 def test_held_messages_come_when_they_are_released_by_topic_and_sender(here: WallWorld) -> None:
     from fame.middleware.simulated_time import Lockstep
 
@@ -172,9 +176,8 @@ signal("done")
 
 
 @pytest.mark.processes
-@pytest.mark.dds
-@needs("cyclonedds")
-def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize("middleware", WIRES)
+def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path, middleware: str) -> None:
     pools, flow = "", '<sequenceFlow id="{0}1" sourceRef="{0}s" targetRef="{0}t"/>'
     for name in ("REX", "DINGO"):
         task = f'<startEvent id="{name}s"/><scriptTask id="{name}t"><script>{DRIVE.strip()}</script></scriptTask>'
@@ -189,7 +192,7 @@ def test_a_run_in_lockstep_is_the_same_every_time(tmp_path: Path) -> None:
     runs = []
     for _ in range(2):
         done = subprocess.run(
-            [*command, "--middleware", "dds", "--lockstep", "--json"],
+            [*command, "--middleware", middleware, "--lockstep", "--json"],
             env=environment, capture_output=True, text=True, timeout=60, check=False,
         )  # fmt: skip
         said = json.loads(done.stdout)

@@ -33,6 +33,7 @@ _DECLARATIONS: Mapping[str, str] = {
     "engine": "engine.add",
     "deploy": "deployment.add_deploy",
     "splitter": "deployment.add_splitter",
+    "router": "network.add_router",
     "status": "robots.add_status",
     **dict.fromkeys(("complete", "activate", "abort"), "robots.add_requests"),
     "world": "worlds.add_world",

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import struct
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Parser
+from fame.cli.arguments import Commands, Parser, command, natural
 from fame.cli.output import note
+from fame.errors import FameError
 
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
@@ -126,3 +128,71 @@ def lockstep(middleware: Middleware, holds: Callable[[str], bool]) -> Lockstep:
     if not isinstance(middleware, WireMiddleware) or not middleware.lockstep:
         raise ConfigError("--lockstep needs --middleware dds or zenoh")
     return Lockstep(middleware, holds)
+
+
+# ---- fame router -----------------------------------------------------------------------------------------------------
+
+_PORT = 7447
+
+
+def add_router(commands: Commands) -> None:
+    """``fame router``."""
+    parser = command(
+        commands, "router", _run_router,
+        help="connect processes of several machines over Zenoh: one router on each machine, until Ctrl-C",
+        examples=(
+            "fame router --network wlan0                              on the base station",
+            "fame router --connect 10.0.0.7                           on each robot, to the router of the base station",
+            "fame engine REX --middleware zenoh --router 127.0.0.1 --trust team.pub",
+            "fame deploy mission.bpmn --middleware zenoh --router 127.0.0.1 --key team.key",
+        ),
+    )  # fmt: skip
+    parser.add_argument(
+        "--network", type=interface, metavar="IFACE",
+        help="listen on this network interface too, by name or address; otherwise on this machine alone",
+    )  # fmt: skip
+    parser.add_argument("--port", type=natural, default=_PORT, help=f"where to listen ({_PORT})")
+    parser.add_argument(
+        "--connect", action="append", default=[], type=router, metavar="ADDRESS",
+        help="the router of another machine, such as 10.0.0.7 or tls/depot:7447; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--zenoh-config", type=zenoh_config, metavar="FILE",
+        help="Zenoh's own configuration file (JSON5), for TLS, user and password",
+    )  # fmt: skip
+
+
+def _run_router(arguments: Namespace) -> int:
+    from fame.clock import WallScheduler
+    from fame.middleware.zenoh import locators, open_router
+    from fame.scenario.process import run_until_signal
+
+    listen = [f"tcp/127.0.0.1:{arguments.port}"]
+    if arguments.network is not None:
+        address = _address(arguments.network)
+        listen.append(f"tcp/{f'[{address}]' if ':' in address else address}:{arguments.port}")
+    others = [locator for text in arguments.connect for locator in locators(text)]
+    session = open_router(listen, others, arguments.zenoh_config and Path(arguments.zenoh_config))
+    try:
+        say_ready(f"router on {', '.join(listen)}")
+        run_until_signal(WallScheduler())
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+    return 0
+
+
+def _address(interface: str) -> str:
+    """The address of a network interface."""
+    with suppress(ValueError):
+        return str(ipaddress.ip_address(interface))
+    import fcntl
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        try:
+            found = fcntl.ioctl(end, _GET_ADDRESS, struct.pack("256s", interface.encode()[:15]))
+        except OSError:
+            raise FameError(f"--network {interface}: this interface has no IPv4 address; name an address") from None
+    return socket.inet_ntoa(found[20:24])
+
+
+_GET_ADDRESS = 0x8915  # SIOCGIFADDR of <linux/sockios.h>

@@ -23,6 +23,6 @@ except ImportError:
     raise UnavailableError(text) from None
 
 from fame.middleware.zenoh.middleware import ZenohMiddleware
-from fame.middleware.zenoh.session import ROUTER_PORT, open_router
+from fame.middleware.zenoh.session import locators, open_router
 
-__all__ = ["ROUTER_PORT", "ZenohMiddleware", "open_router"]
+__all__ = ["ZenohMiddleware", "locators", "open_router"]

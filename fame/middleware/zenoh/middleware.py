@@ -40,7 +40,7 @@ class Graph:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._entities: dict[str, Entity] = {}
-        self._names: dict[str, dict[str, Entity]] = {}
+        self._names: dict[tuple[str, Kind], dict[str, Entity]] = {}
         self._publishers: dict[bytes, Entity] = {}
 
     def add(self, entity: Entity) -> bool:
@@ -49,7 +49,7 @@ class Graph:
             if entity.token in self._entities or len(self._entities) >= _MAX_ENTITIES:
                 return False
             self._entities[entity.token] = entity
-            self._names.setdefault(entity.name, {})[entity.token] = entity
+            self._names.setdefault((entity.name, entity.kind), {})[entity.token] = entity
             if entity.kind == tokens.PUBLISHER:
                 self._publishers[entity.gid] = entity
             return True
@@ -58,10 +58,10 @@ class Graph:
         with self._lock:
             entity = self._entities.pop(token, None)
             if entity is not None:
-                named = self._names[entity.name]
+                named = self._names[entity.name, entity.kind]
                 del named[token]
                 if not named:
-                    del self._names[entity.name]
+                    del self._names[entity.name, entity.kind]
                 self._publishers.pop(entity.gid, None)
             return entity
 
@@ -70,10 +70,10 @@ class Graph:
         with self._lock:
             return list(self._entities.values())
 
-    def named(self, name: str, *kinds: Kind) -> list[Entity]:
-        """The endpoints of a topic or service (full name) of some kinds."""
+    def named(self, name: str, kind: Kind) -> list[Entity]:
+        """The endpoints of a topic or service (full name) of one kind."""
         with self._lock:
-            return [entity for entity in self._names.get(name, {}).values() if entity.kind in kinds]
+            return list(self._names.get((name, kind), {}).values())
 
     def publisher(self, gid: bytes) -> Entity | None:
         """The publisher of that gid."""
@@ -186,10 +186,10 @@ class ZenohMiddleware(WireMiddleware):
 
     def report_mismatches(self, entity: Entity) -> None:
         """Warn of the endpoints of other nodes that an endpoint is not connected to, if one of the two is ours."""
-        for other in self.entities.named(entity.name, tokens.PUBLISHER, tokens.SUBSCRIPTION):
+        other_kind = tokens.SUBSCRIPTION if entity.kind == tokens.PUBLISHER else tokens.PUBLISHER
+        for other in self.entities.named(entity.name, other_kind):
             writer, reader = (entity, other) if entity.kind == tokens.PUBLISHER else (other, entity)
-            ours = self.id in (entity.session, other.session)
-            if ours and entity.kind != other.kind and entity.owner != other.owner:
+            if self.id in (entity.session, other.session) and entity.owner != other.owner:
                 reason = mismatch(writer, reader)
                 if reason is not None:
                     self.warn(mismatch_warning(entity.name, reader.node, writer.node, reason))
