@@ -50,7 +50,7 @@ def test_each_command_with_a_middleware_says_for_which_ros_arguments_count(comma
     with pytest.raises(SystemExit):
         main([command, "--help"])
     out = capsys.readouterr().out
-    assert ("--middleware" in out) == ("--ros-args" in out)
+    assert ("[--middleware" in out) == ("--ros-args" in out)
 
 
 def test_the_version_is_one_line(capsys) -> None:
