@@ -15,6 +15,8 @@ _EXTRAS = {
     "pandas": ("tables of events need pandas", "pandas"),
     "pymunk": ("the 2D world needs pymunk", "sim"),
     "scipy": ("paths and runs of arms need scipy", "ml"),
+    "starlette": ("the page needs starlette and uvicorn", "view"),
+    "uvicorn": ("the page needs starlette and uvicorn", "view"),
     "sklearn": ("training needs scikit-learn", "ml"),
     "onnx": ("ONNX files need the package onnx", "onnx"),
     "onnxruntime": ("ONNX files need the package onnxruntime", "onnx"),

@@ -28,7 +28,7 @@ FLOORS = (
     ("fame.robot",),
     ("fame.deploy", "fame.monitor", "fame.check", "fame.simulation", "fame.log"),
     ("sim2d", "robots"),
-    ("fame.scenario", "fame.testing"),
+    ("fame.scenario", "fame.testing", "fame.view"),
     ("fame.cli", "fame", "fame.__main__"),
 )
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
@@ -48,6 +48,8 @@ HEAVY = {
     "rosbags",
     "sklearn",
     "skops",
+    "starlette",
+    "uvicorn",
     "xxhash",
     "zenoh",
 }

@@ -30,6 +30,7 @@ _DECLARATIONS: Mapping[str, str] = {
     "draw": "models.add_draw",
     "library": "models.add_library_command",
     "templates": "models.add_templates",
+    "view": "view.add",
     "engine": "engine.add",
     "deploy": "deployment.add_deploy",
     "splitter": "deployment.add_splitter",

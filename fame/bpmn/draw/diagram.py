@@ -7,8 +7,8 @@ are drawn, one below the other.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from fame.bpmn.draw.shapes import draw_shape, name_beside, placeholder
 from fame.bpmn.draw.style import (
@@ -27,6 +27,7 @@ from fame.bpmn.draw.style import (
 from fame.bpmn.draw.svg import (
     FONT,
     Label,
+    Point,
     arrow,
     corners,
     middle,
@@ -41,6 +42,8 @@ from fame.bpmn.draw.svg import (
 from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, Gateway, SequenceFlow, Shape, SubProcess
 from fame.errors import ModelError
 
+Box = tuple[float, float, float, float]
+
 MARGIN = 12.0
 BADGE = 10.0
 """How far badges extend beyond the corner of their shape (px)."""
@@ -53,19 +56,10 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
     number of executions with each outcome (`fame.log.outcomes`). Each outcome is shown by a colour, a symbol and a
     number. Raises ModelError if the file has no diagram.
     """
-    if not definitions.shapes:
-        raise ModelError("the file has no diagram (BPMNDI): draw it in a modeler", file=definitions.file)
-    elements = {shape.element: placeholder(shape) for shape in definitions.shapes}
-    elements.update((one.id, one) for one in _elements(definitions))
-    picture = Picture(elements, _tallies(visited))
+    picture = _picture(definitions, _tallies(visited))
     parts: list[str] = []
     width, top = 0.0, MARGIN
-    for plane, shown in enumerate(definitions.planes):
-        shapes = _with_open_subprocesses(picture, [shape for shape in definitions.shapes if shape.plane == plane])
-        edges = [edge for edge in definitions.edges if edge.plane == plane]
-        if not shapes:
-            continue
-        picture.labels = _labels(picture, shapes, edges)
+    for shown, shapes, edges in _content(definitions, picture):
         if parts:
             title = picture.elements[shown].label if shown in picture.elements else ""
             parts.append(text_lines([title], MARGIN, top, size=14, fill=INK, anchor="start"))
@@ -79,6 +73,63 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
         parts.append(legend(present, MARGIN, top))
         top += 2 * MARGIN
     return _document(width + 2 * MARGIN, top - MARGIN, parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """One diagram of a file, as SVG of its own. Lengths in px of that SVG.
+
+    element  the id of the element that the diagram shows
+    boxes    id -> x, y, width and height of its shape
+    lines    id -> the points of its flow or association
+    frames   ids of pools, lanes and open sub-processes: other shapes are drawn inside
+    """
+
+    element: str
+    svg: str
+    width: float
+    height: float
+    boxes: Mapping[str, Box]
+    lines: Mapping[str, Sequence[Point]]
+    frames: Sequence[str]
+
+
+def draw_planes(definitions: Definitions) -> list[Drawing]:
+    """Each diagram of a file as a drawing of its own, without a run. Raises ModelError if the file has no diagram."""
+    picture = _picture(definitions, {})
+    found = []
+    for shown, shapes, edges in _content(definitions, picture):
+        frame = _frame(picture, shapes, edges)
+        left, top = MARGIN - frame.x, MARGIN - frame.y
+        size = frame.width + 2 * MARGIN, frame.height + 2 * MARGIN
+        boxes = {
+            shape.element: (shape.bounds.x + left, shape.bounds.y + top, shape.bounds.width, shape.bounds.height)
+            for shape in shapes
+        }
+        lines = {edge.element: [(x + left, y + top) for x, y in edge.waypoints] for edge in edges}
+        svg = _document(*size, [translated(left, top, *_plane(picture, shapes, edges))])
+        frames = [shape.element for shape in shapes if _is_frame(shape)]
+        found.append(Drawing(shown, svg, *size, boxes, lines, frames))
+    return found
+
+
+def _picture(definitions: Definitions, tallies: Mapping[str, Tally]) -> Picture:
+    """The tables of a drawing, without labels. Raises ModelError if the file has no diagram."""
+    if not definitions.shapes:
+        raise ModelError("the file has no diagram (BPMNDI): draw it in a modeler", file=definitions.file)
+    elements = {shape.element: placeholder(shape) for shape in definitions.shapes}
+    elements.update((one.id, one) for one in _elements(definitions))
+    return Picture(elements, tallies)
+
+
+def _content(definitions: Definitions, picture: Picture) -> Iterator[tuple[str, list[Shape], list[Edge]]]:
+    """The element that each diagram shows, its shapes and its edges. Sets the labels of the picture to those of it."""
+    for plane, shown in enumerate(definitions.planes):
+        shapes = _with_open_subprocesses(picture, [shape for shape in definitions.shapes if shape.plane == plane])
+        edges = [edge for edge in definitions.edges if edge.plane == plane]
+        if shapes:
+            picture.labels = _labels(picture, shapes, edges)
+            yield shown, shapes, edges
 
 
 def _tallies(visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally]) -> dict[str, Tally]:

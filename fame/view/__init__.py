@@ -1,0 +1,17 @@
+"""The page that shows a mission, live and recorded: diagrams with tokens, the world, a timeline, variables.
+
+A `Source` gives a page what it shows; a `Server` serves the page on this machine. The page itself is in ``page/``:
+plain ES modules and CSS, without a build step.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fame.imports import attach
+
+if TYPE_CHECKING:
+    from fame.view.replay import Replay as Replay
+    from fame.view.server import Server as Server, Source as Source
+
+__getattr__, __dir__, __all__ = attach(__name__, {"replay": ["Replay"], "server": ["Server", "Source"]})

@@ -1,0 +1,185 @@
+"""What the page knows of the models of a run: their elements, numbered across all files, and their drawings.
+
+Events name elements by id, and files that call each other may use an id twice. The page therefore gets every element as
+a number. A *plane* is one drawing: a diagram of a file, or the inside of a collapsed sub-process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Any, NamedTuple
+
+from fame.bpmn.draw.diagram import Drawing, draw_planes
+from fame.bpmn.model import Body, CallActivity, Definitions, Element, FlowNode, Process, SequenceFlow, SubProcess, Task
+from fame.bpmn.topics import topics_of
+from fame.errors import ModelError
+from fame.log.elements import tag_of
+
+NOWHERE = -1
+"""The number of a plane or element that does not exist."""
+
+
+class Entry(NamedTuple):
+    """An element of a file. `body`: the number of the process or sub-process that it is in."""
+
+    file: int
+    element: Element
+    body: int
+
+
+class Catalogue:
+    """The elements and drawings of some models; the first of them is the mission.
+
+    elements  all processes, flow nodes, sequence flows and pools, by number
+    drawings  of each plane
+    called    call activity -> the process that it calls, both by number
+    """
+
+    def __init__(self, files: Sequence[Definitions]) -> None:
+        self.files = tuple(files)
+        self.elements: list[Entry] = []
+        self.called: dict[int, int] = {}
+        self.drawings: list[Drawing] = []
+        self._planes: list[tuple[int, str]] = []
+        self._number: dict[tuple[int, str], int] = {}
+        self._by_id: dict[str, list[int]] = {}
+        self._plane_of: dict[int, int] = {}
+        for file, definitions in enumerate(self.files):
+            for process in definitions.processes:
+                number = self._add(file, process, NOWHERE)
+                self._add_body(file, process.body, number)
+            for pool in definitions.participants:
+                self._add(file, pool, NOWHERE)
+        for file, definitions in enumerate(self.files):
+            self._draw(file, definitions)
+        self._link_calls()
+
+    # ---- looking up --------------------------------------------------------------------------------------------------
+
+    def number(self, file: int, id: str) -> int:
+        """The number of an element of a file, which is added if the file does not have it."""
+        found = self._number.get((file, id))
+        return found if found is not None else self._add(file, Element(id=id), NOWHERE)
+
+    def candidates(self, id: str) -> Sequence[int]:
+        """The elements with an id, in the order of the files."""
+        return self._by_id.get(id, ())
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def elements_json(self, start: int = 0) -> list[dict[str, Any]]:
+        """The elements from a number on, fit for JSON; empty values are left out."""
+        return [self._element_json(number) for number in range(start, len(self.elements))]
+
+    def planes_json(self) -> list[dict[str, Any]]:
+        """The planes: file, title, the process or sub-process that each shows, and what encloses it."""
+        found = []
+        for file, id in self._planes:
+            number = self._number.get((file, id), NOWHERE)
+            title = self.elements[number].element.label if number != NOWHERE else ""
+            name = PurePath(self.files[file].file).name
+            found.append({"file": name, "title": title or PurePath(name).stem, "shows": number, "of": file})
+        return found
+
+    def plane_json(self, plane: int) -> dict[str, Any]:
+        """One drawing: its SVG, and where its shapes and flows are, by number of the element."""
+        file, drawing = self._planes[plane][0], self.drawings[plane]
+        shapes = {self.number(file, id): list(box) for id, box in drawing.boxes.items()}
+        edges = {self.number(file, id): [list(point) for point in line] for id, line in drawing.lines.items()}
+        return {
+            "svg": drawing.svg,
+            "width": drawing.width,
+            "height": drawing.height,
+            "shapes": shapes,
+            "edges": edges,
+            "frames": [self.number(file, id) for id in drawing.frames],
+        }
+
+    def _element_json(self, number: int) -> dict[str, Any]:
+        file, element, body = self.elements[number]
+        called = self.called.get(number, NOWHERE)
+        values: dict[str, Any] = {
+            "id": element.id,
+            "name": " ".join(element.name.split()),
+            "tag": tag_of(element),
+            "file": file,
+            "body": body,
+            "plane": self._plane_of.get(number, NOWHERE),
+            "calls": called,
+            "doc": element.documentation,
+        }
+        if isinstance(element, SequenceFlow):
+            values["condition"] = element.condition.text if element.condition is not None else ""
+        if isinstance(element, FlowNode):
+            values["topics"] = [
+                [topic.qualified, "throw" if throws else "catch"] for topic, throws in topics_of(element)
+            ]
+        if isinstance(element, Task) and element.script is not None:
+            values["script"] = element.script.text
+        if isinstance(element, SubProcess) or called != NOWHERE:
+            values["inside"] = self._plane_inside(number)
+        return {key: value for key, value in values.items() if value not in ("", [], NOWHERE)}
+
+    def _plane_inside(self, number: int) -> int:
+        """The plane that shows what is inside a call activity or collapsed sub-process."""
+        file, element, _ = self.elements[number]
+        if (file, element.id) in self._planes:
+            return self._planes.index((file, element.id))
+        process = self.called.get(number)
+        if process is None:
+            return NOWHERE
+        body = self.elements[process].element
+        assert isinstance(body, Process)
+        inside = (self._plane_of.get(self._number[self.elements[process].file, node.id]) for node in body.body.nodes)
+        return next((plane for plane in inside if plane is not None), NOWHERE)
+
+    # ---- building ----------------------------------------------------------------------------------------------------
+
+    def _add(self, file: int, element: Element, body: int) -> int:
+        number = self._number.setdefault((file, element.id), len(self.elements))
+        if number == len(self.elements):
+            self.elements.append(Entry(file, element, body))
+            self._by_id.setdefault(element.id, []).append(number)
+        return number
+
+    def _add_body(self, file: int, body: Body, owner: int) -> None:
+        stack = [(body, owner)]
+        for inner, around in stack:
+            for node in inner.nodes:
+                number = self._add(file, node, around)
+                if isinstance(node, SubProcess):
+                    stack.append((node.body, number))
+            for flow in inner.flows:
+                self._add(file, flow, around)
+
+    def _draw(self, file: int, definitions: Definitions) -> None:
+        try:
+            drawings = draw_planes(definitions)
+        except ModelError:  # the file has no diagram: the page lists its elements
+            return
+        for drawing in drawings:
+            self._planes.append((file, drawing.element))
+            self.drawings.append(drawing)
+            for id in (*drawing.boxes, *drawing.lines):
+                number = self._number.get((file, id))
+                if number is not None:
+                    self._plane_of.setdefault(number, len(self._planes) - 1)
+
+    def _link_calls(self) -> None:
+        for number, (file, element, _) in enumerate(tuple(self.elements)):
+            if isinstance(element, CallActivity) and element.called:
+                target = self._called(file, element.called)
+                if target is not None:
+                    self.called[number] = target
+
+    def _called(self, file: int, called: str) -> int | None:
+        """The process that is called, if one of the files has it, the caller's first."""
+        for place in (file, *range(len(self.files))):
+            number = self._number.get((place, called))
+            if number is not None and isinstance(self.elements[number].element, Process):
+                return number
+        for place, definitions in enumerate(self.files):
+            if PurePath(definitions.file).stem == called and len(definitions.processes) == 1:
+                return self._number[place, definitions.processes[0].id]
+        return None

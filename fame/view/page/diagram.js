@@ -1,0 +1,338 @@
+// The diagrams: FAME's SVG, with tokens, outcomes and findings on it. Zoom, pan, and a breadcrumb into called processes.
+
+import { h, s, icon, robotColour, show } from "./dom.js";
+import { TAKE, after } from "./store.js";
+import { Viewport } from "./viewport.js";
+
+const TAGS = new Set(["svg", "g", "rect", "circle", "ellipse", "path", "polygon", "polyline", "line", "text", "tspan", "title"]);
+const ATTRIBUTES = new Set(["x", "y", "width", "height", "rx", "ry", "cx", "cy", "r", "d", "points", "transform", "fill", "stroke",
+  "stroke-width", "stroke-dasharray", "stroke-linecap", "stroke-linejoin", "font-size", "font-family", "text-anchor", "paint-order", "viewBox"]);
+const THEMED = { "#22242a": "var(--ink)", "#ffffff": "var(--sheet)", white: "var(--sheet)", "#d9d9dd": "var(--band)" };
+const SIGNS = {
+  completed: "M-3.200 .2L-.9 2.600L3.200-2.600", failed: "M-2.700-2.700L2.700 2.700M-2.700 2.700L2.700-2.700",
+  cancelled: "M-2.100 2.100L2.100-2.100M3 0A3 3 0 1 1-3 0A3 3 0 1 1 3 0", waiting: "M-1.700-3V3M1.700-3V3",
+  error: "M0-3.500V.6M0 3.100V3.200", warning: "M0-3.500V.6M0 3.100V3.200", note: "M0-.8V3.200M0-3.400V-3.300",
+};
+const OUTCOMES = ["completed", "failed", "cancelled"];
+const FLIGHT = 0.45; // seconds on the wall that a token takes along flows
+
+/** A copy of a drawing from known tags and attributes alone: whatever else a file holds is left out. */
+function imported(node) {
+  if (node.nodeType === Node.TEXT_NODE) return document.createTextNode(node.data);
+  if (node.nodeType !== Node.ELEMENT_NODE || !TAGS.has(node.localName)) return null;
+  const copy = s(node.localName);
+  for (const { name, value } of node.attributes) {
+    if (name === "id") copy.dataset.id = value;
+    else if (ATTRIBUTES.has(name) && !/url\s*\(/i.test(value)) copy.setAttribute(name, THEMED[value] ?? value);
+  }
+  for (const child of node.childNodes) {
+    const made = imported(child);
+    if (made !== null) copy.append(made);
+  }
+  return copy;
+}
+
+function length(points) {
+  let sum = 0;
+  for (let at = 1; at < points.length; at += 1) sum += Math.hypot(points[at][0] - points[at - 1][0], points[at][1] - points[at - 1][1]);
+  return sum;
+}
+
+/** The point at a part (0 to 1) of the way along a line. */
+function along(points, part) {
+  let left = part * length(points);
+  for (let at = 1; at < points.length; at += 1) {
+    const [ax, ay] = points[at - 1], [bx, by] = points[at], far = Math.hypot(bx - ax, by - ay);
+    if (far >= left && far > 0) return [ax + ((bx - ax) * left) / far, ay + ((by - ay) * left) / far];
+    left -= far;
+  }
+  return points[points.length - 1];
+}
+
+/** Text on a disc for a robot: its number, or nothing where a pool has one robot. */
+const numeral = (name) => /_(\d+)$/.exec(name)?.[1] ?? "";
+
+export class Diagram {
+  constructor(root, app) {
+    this.app = app;
+    this.planes = new Map();
+    this.trail = []; // [plane, opener]: how one came here
+    this.plane = -1;
+    this.crumbs = h("nav", { cls: "crumbs", "aria-label": "Where this diagram is" });
+    this.tools = h("div", { cls: "tools" },
+      h("button", { title: "Zoom in", onclick: () => this.view.zoom(1.3) }, icon("plus")),
+      h("button", { title: "Zoom out", onclick: () => this.view.zoom(1 / 1.3) }, icon("minus")),
+      h("button", { title: "Fit the diagram (F)", onclick: () => this.view.fit() }, icon("fit")));
+    this.paper = s("svg", { cls: "paper", tabindex: 0, role: "img", "aria-label": "Diagram" });
+    this.sheet = s("g");
+    this.paper.append(this.sheet);
+    this.legend = h("div", { cls: "legend" });
+    this.empty = h("div", { cls: "empty", hidden: true });
+    root.append(h("div", { cls: "bar" }, this.crumbs, this.tools), this.paper, this.empty, this.legend);
+    this.view = new Viewport(this.paper, (x, y, scale) => this.sheet.setAttribute("transform", `translate(${x} ${y}) scale(${scale})`), 18);
+    this.paper.addEventListener("click", (event) => this.view.moved || this.clicked(event));
+    this.paper.addEventListener("dblclick", (event) => this.opened(event));
+    new ResizeObserver(() => this.view.resized()).observe(this.paper);
+    this.explain();
+  }
+
+  explain() {
+    const mark = (name, text) => h("span", null, s("svg", { viewBox: "-9 -9 18 18", cls: `sign ${name}`, "aria-hidden": "true" },
+      s("circle", { r: 8 }), s("path", { d: SIGNS[name] })), text);
+    show(this.legend, h("span", null, s("svg", { viewBox: "-9 -9 18 18", cls: "sign token", "aria-hidden": "true" }, s("circle", { r: 6.5 })), "token"),
+      mark("completed", "completed"), mark("failed", "failed"), mark("cancelled", "cancelled"));
+  }
+
+  /** Show a plane; `opener` is the call activity or sub-process that leads there. */
+  async open(plane, opener = -1) {
+    const known = this.trail.findIndex(([number, by]) => number === plane && by === opener);
+    this.trail = known >= 0 ? this.trail.slice(0, known + 1) : [...this.trail, [plane, opener]];
+    await this.draw(plane);
+  }
+
+  /** Show the plane that an element is on, as inside `openers`. */
+  async reveal(element, openers = []) {
+    const { elements } = this.app.mission, plane = elements[element]?.plane ?? -1;
+    if (plane < 0) return;
+    const trail = [[this.home(), -1]];
+    for (const opener of openers) {
+      const inside = elements[opener].inside;
+      if (inside !== undefined && inside !== trail.at(-1)[0]) trail.push([inside, opener]);
+    }
+    if (trail.at(-1)[0] !== plane) trail.push([plane, -1]);
+    this.trail = trail[0][0] === trail[1]?.[0] ? trail.slice(1) : trail;
+    await this.draw(plane);
+  }
+
+  home() {
+    return 0;
+  }
+
+  async up() {
+    if (this.trail.length < 2) return;
+    this.trail.pop();
+    await this.draw(this.trail.at(-1)[0]);
+  }
+
+  async draw(number) {
+    const { planes } = this.app.mission;
+    if (number < 0 || planes[number] === undefined) {
+      this.nothing("This model has no diagram", "Draw it in Camunda Modeler or another BPMN tool: the file has the process, but no shapes.");
+      return;
+    }
+    let plane = this.planes.get(number);
+    if (plane === undefined) {
+      const data = await this.app.fetch(`plane/${number}.json`);
+      plane = this.built(data);
+      this.planes.set(number, plane);
+    }
+    this.empty.hidden = true;
+    this.paper.removeAttribute("hidden");
+    const changed = this.plane !== number;
+    this.plane = number;
+    this.current = plane;
+    show(this.sheet, plane.drawing, plane.under, plane.over);
+    if (changed) {
+      this.view.content(plane.width, plane.height);
+      this.view.fit();
+    }
+    this.path();
+    this.app.redraw();
+  }
+
+  nothing(title, advice) {
+    this.paper.setAttribute("hidden", "");
+    this.empty.hidden = false;
+    show(this.empty, h("strong", null, title), h("p", null, advice));
+  }
+
+  built(data) {
+    const parsed = new DOMParser().parseFromString(data.svg, "image/svg+xml").documentElement;
+    const drawing = s("g", { cls: "drawing" });
+    for (const child of parsed.childNodes) {
+      const made = imported(child);
+      if (made !== null && !(made.localName === "rect" && made.getAttribute("width") === "100%")) drawing.append(made);
+    }
+    const byId = new Map();
+    for (const group of drawing.querySelectorAll("[data-id]")) if (!byId.has(group.dataset.id)) byId.set(group.dataset.id, group);
+    const groups = new Map(), { elements } = this.app.mission;
+    const known = (number) => byId.get(elements[number]?.id ?? data.ids?.[number]);
+    for (const number of [...Object.keys(data.shapes), ...Object.keys(data.edges)]) {
+      const group = known(number);
+      if (group === undefined) continue;
+      group.dataset.element = number;
+      groups.set(Number(number), group);
+    }
+    for (const number of data.frames) groups.get(number)?.classList.add("frame");
+    for (const number of Object.keys(data.edges)) groups.get(Number(number))?.classList.add("edge");
+    for (const number of Object.keys(data.shapes)) {
+      const element = elements[number];
+      if (element?.inside !== undefined && element.inside >= 0) groups.get(Number(number))?.classList.add("opens");
+    }
+    return { drawing, groups, under: s("g", { cls: "under" }), over: s("g", { cls: "over" }), width: data.width, height: data.height,
+      shapes: new Map(Object.entries(data.shapes).map(([number, box]) => [Number(number), box])),
+      edges: new Map(Object.entries(data.edges).map(([number, points]) => [Number(number), points])), classes: new Map(), shown: "" };
+  }
+
+  path() {
+    const { planes, elements } = this.app.mission;
+    show(this.crumbs, this.trail.flatMap(([number, opener], place) => {
+      const text = opener >= 0 ? elements[opener].name || elements[opener].id : planes[number]?.title ?? "";
+      const here = place === this.trail.length - 1;
+      const link = here ? h("strong", null, text) : h("button", { onclick: () => { this.trail.length = place + 1; this.draw(number); } }, text);
+      return place > 0 ? [h("span", { "aria-hidden": "true" }, "›"), link] : [link];
+    }));
+  }
+
+  clicked(event) {
+    const group = event.target.closest?.("[data-element]");
+    const element = group === null ? -1 : Number(group.dataset.element);
+    this.app.select({ element: group !== null && this.app.mission.elements[element]?.tag !== "participant" ? element : -1,
+      robot: this.robotOf(element) ?? this.app.selected.robot });
+  }
+
+  /** The robot of a pool that was clicked, if it has one. */
+  robotOf(element) {
+    const { elements, robots } = this.app.mission;
+    if (elements[element]?.tag !== "participant") return undefined;
+    const played = robots.filter((robot) => robot.pool === element);
+    return played.length === 1 ? robots.indexOf(played[0]) : undefined;
+  }
+
+  opened(event) {
+    const group = event.target.closest?.("[data-element]");
+    if (group === null) return;
+    const element = Number(group.dataset.element), inside = this.app.mission.elements[element]?.inside;
+    if (inside !== undefined && inside >= 0) this.open(inside, element);
+  }
+
+  // ---- what happens ------------------------------------------------------------------------------
+
+  /** Show the state of the run. `flows`: whether tokens are seen to move. */
+  update(state, flows) {
+    const plane = this.current;
+    if (plane === undefined) return;
+    const { robot } = this.app.selected, opener = this.trail.at(-1)?.[1] ?? -1;
+    const wanted = (r, s) => (robot < 0 || r === robot) && (opener < 0 || state.openers(r, s).includes(opener));
+    const tokens = new Map(), counts = new Map();
+    if (state !== null) {
+      for (const token of state.tokens.values()) {
+        if (!plane.shapes.has(token.e) || !wanted(token.r, token.s)) continue;
+        if (!tokens.has(token.e)) tokens.set(token.e, []);
+        tokens.get(token.e).push(token);
+      }
+      for (const [key, [done, failed, cancelled]] of state.counts) {
+        const r = Math.floor(key / 1048576), e = key % 1048576;
+        if (robot >= 0 && r !== robot) continue;
+        if (!plane.groups.has(e)) continue;
+        const sum = counts.get(e) ?? [0, 0, 0];
+        counts.set(e, [sum[0] + done, sum[1] + failed, sum[2] + cancelled]);
+      }
+    }
+    this.mark(plane, tokens, counts);
+    this.badges(plane, tokens, counts);
+    this.flights(plane, state, flows, wanted);
+  }
+
+  mark(plane, tokens, counts) {
+    const { element } = this.app.selected;
+    for (const [number, group] of plane.groups) {
+      const [done, failed, cancelled] = counts.get(number) ?? [0, 0, 0];
+      const outcome = failed ? "failed" : done ? "completed" : cancelled ? "cancelled" : "";
+      const classes = `${outcome && `is-${outcome}`} ${tokens.has(number) ? "is-active" : ""} ${number === element ? "is-chosen" : ""} ${
+        this.app.breakpoints.has(number) ? "has-breakpoint" : ""}`;
+      if (plane.classes.get(number) === classes) continue;
+      plane.classes.set(number, classes);
+      group.classList.remove("is-failed", "is-completed", "is-cancelled", "is-active", "is-chosen", "has-breakpoint");
+      group.classList.add(...classes.split(" ").filter(Boolean));
+    }
+  }
+
+  badges(plane, tokens, counts) {
+    const shown = [], text = [];
+    for (const [number, box] of plane.shapes) {
+      const sum = counts.get(number), held = tokens.get(number), findings = this.app.findingsOf(number);
+      if (plane.groups.get(number)?.classList.contains("frame") && !held && !findings) continue;
+      if (sum === undefined && held === undefined && findings === undefined) continue;
+      shown.push([number, box, sum, held, findings]);
+      text.push(`${number}:${sum ?? ""}:${held?.map((token) => `${token.r}x${token.n}`) ?? ""}:${findings?.length ?? ""}`);
+    }
+    const key = `${text.join(";")}|${document.documentElement.dataset.theme}`;
+    if (plane.shown === key) return;
+    plane.shown = key;
+    const marks = [];
+    for (const [, box, sum, held, findings] of shown) {
+      if (sum !== undefined) marks.push(...this.outcomes(box, sum));
+      if (held !== undefined) marks.push(...this.discs(box, held));
+      if (findings !== undefined) marks.push(this.finding(box, findings));
+    }
+    show(plane.under, marks);
+  }
+
+  outcomes([x, y, width], sum) {
+    const found = [];
+    let right = x + width + 9;
+    for (const outcome of [1, 2, 0]) {
+      if (sum[outcome] <= 0) continue;
+      const name = OUTCOMES[outcome], text = String(sum[outcome]), wide = 19 + 6 * text.length;
+      found.push(s("g", { cls: `badge ${name}`, transform: `translate(${right - wide} ${y})` }, s("title", null, `${name}: ${text}`),
+        s("rect", { x: 0, y: -8, width: wide, height: 16, rx: 8 }), s("path", { d: SIGNS[name], transform: "translate(8.500 0)" }),
+        s("text", { x: 15, y: 3.6 }, text)));
+      right -= wide + 2;
+    }
+    return found;
+  }
+
+  discs([x, y, width, height], held) {
+    const byRobot = new Map();
+    for (const token of held) byRobot.set(token.r, (byRobot.get(token.r) ?? 0) + token.n);
+    const small = width <= 40, robots = [...byRobot];
+    return robots.slice(0, 5).map(([r, n], place) => {
+      const cx = small ? x + width / 2 + (place - (robots.length - 1) / 2) * 15 : x + 3 + place * 17;
+      return this.disc(r, n, cx, small ? y + height + 3 : y + height - 2, place === 4 && robots.length > 5 ? `+${robots.length - 4}` : "");
+    });
+  }
+
+  disc(r, n, x, y, text = "") {
+    const { robots } = this.app.mission, label = text || (n > 1 ? `×${n}` : numeral(robots[r]?.name ?? ""));
+    return s("g", { cls: "disc", transform: `translate(${x} ${y})`, "data-robot": r }, s("title", null, `${robots[r]?.name}: ${n} token${n > 1 ? "s" : ""}`),
+      s("circle", { r: 8, fill: robotColour(r) }), label ? s("text", { y: 3.6 }, label) : s("circle", { cls: "core", r: 2.6 }));
+  }
+
+  finding([x, y], findings) {
+    const worst = ["error", "warning", "note"].find((severity) => findings.some((one) => one.severity === severity));
+    return s("g", { cls: `badge ${worst}`, transform: `translate(${x} ${y})` }, s("title", null, findings.map((one) => one.text).join("\n")),
+      worst === "warning" ? s("path", { cls: "plate", d: "M0-9L9 7H-9Z" }) : s("circle", { r: 8 }), s("path", { d: SIGNS[worst] }));
+  }
+
+  /** Tokens on their way: flows that were taken within the last moments, one after the other. */
+  flights(plane, state, flows, wanted) {
+    const found = [], span = FLIGHT * 1e9 * this.app.player.speed;
+    for (const group of this.lit ?? []) group.classList.remove("is-taken");
+    this.lit = [];
+    if (state !== null) {
+      const { t, r, s: scopes, e, w } = state.block.columns;
+      const from = flows ? state.time - span : state.time - 1;
+      const begin = after(t, from), legs = new Map();
+      for (let at = Math.max(begin, state.position - 400); at < state.position; at += 1) {
+        if (w[at] !== TAKE || !plane.edges.has(e[at]) || !wanted(r[at], scopes[at])) continue;
+        const key = `${r[at]}/${t[at]}`;
+        if (!legs.has(key)) legs.set(key, []);
+        legs.get(key).push(at);
+      }
+      for (const chain of legs.values()) {
+        chain.forEach((at, place) => {
+          const group = plane.groups.get(e[at]);
+          group?.classList.add("is-taken");
+          this.lit.push(group);
+          if (!flows) return;
+          const part = ((state.time - t[at]) / span) * chain.length - place;
+          if (part < 0 || part > 1) return;
+          const [x, y] = along(plane.edges.get(e[at]), part * part * (3 - 2 * part));
+          found.push(this.disc(r[at], 1, x, y));
+        });
+      }
+    }
+    show(plane.over, found);
+  }
+}

@@ -1,0 +1,102 @@
+// Builds elements. Text always becomes a text node: nothing from a model or a message is ever parsed as markup.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+function fill(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes ?? {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    else if (name === "dataset") Object.assign(element.dataset, value);
+    else element.setAttribute(name === "cls" ? "class" : name, value === true ? "" : String(value));
+  }
+  element.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+/** An HTML element: attributes as an object (`cls` is the class, `onclick` a listener), then children or text. */
+export function h(tag, attributes, ...children) {
+  return fill(document.createElement(tag), attributes, children);
+}
+
+/** An SVG element. */
+export function s(tag, attributes, ...children) {
+  return fill(document.createElementNS(SVG, tag), attributes, children);
+}
+
+/** The element with this id. */
+export const byId = (id) => document.getElementById(id);
+
+const ICONS = {
+  play: "M7 5v14l12-7z",
+  pause: "M7 5h4v14H7zM14 5h4v14h-4z",
+  next: "M6 5v14l9-7zM16.5 5h2.5v14h-2.5z",
+  previous: "M18 5v14l-9-7zM5 5h2.5v14H5z",
+  fit: "M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5",
+  plus: "M12 5v14M5 12h14",
+  minus: "M5 12h14",
+  link: "M10 14a4 4 0 0 0 5.7 0l3-3a4 4 0 0 0-5.7-5.7l-1 1M14 10a4 4 0 0 0-5.7 0l-3 3A4 4 0 0 0 11 18.700l1-1",
+  moon: "M20 14.500A8 8 0 1 1 9.500 4a6.500 6.500 0 0 0 10.500 10.500z",
+  help: "M9.200 9a3 3 0 1 1 4.300 2.700c-.9.500-1.500 1.100-1.500 2.300M12 17.500v.010M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18z",
+  plot: "M4 19h16M5 15l4-5 4 3 6-8",
+  close: "M6 6l12 12M18 6L6 18",
+  up: "M12 19V6M6 11l6-6 6 6",
+  step: "M5 12h11M12 7l5 5-5 5M20 5v14",
+  branch: "M7 4v16M7 14c0-4 10-2 10-8M17 6a2 2 0 1 0 0-.010M7 4a2 2 0 1 0 0-.010",
+  bolt: "M13 3L5 14h6l-1 7 8-11h-6z",
+  send: "M4 12l16-8-6 16-3-6z",
+  dot: "M12 7a5 5 0 1 0 0 10 5 5 0 0 0 0-10z",
+};
+const SOLID = new Set(["play", "pause", "next", "previous", "dot"]);
+
+/** A pictogram of 24 by 24. */
+export function icon(name) {
+  const solid = SOLID.has(name);
+  const path = s("path", { d: ICONS[name], fill: solid ? "currentColor" : "none", stroke: solid ? "none" : "currentColor",
+    "stroke-width": 2, "stroke-linecap": "round", "stroke-linejoin": "round" });
+  return s("svg", { viewBox: "0 0 24 24", cls: "icon", "aria-hidden": "true" }, path);
+}
+
+/** Replace the children of an element. */
+export function show(element, ...children) {
+  element.replaceChildren(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));
+}
+
+/** Nanoseconds as m:ss.mmm, or h:mm:ss.mmm. */
+export function clock(time) {
+  const ms = Math.round(Math.max(0, time) / 1e6), two = (number) => String(number).padStart(2, "0");
+  const minutes = Math.floor(ms / 60000), rest = `${two(Math.floor(ms / 1000) % 60)}.${String(ms % 1000).padStart(3, "0")}`;
+  return minutes < 60 ? `${minutes}:${rest}` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${rest}`;
+}
+
+/** A duration in nanoseconds, short: 12 ms, 3.4 s, 2 min. */
+export function duration(time) {
+  if (time < 1e9) return `${Math.round(time / 1e6)} ms`;
+  if (time < 120e9) return `${Number((time / 1e9).toPrecision(3))} s`;
+  return `${Number((time / 60e9).toPrecision(3))} min`;
+}
+
+const LIGHT = ["#2364c9", "#c2560a", "#1f8a4c", "#8a3ab9", "#0d7f8f", "#c2257e", "#6b6f1a", "#7a4a2b"];
+const DARK = ["#79a9ff", "#ff9d52", "#5fd08f", "#cf9bf2", "#4fd0e2", "#ff86c4", "#c9ce62", "#d9a583"];
+
+/** Whether the page is dark now. */
+export const isDark = () => document.documentElement.dataset.theme === "dark";
+
+/** The colour of robot number `index`. */
+export const robotColour = (index) => (isDark() ? DARK : LIGHT)[index % LIGHT.length];
+
+/** The value of a CSS variable. */
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/** A canvas as large as its box, sharp on any screen. Gives its context, in CSS pixels. */
+export function sharp(canvas, width, height) {
+  const ratio = window.devicePixelRatio || 1, w = Math.round(width * ratio), hgt = Math.round(height * ratio);
+  if (canvas.width !== w || canvas.height !== hgt) {
+    canvas.width = w;
+    canvas.height = hgt;
+    canvas.style.width = `${width}px`;
+    canvas.style.height = `${height}px`;
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return context;
+}

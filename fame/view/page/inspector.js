@@ -1,0 +1,259 @@
+// The inspector: of the chosen robot (or all) at the cursor, what its tokens wait for, its variables, its messages and log.
+
+import { h, icon, clock, duration, robotColour, show } from "./dom.js";
+import { FAIL, LOG, REPORT, END, after } from "./store.js";
+
+const RECENT = 2e9, LINES = 200;
+
+/** A value on one line, short. */
+export function brief(value, most = 120) {
+  if (value !== null && typeof value === "object" && "$cut" in value) {
+    const inside = value.first === undefined ? "" : ` ${brief(value.first, most - 20)}`;
+    return `${value.$cut}${inside}`;
+  }
+  const text = typeof value === "string" ? JSON.stringify(value) : typeof value === "number" ? String(Number(value.toPrecision(9))) : JSON.stringify(value, (_, one) =>
+    typeof one === "number" ? Number(one.toPrecision(6)) : one);
+  return text !== undefined && text.length > most ? `${text.slice(0, most - 1)}…` : text ?? "–";
+}
+
+/** The numbers inside a value: paths that can be plotted. */
+function numbers(value, path = [], found = [], depth = 3) {
+  if (typeof value === "number" || typeof value === "boolean") found.push(path);
+  else if (depth > 0 && value !== null && typeof value === "object" && !("$cut" in value)) {
+    for (const [key, inner] of Object.entries(value)) if (found.length < 12) numbers(inner, [...path, key], found, depth - 1);
+  }
+  return found;
+}
+
+export class Inspector {
+  constructor(root, app) {
+    this.app = app;
+    this.tab = "state";
+    this.robots = h("div", { cls: "robots", role: "group", "aria-label": "Robots" });
+    this.tabs = h("div", { cls: "tabs", role: "tablist" }, [["state", "State"], ["topics", "Messages"], ["log", "Log"]].map(([name, text]) =>
+      h("button", { role: "tab", dataset: { tab: name }, "aria-selected": String(name === this.tab), onclick: () => this.choose(name) }, text)));
+    this.body = h("div", { cls: "body", tabindex: 0 });
+    root.append(h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
+    this.opened = new Set();
+  }
+
+  choose(tab) {
+    this.tab = tab;
+    for (const button of this.tabs.children) button.setAttribute("aria-selected", String(button.dataset.tab === tab));
+    this.key = "";
+    this.app.redraw();
+  }
+
+  picker() {
+    const { robots } = this.app.mission, { robot } = this.app.selected, key = `${robots.length}|${robot}|${document.documentElement.dataset.theme}`;
+    if (key === this.pickerKey) return;
+    this.pickerKey = key;
+    const pick = h("select", { "aria-label": "Robot", onchange: () => this.app.select({ robot: Number(pick.value) }) },
+      h("option", { value: -1 }, "All robots"), robots.map((one, r) => h("option", { value: r }, one.name)));
+    pick.value = String(robot);
+    show(this.robots, pick);
+  }
+
+  update(state, time) {
+    this.picker();
+    const { selected, store, plots } = this.app;
+    const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey()].join();
+    if (key === this.key) return;
+    const now = performance.now();
+    if (this.app.player.playing && now - (this.last ?? 0) < 90) { // ten times a second is as much as anybody reads
+      this.app.later(() => this.app.redraw(), 100);
+      return;
+    }
+    this.key = key;
+    this.last = now;
+    if (state === null) {
+      show(this.body, h("p", { cls: "quiet" }, "Loading this part of the run …"));
+      return;
+    }
+    const top = this.body.scrollTop;
+    show(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
+    this.body.scrollTop = top;
+  }
+
+  chosen(r) {
+    const { robot } = this.app.selected;
+    return robot < 0 || robot === r;
+  }
+
+  robot(r) {
+    const swatch = h("i", { cls: "swatch" });
+    swatch.style.background = robotColour(r);
+    return h("button", { cls: "who", onclick: () => this.app.select({ robot: r }) }, swatch, this.app.mission.robots[r]?.name ?? "");
+  }
+
+  element(number, path = []) {
+    const { elements } = this.app.mission, element = elements[number];
+    return h("button", { cls: "link", title: element?.id, onclick: () => this.app.select({ element: number }, { reveal: true, openers: path }) }, element?.name || element?.id || "?");
+  }
+
+  instant(time) {
+    return h("button", { cls: "when", title: "Go there", onclick: () => this.app.player.seek(time) }, clock(time));
+  }
+
+  // ---- state -------------------------------------------------------------------------------------
+
+  state(state, time) {
+    const { selected, mission } = this.app, parts = [];
+    if (selected.element >= 0) parts.push(this.chosenElement(state, time));
+    mission.robots.forEach((robot, r) => {
+      if (!this.chosen(r)) return;
+      const body = [...this.waits(state, r, time), ...this.variables(state, r, time)];
+      if (selected.robot < 0) parts.push(h("h3", null, this.robot(r), h("span", { cls: "quiet" }, this.status(state, r))));
+      else if (this.status(state, r)) parts.push(h("p", { cls: "status" }, this.status(state, r)));
+      parts.push(...body);
+    });
+    return parts.length ? parts : [h("p", { cls: "quiet" }, "No robot has started yet.")];
+  }
+
+  status(state, r) {
+    const { columns, details } = state.block;
+    for (let at = state.position - 1; at >= 0; at -= 1) if (columns.r[at] === r && columns.w[at] === END) {
+      const alive = [...state.tokens.values()].some((token) => token.r === r);
+      return alive ? "" : String(details.get(at) ?? "ended");
+    }
+    return "";
+  }
+
+  waits(state, r, time) {
+    const rows = [...(state.waits.get(r)?.values() ?? [])];
+    if (!rows.length) return [];
+    return [h("h4", null, "Waits for"), h("ul", { cls: "waits" }, rows.map((wait) => this.wait(state, r, wait, time)))];
+  }
+
+  wait(state, r, wait, time) {
+    const openers = state.openers(r, wait.scope), since = time - wait.since;
+    const topics = (wait.topics ?? []).map((topic) => this.whyTopic(topic, wait, time));
+    const conditions = (wait.conditions ?? []).map((condition) => h("div", { cls: "why" }, h("code", null, condition.text),
+      (condition.reads ?? []).map((name) => h("div", null, name, " = ", this.valueOf(state, r, wait.scope, name)))));
+    return h("li", null, h("div", null, wait.e >= 0 ? this.element(wait.e, openers) : h("b", null, wait.element), wait.suspended ? h("em", null, "suspended") : null,
+      h("span", { cls: "quiet" }, ` ${duration(Math.max(0, since))}`)), h("div", { cls: "reason" }, wait.text), topics, conditions, this.app.control.forWait(r, wait));
+  }
+
+  /** The last message on a topic, and why it did not move the token. */
+  whyTopic(topic, wait, time) {
+    const last = this.lastMessage(topic, time);
+    if (last === null) return this.app.mission.messages ? h("div", { cls: "why" }, `no message on ${topic} so far`) : null;
+    const early = last[0] < wait.since;
+    return h("div", { cls: "why" }, `last message `, this.instant(last[0]), last[2] ? ` from ${last[2]}` : "", early ? ", before this token waited: it does not count" : "");
+  }
+
+  lastMessage(topic, time) {
+    const { store } = this.app;
+    for (let number = store.numberAt(time); number >= 0; number -= 1) {
+      const rows = store.blocks[number]?.data?.messages ?? [];
+      for (let at = after(rows, time, ([t]) => t) - 1; at >= 0; at -= 1) if (rows[at][1] === topic) return rows[at];
+    }
+    return null;
+  }
+
+  valueOf(state, r, scope, name) {
+    for (let at = scope, left = 64; at >= 0 && left > 0; left -= 1) {
+      const found = state.variables.get(`${r}/${at}`)?.values.get(name);
+      if (found) return h("code", null, brief(found[0]));
+      at = state.scopeOf(r, at)?.parent ?? -1;
+    }
+    return h("em", null, "not set");
+  }
+
+  variables(state, r, time) {
+    const scopes = [...state.variables.values()].filter((one) => one.r === r && one.values.size > 0).sort((a, b) => a.s - b.s);
+    return scopes.flatMap(({ s, values }) => {
+      const openers = state.openers(r, s), where = openers.length ? this.app.mission.elements[openers.at(-1)]?.name : "";
+      const rows = [...values].sort(([a], [b]) => a.localeCompare(b)).map(([name, [value, since]]) => this.variable(r, s, name, value, since, time));
+      return [h("h4", null, where ? `Variables in ${where}` : "Variables"), h("table", { cls: "variables" }, h("tbody", null, rows))];
+    });
+  }
+
+  variable(r, s, name, value, since, time) {
+    const fresh = time - since < RECENT && since > 0, id = `${r}/${s}/${name}`, open = this.opened.has(id);
+    const complex = value !== null && typeof value === "object", paths = numbers(value);
+    const plot = paths.length === 1 || (!complex && paths.length) ? this.plotButton({ r, name, path: paths[0] }) : paths.length > 1 ? this.plotMenu(r, name, paths) : null;
+    const text = open ? h("pre", null, JSON.stringify(value, null, 2)) : h("code", null, brief(value));
+    const toggle = complex || (typeof value === "string" && value.length > 100) ? h("button", { cls: "value", title: open ? "Less" : "All of it", onclick: () => {
+      if (open) this.opened.delete(id);
+      else this.opened.add(id);
+      this.key = "";
+      this.app.redraw();
+    } }, text) : text;
+    return h("tr", { cls: fresh ? "fresh" : "" }, h("th", { scope: "row", title: `set ${clock(since)}` }, fresh ? h("span", { cls: "mark", title: `changed ${clock(since)}` }, "●") : null, name), h("td", null, toggle), h("td", { cls: "act" }, plot));
+  }
+
+  plotButton(plot, text = null) {
+    const on = this.app.plots.has(plot);
+    return h("button", { cls: text ? "text" : "", title: on ? "Remove the plot" : "Plot it over time", "aria-pressed": String(on), onclick: () => this.app.plots.toggle(plot) }, text ?? icon("plot"));
+  }
+
+  plotMenu(r, name, paths, topic = "") {
+    const pick = h("select", { cls: "plots", title: "Plot a field over time", "aria-label": `Plot a field of ${name}`, onchange: () => {
+      if (pick.value !== "") this.app.plots.toggle({ r, name, topic, path: paths[Number(pick.value)] });
+      pick.value = "";
+    } }, h("option", { value: "" }, "plot"), paths.map((path, at) => h("option", { value: at }, `${this.app.plots.has({ r, name, topic, path }) ? "✓ " : ""}${path.join(".")}`)));
+    return pick;
+  }
+
+  // ---- one element -------------------------------------------------------------------------------
+
+  chosenElement(state, time) {
+    const { selected, mission, store, control } = this.app, number = selected.element, element = mission.elements[number];
+    if (element === undefined) return null;
+    let sum = [0, 0, 0], tokens = 0;
+    for (const [key, counts] of state.counts) if (key % 1048576 === number && this.chosen(Math.floor(key / 1048576))) sum = sum.map((value, at) => value + counts[at]);
+    for (const token of state.tokens.values()) if (token.e === number && this.chosen(token.r)) tokens += token.n;
+    const visits = (step) => store.find(time, step, (data, at) => data.columns.e[at] === number && data.columns.w[at] <= FAIL && this.chosen(data.columns.r[at]))
+      .then((found) => found !== null && this.app.player.seek(found));
+    const counts = [`${sum[0]} completed`, sum[1] ? `${sum[1]} failed` : "", sum[2] ? `${sum[2]} cancelled` : "", tokens ? `${tokens} token${tokens > 1 ? "s" : ""} here` : ""];
+    const findings = this.app.findingsOf(number) ?? [];
+    return h("div", { cls: "card" }, h("div", { cls: "head" }, h("b", null, element.name || element.id),
+      h("button", { title: "Close", onclick: () => this.app.select({ element: -1 }) }, icon("close"))),
+    h("div", { cls: "quiet" }, `${element.tag.replace(/([A-Z])/g, " $1").toLowerCase()} · ${element.id}`),
+    element.topics ? h("div", null, element.topics.map(([topic, way]) => h("div", null, way === "throw" ? "publishes " : "receives ", h("code", null, topic)))) : null,
+    element.condition ? h("div", null, "condition ", h("code", null, element.condition)) : null,
+    findings.map((one) => h("div", { cls: `found ${one.severity}` }, h("b", null, one.severity), ` ${one.text}`)),
+    element.doc ? h("p", null, element.doc) : null, element.script ? h("details", null, h("summary", null, "Script"), h("pre", null, element.script)) : null,
+    this.app.mission.kind === "model" ? null : h("div", { cls: "row" }, h("span", null, counts.filter(Boolean).join(" · "))),
+    h("div", { cls: "row" }, this.app.mission.kind === "model" ? null : [h("button", { cls: "text", onclick: () => visits(-1) }, "Previous visit"),
+      h("button", { cls: "text", onclick: () => visits(1) }, "Next visit")],
+    element.inside >= 0 ? h("button", { cls: "text", onclick: () => this.app.diagram.open(element.inside, number) }, "Open") : null, control.forElement(number)));
+  }
+
+  // ---- messages and log --------------------------------------------------------------------------
+
+  topics(state, time) {
+    const { store, mission } = this.app, last = new Map();
+    for (const { data } of store.blocks) {
+      if (!data || data.start > time) continue;
+      for (const row of data.messages) {
+        if (row[0] > time) break;
+        last.set(row[1], row);
+      }
+    }
+    if (!last.size) return [h("p", { cls: "quiet" }, mission.messages ? "No message until now." : "This run has no recorded messages.")];
+    return [h("table", { cls: "variables" }, h("tbody", null, [...last.values()].sort((a, b) => a[1].localeCompare(b[1])).map(([t, topic, sender, content]) => {
+      const paths = numbers(content);
+      return h("tr", { cls: time - t < RECENT ? "fresh" : "" }, h("th", { scope: "row" }, topic, h("small", null, this.instant(t), sender ? ` ${sender}` : "")),
+        h("td", null, h("code", null, brief(content, 200))), h("td", { cls: "act" }, paths.length ? this.plotMenu(-1, "", paths, topic) : null));
+    })))];
+  }
+
+  /** Log lines, reports and errors until the cursor, the last first. */
+  log(time) {
+    const { store, mission } = this.app, found = [];
+    for (let number = store.numberAt(time); number >= 0 && found.length < LINES; number -= 1) {
+      const { data } = store.blocks[number] ?? {};
+      if (!data) continue;
+      const { t, r, e, w } = data.columns;
+      for (let at = after(t, time) - 1; at >= 0 && found.length < LINES; at -= 1) {
+        if (![LOG, REPORT, FAIL, END].includes(w[at]) || !this.chosen(r[at])) continue;
+        const word = { [LOG]: "", [REPORT]: "report", [FAIL]: "failed", [END]: "ended" }[w[at]];
+        found.push(h("li", { cls: w[at] === FAIL ? "failed" : w[at] === REPORT ? "report" : "" }, this.instant(t[at]), this.robot(r[at]),
+          h("span", { cls: "line" }, word ? h("b", null, word) : null, e[at] >= 0 && w[at] !== END ? [" ", this.element(e[at])] : null, ` ${data.details.get(at) ?? ""}`)));
+      }
+    }
+    return found.length ? [h("ol", { cls: "log" }, found)] : [h("p", { cls: "quiet" }, `Nothing was logged by ${mission.robots[this.app.selected.robot]?.name ?? "any robot"} until here.`)];
+  }
+}

@@ -1,0 +1,339 @@
+// The page: loads the mission, keeps cursor and selection, and redraws what follows them.
+
+import { byId, clock, h, icon, show } from "./dom.js";
+import { Control } from "./control.js";
+import { Diagram } from "./diagram.js";
+import { Inspector } from "./inspector.js";
+import { Player } from "./player.js";
+import { Store, TAKE } from "./store.js";
+import { Timeline } from "./timeline.js";
+import { World } from "./world.js";
+
+const base = new URL(".", location.href);
+
+class App {
+  constructor() {
+    this.mission = { robots: [], elements: [], planes: [], blocks: [], end: 0, reading: 1, kind: "", control: [] };
+    this.store = new Store((number) => this.fetch(`block/${number}.json`));
+    this.selected = { robot: -1, element: -1 };
+    this.breakpoints = new Set();
+    this.findings = new Map();
+    this.state = null;
+    this.player = new Player(this);
+    this.control = new Control(byId("controls"), this);
+    this.diagram = new Diagram(byId("diagram"), this);
+    this.world = new World(byId("world"), this);
+    this.inspector = new Inspector(byId("inspector"), this);
+    this.timeline = new Timeline(byId("time"), this);
+    this.plots = this.timeline.plots;
+    this.store.onchange(() => this.redraw());
+    this.tools();
+    this.keys();
+    this.waiting = false;
+    this.timer = null;
+  }
+
+  async fetch(path) {
+    const answer = await fetch(new URL(path, base));
+    if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
+    return answer.json();
+  }
+
+  async post(command) {
+    const answer = await fetch(new URL("control", base), { method: "POST", body: JSON.stringify(command) });
+    const found = await answer.json().catch(() => ({ error: "the server has ended" }));
+    if (!answer.ok) throw new Error(found.error);
+    return found;
+  }
+
+  // ---- the mission -------------------------------------------------------------------------------
+
+  async start() {
+    await this.load(await this.fetch("mission.json"));
+    this.fromLink();
+    this.listen();
+    addEventListener("hashchange", () => this.fromLink());
+    this.prefetch();
+  }
+
+  /** Take the mission, or a new one that differs. */
+  async load(mission) {
+    const models = JSON.stringify([mission.models, mission.planes]);
+    this.mission = mission;
+    this.store.index(mission.blocks, mission.end);
+    this.findings = new Map();
+    for (const finding of mission.findings ?? []) {
+      const known = this.findings.get(finding.element) ?? [];
+      this.findings.set(finding.element, [...known, finding]);
+    }
+    this.heading();
+    if (models !== this.models) {
+      this.models = models;
+      this.diagram.planes.clear();
+      this.diagram.plane = -1;
+      this.diagram.trail = [];
+      if (mission.planes.length) await this.diagram.open(0);
+      else if (mission.elements.length) this.diagram.draw(-1);
+      else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
+    }
+    document.body.dataset.kind = mission.kind;
+    this.changedPlayer();
+    this.redraw();
+  }
+
+  heading() {
+    const { mission } = this, chip = (text, cls = "", title = "") => h("span", { cls: `chip ${cls}`, title }, text);
+    byId("title").textContent = mission.title;
+    document.title = `${mission.title} · fame view`;
+    show(byId("chips"), mission.chips.map(([text, cls, title]) => chip(text, cls, title)));
+    show(byId("notices"), (mission.notices ?? []).map((text) => h("span", { cls: "notice", title: text }, text)));
+  }
+
+  isLive() {
+    return this.mission.kind === "live" && !this.control.status?.over;
+  }
+
+  findingsOf(element) {
+    return this.findings.get(element);
+  }
+
+  /** What a robot does at an instant: the outermost activity under way, and the innermost. */
+  doing(state, r) {
+    let outer = null, inner = null;
+    for (const token of state.tokens.values()) {
+      if (token.r !== r) continue;
+      const depth = state.scopeOf(r, token.s)?.depth ?? 0, element = this.mission.elements[token.e];
+      if (element === undefined || /Gateway/.test(element.tag)) continue;
+      const rank = /task|callActivity|process/i.test(element.tag) ? 2 : 1;
+      if (depth === 0 && (outer === null || rank >= outer.rank)) outer = { rank, text: `${rank === 1 ? "waits: " : ""}${element.name || element.id}` };
+      if (depth === 1 && rank === 2 && (inner === null || rank >= inner.rank)) inner = { rank, text: element.name || element.id };
+    }
+    if (outer === null) return "";
+    return inner && outer.rank === 2 && inner.text !== outer.text ? `${outer.text}: ${inner.text}` : outer.text;
+  }
+
+  controlKey() {
+    return `${JSON.stringify(this.control.status)}${[...this.breakpoints]}`;
+  }
+
+  /** What comes while the page is open. */
+  listen() {
+    const address = new URL("live", base);
+    address.protocol = "ws:";
+    const socket = new WebSocket(address);
+    socket.onmessage = ({ data }) => this.news(JSON.parse(data));
+    socket.onclose = () => {
+      byId("top").classList.add("gone");
+      if (this.mission.kind !== "recording" || this.mission.reading < 1) this.toast("The connection to fame view has ended: what is shown stays as it is.", true);
+    };
+  }
+
+  news(news) {
+    if (news.type === "mission") this.load(news.mission).then(() => this.prefetch());
+    else if (news.type === "index") {
+      this.store.index(news.blocks, news.end);
+      this.mission.reading = news.reading;
+      if (news.elements) this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
+      this.prefetch();
+    } else if (news.type === "data") this.store.add(news.block);
+    else if (news.type === "run") this.run(news);
+    this.redraw();
+  }
+
+  run(news) {
+    const stopped = news.stopped && news.stopped !== this.control.status?.stopped;
+    this.control.status = news;
+    this.breakpoints = new Set(news.breakpoints);
+    if (stopped) this.toast(news.stopped);
+    if (news.time > this.store.end) this.store.end = news.time;
+    this.changedPlayer();
+  }
+
+  /** Load the blocks one after the other, those at the cursor first. */
+  async prefetch() {
+    if (this.fetching) return;
+    this.fetching = true;
+    try {
+      for (;;) {
+        const missing = this.store.blocks.filter((block) => block && block.data === null);
+        if (!missing.length || this.store.blocks.reduce((sum, block) => sum + (block.data ? block.events : 0), 0) > 4e6) break;
+        const here = this.store.numberAt(this.player.time);
+        missing.sort((a, b) => Math.abs(a.number - here) - Math.abs(b.number - here));
+        await Promise.all(missing.slice(0, 2).map((block) => this.store.want(block.number)));
+      }
+    } catch { /* the server has ended; what is there stays */ } finally {
+      this.fetching = false;
+    }
+  }
+
+  // ---- cursor and selection ----------------------------------------------------------------------
+
+  select(change, { reveal = false, scope = null, openers = null } = {}) {
+    Object.assign(this.selected, change);
+    if (reveal && this.selected.element >= 0) {
+      const around = openers ?? (scope !== null && this.state ? this.state.openers(this.selected.robot, scope) : []);
+      this.diagram.reveal(this.selected.element, around);
+    }
+    this.saveLink();
+    this.redraw();
+  }
+
+  changedPlayer() {
+    this.timeline?.playerChanged();
+    this.saveLink();
+  }
+
+  changedPlots() {
+    this.redraw();
+  }
+
+  /** To the next or previous event that moved a token. */
+  async step(by) {
+    this.player.play(false);
+    const { robot } = this.selected;
+    const found = await this.store.find(this.player.time, by, (data, at) => data.columns.w[at] !== TAKE && (robot < 0 || data.columns.r[at] === robot));
+    if (found !== null) this.player.seek(found);
+    else if (by < 0) this.player.seek(0);
+  }
+
+  // ---- links -------------------------------------------------------------------------------------
+
+  link() {
+    const { robots, elements } = this.mission, parts = new URLSearchParams();
+    parts.set("t", String(this.player.time / 1e9));
+    if (this.selected.robot >= 0) parts.set("robot", robots[this.selected.robot].name);
+    const element = elements[this.selected.element];
+    if (element !== undefined) parts.set("element", element.file > 0 ? `${element.id}@${element.file}` : element.id);
+    return parts.toString();
+  }
+
+  saveLink() {
+    if (!this.mission.kind) return;
+    clearTimeout(this.linkTimer);
+    this.linkTimer = setTimeout(() => {
+      const hash = `#${this.link()}`;
+      if (location.hash !== hash) history.replaceState(null, "", hash);
+    }, 250);
+  }
+
+  fromLink() {
+    const parts = new URLSearchParams(location.hash.slice(1)), { robots, elements } = this.mission;
+    if (parts.has("t")) this.player.seek(Math.round(Number(parts.get("t")) * 1e9) || 0);
+    else if (this.isLive()) this.player.follow();
+    const robot = robots.findIndex((one) => one.name === parts.get("robot"));
+    const [id, file = "0"] = (parts.get("element") ?? "").split("@");
+    const element = id ? elements.findIndex((one) => one.id === id && String(one.file ?? 0) === file) : -1;
+    this.select({ robot, element }, { reveal: element >= 0 });
+  }
+
+  // ---- drawing -----------------------------------------------------------------------------------
+
+  redraw() {
+    if (this.waiting) return;
+    this.waiting = true;
+    requestAnimationFrame((now) => {
+      this.waiting = false;
+      this.draw(now);
+    });
+  }
+
+  later(action, after) {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(action, after);
+  }
+
+  draw(now) {
+    const moved = this.player.frame(now), { time } = this.player;
+    this.state = this.store.stateAt(time);
+    if (this.state !== null) {
+      this.world.update(this.state, time);
+      this.diagram.update(this.state, this.player.playing);
+    } else if (this.mission.kind === "model") this.diagram.update(null, false);
+    this.inspector.update(this.state, time);
+    this.timeline.update(time);
+    this.control.update();
+    if (this.player.playing || this.player.following) this.redraw();
+    if (moved) this.saveLink();
+    this.frames = (this.frames ?? 0) + 1;
+  }
+
+  // ---- page --------------------------------------------------------------------------------------
+
+  toast(text, bad = false) {
+    const box = byId("toast");
+    box.textContent = text;
+    box.className = bad ? "bad" : "";
+    box.hidden = false;
+    clearTimeout(this.toastTimer);
+    this.toastTimer = setTimeout(() => { box.hidden = true; }, bad ? 9000 : 5000);
+  }
+
+  tools() {
+    const button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
+    show(byId("tools"), button("link", "Copy a link to this instant, robot and element", () => this.copy()),
+      button("moon", "Light or dark", () => this.theme()), button("help", "Keyboard and legend (?)", () => this.help()));
+    const saved = localStorage.getItem("fame-theme");
+    this.setTheme(saved ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+  }
+
+  setTheme(theme) {
+    document.documentElement.dataset.theme = theme;
+    this.redraw();
+  }
+
+  theme() {
+    const theme = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+    localStorage.setItem("fame-theme", theme);
+    this.setTheme(theme);
+  }
+
+  async copy() {
+    const address = `${location.href.split("#")[0]}#${this.link()}`;
+    history.replaceState(null, "", address);
+    try {
+      await navigator.clipboard.writeText(address);
+      this.toast(`Link to ${clock(this.player.time)} copied.`);
+    } catch {
+      this.toast("The link is in the address bar.");
+    }
+  }
+
+  help() {
+    const rows = [["Space", "play, pause"], ["← →", "previous, next event (of the chosen robot)"], ["Shift ← →", "one second back, on"], ["Home End", "start, end"],
+      ["[ ]", "slower, faster"], ["+ −", "shorter, longer span of the timeline"], ["0", "the whole run"], ["F", "fit the diagram"],
+      ["1 … 9, A", "choose a robot, all robots"], ["L", "follow a run that lasts"], ["Esc", "drop the selection, then leave a called process"], ["?", "this help"]];
+    const dialog = byId("help");
+    show(dialog, h("form", { method: "dialog" }, h("div", { cls: "head" }, h("h2", null, "Keyboard"), h("button", { title: "Close" }, icon("close"))),
+      h("dl", { cls: "keys" }, rows.map(([key, text]) => [h("dt", null, key.split(" ").map((one) => h("kbd", null, one))), h("dd", null, text)])),
+      h("h2", null, "Reading it"), h("ul", null, h("li", null, "A disc is a token: its colour and number are those of the robot. ×3 are three tokens."),
+        h("li", null, "Bars are elements under way: filled for activities, dashed where a token waits, hatched if cancelled, with a red edge and ✕ if failed."),
+        h("li", null, "Arrows are signals from the robot that sent them to the one that they woke. ✕ is an error, ▲ a report."),
+        h("li", null, "Double-click a call activity to see what runs in it."))));
+    dialog.showModal();
+  }
+
+  keys() {
+    const { player } = this, robot = (r) => this.mission.robots[r] && this.select({ robot: r });
+    const actions = { " ": () => player.play(), ArrowLeft: (event) => event.shiftKey ? player.seek(player.time - 1e9) : this.step(-1),
+      ArrowRight: (event) => event.shiftKey ? player.seek(player.time + 1e9) : this.step(1), Home: () => player.seek(0), End: () => player.seek(this.store.end),
+      "[": () => player.faster(-1), "]": () => player.faster(1), "+": () => this.timeline.zoom(1 / 1.6), "=": () => this.timeline.zoom(1 / 1.6), "-": () => this.timeline.zoom(1.6),
+      0: () => this.timeline.all(), f: () => this.diagram.view.fit(), l: () => this.isLive() && player.follow(), a: () => this.select({ robot: -1 }), "?": () => this.help(),
+      Escape: () => this.selected.element >= 0 || this.selected.robot >= 0 ? this.select({ robot: -1, element: -1 }) : this.diagram.up() };
+    for (let number = 1; number <= 9; number += 1) actions[number] = () => robot(number - 1);
+    addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+      if (/^(input|select|textarea)$/i.test(event.target.localName)) return;
+      if (event.key === " " && event.target.localName === "button") return;
+      const action = actions[event.key] ?? actions[event.key.toLowerCase()];
+      if (action === undefined) return;
+      event.preventDefault();
+      action(event);
+    });
+  }
+}
+
+const app = new App();
+window.fame = app; // for the console, and for tests
+app.start().catch((error) => {
+  app.diagram.nothing("The page could not be loaded", String(error.message ?? error));
+});

@@ -1,0 +1,153 @@
+// Plots: a numeric variable, or a field of a message, over the time of the timeline.
+
+import { h, icon, robotColour, css } from "./dom.js";
+import { after } from "./store.js";
+
+const HEIGHT = 58;
+
+/** The value at a path in plain data, as a number, or NaN. */
+export function numeric(value, path) {
+  let found = value;
+  for (const key of path) found = found?.[key];
+  if (typeof found === "boolean") return Number(found);
+  return typeof found === "number" ? found : NaN;
+}
+
+export class Plots {
+  constructor(app, timeline) {
+    this.app = app;
+    this.timeline = timeline;
+    this.shown = []; // {r, name, path, topic}
+    this.count = 0;
+  }
+
+  get key() {
+    return this.shown.map((plot) => plot.id).join("|");
+  }
+
+  get height() {
+    return this.shown.length * HEIGHT;
+  }
+
+  static id({ r, name, path = [], topic = "" }) {
+    return JSON.stringify([topic ? -1 : r, topic || name, ...path]);
+  }
+
+  has(plot) {
+    const id = Plots.id(plot);
+    return this.shown.some((other) => other.id === id);
+  }
+
+  toggle(plot) {
+    const id = Plots.id(plot);
+    if (this.has(plot)) this.shown = this.shown.filter((other) => other.id !== id);
+    else this.shown.push({ path: [], ...plot, id });
+    this.app.changedPlots();
+  }
+
+  title({ name, path, topic }) {
+    return topic ? [topic, ...path].join(".") : `${[name, ...path].join(".")}`;
+  }
+
+  labels(top) {
+    return this.shown.map((plot, place) => {
+      plot.value = h("small");
+      const label = h("div", { cls: "lane plot" }, h("span", null, h("b", { title: this.title(plot) }, this.title(plot)),
+        plot.topic ? null : h("em", null, this.app.mission.robots[plot.r]?.name ?? ""), plot.value),
+        h("button", { title: "Remove the plot", onclick: () => this.toggle(plot) }, icon("close")));
+      label.style.top = `${top + place * HEIGHT}px`;
+      label.style.height = `${HEIGHT}px`;
+      return label;
+    });
+  }
+
+  /** [times, values] in all loaded blocks. */
+  series(plot) {
+    const { store } = this.app;
+    if (plot.version === store.version) return plot.data;
+    plot.version = store.version;
+    const times = [], values = [];
+    const add = (time, value) => {
+      if (Number.isNaN(value) && Number.isNaN(values.at(-1) ?? NaN)) return;
+      times.push(time);
+      values.push(value);
+    };
+    for (const { data } of store.blocks) {
+      if (!data) continue;
+      if (plot.topic) for (const [time, topic, , content] of data.messages) if (topic === plot.topic) add(time, numeric(content, plot.path));
+      if (plot.topic) continue;
+      for (const [r, , held] of data.key.variables) if (r === plot.r && plot.name in held) add(data.start, numeric(held[plot.name][0], plot.path));
+      for (const [time, r, , changed] of data.variables) if (r === plot.r && changed !== null && plot.name in changed) add(time, numeric(changed[plot.name], plot.path));
+    }
+    plot.data = [times, values];
+    return plot.data;
+  }
+
+  values(time) {
+    for (const plot of this.shown) {
+      const [times, values] = this.series(plot), at = after(times, time) - 1, value = values[at];
+      const text = at < 0 || Number.isNaN(value) ? "–" : String(Number(value.toPrecision(6)));
+      if (plot.value && plot.value.textContent !== text) plot.value.textContent = text;
+    }
+  }
+
+  draw(context, top) {
+    this.shown.forEach((plot, place) => this.drawOne(context, plot, top + place * HEIGHT));
+  }
+
+  drawOne(context, plot, top) {
+    const { timeline } = this, [times, values] = this.series(plot);
+    const first = Math.max(0, after(times, timeline.from) - 1);
+    let low = Infinity, high = -Infinity;
+    const last = Math.min(times.length - 1, after(times, timeline.until));
+    for (let at = first; at <= last; at += 1) {
+      if (values[at] < low) low = values[at];
+      if (values[at] > high) high = values[at];
+    }
+    context.fillStyle = css("--line");
+    context.fillRect(0, top + HEIGHT - 1, timeline.width, 1);
+    context.font = "10px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    context.fillStyle = css("--muted");
+    if (low > high) {
+      context.textAlign = "left";
+      context.fillText("no numbers in this span of time", 6, top + HEIGHT / 2);
+      return;
+    }
+    if (low === high) [low, high] = [low - 1, high + 1];
+    const y = (value) => top + HEIGHT - 9 - ((value - low) / (high - low)) * (HEIGHT - 18);
+    context.strokeStyle = plot.topic ? css("--accent") : robotColour(plot.r);
+    context.lineWidth = 1.5;
+    context.lineJoin = "round";
+    context.beginPath();
+    let before = NaN, px = -9, lowest = NaN, highest = NaN;
+    for (let at = first; at <= last; at += 1) {
+      const value = values[at], x = timeline.x(times[at]);
+      if (Number.isNaN(value)) {
+        before = NaN;
+        continue;
+      }
+      if (Math.round(x) === px) { // many in one pixel: a vertical line from the lowest to the highest
+        lowest = Math.min(lowest, value);
+        highest = Math.max(highest, value);
+        if (value === lowest || value === highest) context.lineTo(x, y(value));
+      } else {
+        if (Number.isNaN(before)) context.moveTo(x, y(value));
+        else {
+          context.lineTo(x, y(before));
+          context.lineTo(x, y(value));
+        }
+        px = Math.round(x);
+        lowest = highest = value;
+      }
+      before = value;
+    }
+    if (!Number.isNaN(before)) context.lineTo(Math.min(timeline.x(this.app.store.end), timeline.width), y(before));
+    context.stroke();
+    context.fillStyle = css("--muted");
+    context.textAlign = "right";
+    context.fillText(String(Number(high.toPrecision(4))), timeline.width - 4, y(high));
+    context.fillText(String(Number(low.toPrecision(4))), timeline.width - 4, y(low));
+    context.textAlign = "left";
+  }
+}

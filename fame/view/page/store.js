@@ -1,0 +1,292 @@
+// What is known of the run: blocks, and the state at any instant. Mirrors fame/view/blocks.py.
+
+export const START = 0, ENTER = 1, LEAVE = 2, TAKE = 3, CANCEL = 4, FAIL = 5, END = 6, LOG = 7, REPORT = 8, ANSWER = 9;
+export const WHATS = ["start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer"];
+const COLUMNS = ["t", "r", "i", "s", "e", "w"];
+const LISTS = ["variables", "waits", "messages", "poses", "world"];
+
+/** The first index whose value is above `time`. */
+export function after(values, time, of = (value) => value) {
+  let low = 0, high = values.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (of(values[middle]) <= time) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+const first = (row) => row[0];
+
+/** The state of a run at an instant. `apply` moves it forward within its block. */
+export class State {
+  constructor(block) {
+    this.block = block;
+    this.position = 0; // events that are applied
+    this.at = Object.fromEntries(LISTS.map((name) => [name, 0]));
+    const key = block.key;
+    this.tokens = new Map();
+    this.counts = new Map();
+    this.scopes = new Map();
+    this.variables = new Map();
+    this.waits = new Map(key.waits.map(([r, tokens]) => [r, new Map(tokens.map((token) => [token.key, token]))]));
+    this.poses = new Map(key.poses);
+    this.world = new Map(Object.entries(key.world));
+    for (const [r, i, s, e, n, since] of key.tokens) this.tokens.set(`${r}/${i}/${s}/${e}`, { r, i, s, e, n, since });
+    for (const [r, e, done, failed, cancelled] of key.counts) this.counts.set(r * 1048576 + e, [done, failed, cancelled]);
+    for (const row of key.scopes) this.scope(row);
+    for (const [r, s, values] of key.variables) {
+      this.variables.set(`${r}/${s}`, { r, s, values: new Map(Object.entries(values)) });
+    }
+  }
+
+  scope([r, s, i, parent, opener, depth]) {
+    this.scopes.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
+  }
+
+  count(r, e, outcome, by = 1) {
+    const key = r * 1048576 + e;
+    let counts = this.counts.get(key);
+    if (counts === undefined) this.counts.set(key, (counts = [0, 0, 0]));
+    counts[outcome] += by;
+  }
+
+  /** Apply everything of the block until `time`. */
+  apply(time) {
+    const { t, r, i, s, e, w } = this.block.columns, end = t.length;
+    let at = this.position;
+    for (; at < end && t[at] <= time; at += 1) this.event(t[at], r[at], i[at], s[at], e[at], w[at]);
+    this.position = at;
+    this.list("variables", time, (row) => this.variable(row));
+    this.list("waits", time, (row) => this.wait(row));
+    this.list("poses", time, ([, robot, pose]) => this.poses.set(robot, pose));
+    this.list("world", time, ([, name, value]) => this.world.set(name, value));
+    this.time = time;
+  }
+
+  list(name, time, change) {
+    const rows = this.block[name];
+    let at = this.at[name];
+    for (; at < rows.length && rows[at][0] <= time; at += 1) change(rows[at]);
+    this.at[name] = at;
+  }
+
+  event(time, r, i, s, e, w) {
+    if (w > END || w === START) return;
+    if (w === TAKE) {
+      this.count(r, e, 0);
+      return;
+    }
+    if (w === END) {
+      this.ended(r, i);
+      return;
+    }
+    const key = `${r}/${i}/${s}/${e}`, held = this.tokens.get(key);
+    if (w === ENTER) {
+      if (held === undefined) this.tokens.set(key, { r, i, s, e, n: 1, since: time });
+      else held.n += 1;
+      return;
+    }
+    if (held !== undefined) {
+      if (held.n === 1) this.tokens.delete(key);
+      else held.n -= 1;
+    } else if (w === FAIL) this.count(r, e, 0, -1);
+    this.count(r, e, w === LEAVE ? 0 : w === FAIL ? 1 : 2);
+  }
+
+  ended(r, i) {
+    for (const [key, token] of this.tokens) {
+      if (token.r === r && token.i === i) {
+        this.count(r, token.e, 2, token.n);
+        this.tokens.delete(key);
+      }
+    }
+  }
+
+  variable([time, r, s, values, gone]) {
+    const key = `${r}/${s}`;
+    if (values === null) {
+      this.variables.delete(key);
+      return;
+    }
+    let known = this.variables.get(key);
+    if (known === undefined) this.variables.set(key, (known = { r, s, values: new Map() }));
+    for (const [name, value] of Object.entries(values)) known.values.set(name, [value, time]);
+    for (const name of gone) known.values.delete(name);
+  }
+
+  wait([, r, tokens, gone]) {
+    if (!this.waits.has(r)) this.waits.set(r, new Map());
+    const known = this.waits.get(r);
+    for (const key of gone) known.delete(key);
+    for (const token of tokens) known.set(token.key, token);
+  }
+
+  /** What is known of a scope. Scopes are kept for the whole block. */
+  scopeOf(r, s) {
+    return this.scopes.get(`${r}/${s}`) ?? this.block.scopeIndex.get(`${r}/${s}`);
+  }
+
+  /** The call activities and sub-processes around a scope, outermost first. */
+  openers(r, s) {
+    const found = [];
+    for (let scope = this.scopeOf(r, s), left = 64; scope !== undefined && left > 0; left -= 1) {
+      if (scope.opener >= 0) found.unshift(scope.opener);
+      scope = scope.parent >= 0 ? this.scopeOf(r, scope.parent) : undefined;
+    }
+    return found;
+  }
+}
+
+/** The blocks of a run, and who loads them. `onchange` is called after something was added. */
+export class Store {
+  constructor(load) {
+    this.load = load;
+    this.blocks = []; // {number, start, end, events, data or null, loading}
+    this.listeners = new Set();
+    this.cursor = null;
+    this.end = 0;
+    this.version = 0;
+  }
+
+  onchange(listener) {
+    this.listeners.add(listener);
+  }
+
+  changed() {
+    this.version += 1;
+    for (const listener of this.listeners) listener();
+  }
+
+  /** The blocks that there are; those already loaded are kept. */
+  index(rows, end) {
+    for (const [number, start, stop, events] of rows) {
+      const known = this.blocks[number];
+      if (known === undefined) this.blocks[number] = { number, start, end: stop, events, data: null, loading: null };
+      else Object.assign(known, { end: Math.max(stop, known.end), events: Math.max(events, known.events) });
+    }
+    this.end = Math.max(this.end, end);
+  }
+
+  /** The number of the block that an instant is in. */
+  numberAt(time) {
+    return Math.max(0, after(this.blocks, time, (block) => block.start) - 1);
+  }
+
+  /** Take a block, or what is new in one. */
+  add(data) {
+    const known = this.blocks[data.number] ??= { number: data.number, start: data.start, end: data.end, events: 0, data: null, loading: null };
+    if (data.key !== undefined) {
+      if (known.data !== null && known.data.columns.t.length >= data.t.length && known.data.columns.t.length > 0) return;
+      known.data = prepared(data);
+      if (this.cursor?.block.number === data.number) this.cursor = null;
+    } else if (known.data !== null) extend(known.data, data);
+    else return;
+    known.end = Math.max(known.end, data.end);
+    known.events = known.data.columns.t.length;
+    this.end = Math.max(this.end, known.end);
+    this.version += 1;
+  }
+
+  /** Load a block if it is not there. */
+  want(number) {
+    const block = this.blocks[number];
+    if (block === undefined || block.data !== null) return Promise.resolve(block);
+    block.loading ??= this.load(number).then((data) => {
+      this.add(data);
+      this.changed();
+      return block;
+    }).finally(() => { block.loading = null; });
+    return block.loading;
+  }
+
+  /** The state at an instant, or null while its block is being loaded. The same object is given again if it fits. */
+  stateAt(time) {
+    const number = this.numberAt(time), block = this.blocks[number];
+    if (block === undefined) return null;
+    if (block.data === null) {
+      this.want(number);
+      return null;
+    }
+    if (this.cursor === null || this.cursor.block !== block.data || this.cursor.time > time) this.cursor = new State(block.data);
+    this.cursor.apply(time);
+    return this.cursor;
+  }
+
+  /** Loaded blocks that overlap a span of time. */
+  *within(from, until) {
+    for (let number = this.numberAt(from); number < this.blocks.length; number += 1) {
+      const block = this.blocks[number];
+      if (block.start > until) return;
+      yield block;
+    }
+  }
+
+  /** The time of the next or previous event from an instant on (`step` 1 or -1) for which `wanted` holds, or null. */
+  async find(time, step, wanted) {
+    for (let number = this.numberAt(time); number >= 0 && number < this.blocks.length; number += step) {
+      const { data } = (await this.want(number)) ?? {};
+      if (!data) return null;
+      const { t } = data.columns;
+      const begin = step > 0 ? after(t, time) : after(t, time - 1) - 1;
+      for (let at = begin; at >= 0 && at < t.length; at += step) if (wanted(data, at)) return t[at];
+    }
+    return null;
+  }
+}
+
+function prepared(data) {
+  const block = { number: data.number, start: data.start, end: data.end, key: data.key, details: new Map(), scopeIndex: new Map() };
+  block.columns = Object.fromEntries(COLUMNS.map((name) => [name, []]));
+  for (const name of LISTS) block[name] = [];
+  block.scopes = [];
+  for (const [r, s, i, parent, opener, depth] of data.key.scopes) block.scopeIndex.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
+  extend(block, data);
+  return block;
+}
+
+function extend(block, data) {
+  if (data.first !== block.columns.t.length) return; // it came twice
+  for (const name of COLUMNS) for (const value of data[name]) block.columns[name].push(value);
+  for (const name of LISTS) for (const row of data[name]) block[name].push(row);
+  for (const [at, detail] of Object.entries(data.d)) block.details.set(Number(at), detail);
+  for (const [r, s, i, parent, opener, depth] of data.scopes) {
+    block.scopes.push([r, s]);
+    block.scopeIndex.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
+  }
+  block.end = Math.max(block.end, data.end);
+  block.spans = null;
+}
+
+/** The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began. */
+export function spansOf(block) {
+  if (block.spans) return block.spans;
+  const spans = [], open = new Map();
+  const begin = (r, i, s, e, t) => {
+    const depth = block.scopeIndex.get(`${r}/${s}`)?.depth ?? 0;
+    const span = { r, i, s, e, from: t, until: Infinity, how: -1, depth };
+    spans.push(span);
+    const key = `${r}/${i}/${s}/${e}`;
+    const held = open.get(key);
+    if (held) held.push(span);
+    else open.set(key, [span]);
+  };
+  const finish = (r, i, s, e, t, how) => {
+    const held = open.get(`${r}/${i}/${s}/${e}`)?.shift();
+    if (held !== undefined) Object.assign(held, { until: t, how });
+  };
+  for (const [r, i, s, e, n, since] of block.key.tokens) for (let k = 0; k < n; k += 1) begin(r, i, s, e, since);
+  const { t, r, i, s, e, w } = block.columns;
+  for (let at = 0; at < t.length; at += 1) {
+    if (w[at] === ENTER) begin(r[at], i[at], s[at], e[at], t[at]);
+    else if (w[at] === LEAVE || w[at] === CANCEL || w[at] === FAIL) finish(r[at], i[at], s[at], e[at], t[at], w[at]);
+    else if (w[at] === END) {
+      for (const held of open.values()) {
+        for (const span of held) if (span.r === r[at] && span.i === i[at]) Object.assign(span, { until: t[at], how: CANCEL });
+        if (held.length && held[0].r === r[at] && held[0].i === i[at]) held.length = 0;
+      }
+    }
+  }
+  block.spans = spans;
+  return spans;
+}

@@ -1,0 +1,551 @@
+// The timeline: a lane per robot with its elements as bars, signals as arrows between lanes, plots, and the cursor.
+
+import { h, icon, clock, duration, robotColour, show, sharp, css, isDark } from "./dom.js";
+import { CANCEL, FAIL, LEAVE, REPORT, spansOf } from "./store.js";
+import { SPEEDS } from "./player.js";
+import { link, signalsOf } from "./signals.js";
+import { Plots } from "./plots.js";
+
+const GUTTER = 148, ROW = 17, PAD = 6, RULER = 22, OVERVIEW = 12, MOST_ROWS = 4;
+
+/** Marks of the ruler: round steps that leave room for their text. */
+function step(span, width) {
+  const least = (span / Math.max(width, 1)) * 86, power = 10 ** Math.floor(Math.log10(least));
+  const found = [1, 2, 5, 10].map((times) => times * power).find((value) => value >= least);
+  return Math.max(found, 1e6);
+}
+
+export class Timeline {
+  constructor(root, app) {
+    this.app = app;
+    this.from = 0;
+    this.until = 1e9;
+    this.whole = true;
+    this.levels = 2;
+    this.rows = new Map(); // "robot/depth" -> Map element -> row
+    this.seen = new Set();
+    this.plots = new Plots(app, this);
+    this.transport(root);
+    this.overview = h("canvas", { cls: "overview", "aria-hidden": "true" });
+    this.ruler = h("canvas", { cls: "ruler", "aria-hidden": "true" });
+    this.canvas = h("canvas", { cls: "lanes", role: "img", "aria-label": "Lanes of the robots" });
+    this.labels = h("div", { cls: "labels" });
+    this.spacer = h("div", { cls: "spacer" });
+    this.scroller = h("div", { cls: "scroller", tabindex: 0, "aria-label": "Lanes" }, this.labels, this.canvas, this.spacer);
+    this.cursor = h("div", { cls: "cursor" }, h("i"));
+    this.tip = h("div", { cls: "tip", hidden: true });
+    this.box = h("div", { cls: "chart" }, h("div", { cls: "corner" }), this.overview, this.ruler, this.scroller, this.cursor, this.tip);
+    root.append(this.box);
+    this.layer = document.createElement("canvas");
+    this.layerKey = "";
+    this.listen();
+    new ResizeObserver(() => app.redraw()).observe(this.box);
+  }
+
+  transport(root) {
+    const { app } = this, button = (name, title, action) => h("button", { title, "aria-label": title, onclick: action }, icon(name));
+    this.playButton = h("button", { cls: "play", onclick: () => app.player.play() });
+    this.now = h("output", { cls: "now", "aria-label": "Time" });
+    this.total = h("span", { cls: "total" });
+    this.speed = h("select", { title: "Speed ([ slower, ] faster)", "aria-label": "Speed", onchange: () => {
+      app.player.speed = Number(this.speed.value);
+      app.changedPlayer();
+    } }, SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)));
+    this.live = h("button", { cls: "text live", hidden: true, title: "Follow the run (L)", onclick: () => app.player.follow() }, icon("dot"), "Live");
+    this.reading = h("span", { cls: "reading", role: "status" });
+    this.level = h("select", { title: "How many levels of called processes have bars", "aria-label": "Levels", onchange: () => {
+      this.levels = Number(this.level.value);
+      app.redraw();
+    } }, [1, 2, 3, 4].map((count) => h("option", { value: count }, `${count} level${count > 1 ? "s" : ""}`)));
+    this.level.value = "2";
+    root.append(h("div", { cls: "bar transport", role: "toolbar", "aria-label": "Playback" },
+      button("previous", "Previous event (←)", () => app.step(-1)), this.playButton, button("next", "Next event (→)", () => app.step(1)),
+      h("span", { cls: "times" }, this.now, " / ", this.total), this.speed, this.live, this.reading, h("span", { cls: "space" }), this.level,
+      h("div", { cls: "tools" }, button("minus", "Longer span (−)", () => this.zoom(1.6)), button("plus", "Shorter span (+)", () => this.zoom(1 / 1.6)),
+        button("fit", "The whole run (0)", () => this.all()))));
+    this.playerChanged();
+  }
+
+  playerChanged() {
+    const { player } = this.app, title = player.playing ? "Pause (Space)" : "Play (Space)";
+    show(this.playButton, icon(player.playing ? "pause" : "play"));
+    this.playButton.title = title;
+    this.playButton.setAttribute("aria-label", title);
+    this.speed.value = String(player.speed);
+    this.live.classList.toggle("on", player.following);
+    this.live.hidden = !this.app.isLive();
+  }
+
+  // ---- where things are --------------------------------------------------------------------------
+
+  get width() {
+    return Math.max(10, this.box.clientWidth - GUTTER);
+  }
+
+  x(time) {
+    return ((time - this.from) / (this.until - this.from)) * this.width;
+  }
+
+  timeAt(x) {
+    return this.from + (x / this.width) * (this.until - this.from);
+  }
+
+  all() {
+    this.whole = true;
+    this.app.redraw();
+  }
+
+  zoom(by, about = this.app.player.time) {
+    const { end } = this.app.store, span = Math.min(Math.max((this.until - this.from) * by, 2e6), Math.max(end, 1e9));
+    const part = Math.min(1, Math.max(0, (about - this.from) / (this.until - this.from)));
+    this.window(about - part * span, span);
+  }
+
+  window(from, span) {
+    const end = Math.max(this.app.store.end, 1e9);
+    this.whole = span >= end * 0.999;
+    this.from = Math.max(0, Math.min(from, end - span));
+    this.until = this.from + span;
+    this.app.redraw();
+  }
+
+  /** Lanes: {robot, top, height, depths: rows of each depth}. */
+  lanes() {
+    const { robots } = this.app.mission, found = [];
+    let top = 0;
+    robots.forEach((_, r) => {
+      const depths = [];
+      let rows = 0;
+      for (let depth = 0; depth < this.levels; depth += 1) {
+        const known = this.rows.get(`${r}/${depth}`);
+        if (!known) continue;
+        depths[depth] = rows;
+        rows += Math.min(MOST_ROWS, 1 + Math.max(0, ...known.values()));
+      }
+      const height = Math.max(rows, 1) * ROW + 2 * PAD;
+      found.push({ r, top, height, depths });
+      top += height;
+    });
+    return found;
+  }
+
+  /** Rows for elements that are under way at the same time: each element keeps its row. */
+  settle(block) {
+    const known = block.settled === block.columns.t.length;
+    if (known) return;
+    block.settled = block.columns.t.length;
+    const active = new Map();
+    for (const span of spansOf(block)) {
+      const lane = `${span.r}/${Math.min(span.depth, 9)}`;
+      if (!this.rows.has(lane)) this.rows.set(lane, new Map());
+      const rows = this.rows.get(lane);
+      if (span.until === span.from) {
+        if (!rows.has(span.e)) rows.set(span.e, 0);
+        continue;
+      }
+      const others = (active.get(lane) ?? []).filter((other) => other.until > span.from);
+      const taken = new Set(others.filter((other) => other.e !== span.e).map((other) => rows.get(other.e)));
+      let row = rows.get(span.e) ?? 0;
+      if (taken.has(row)) for (row = 0; taken.has(row) && row < MOST_ROWS - 1;) row += 1;
+      rows.set(span.e, row);
+      others.push(span);
+      active.set(lane, others);
+    }
+  }
+
+  // ---- drawing -----------------------------------------------------------------------------------
+
+  update(time) {
+    const { store, mission } = this.app, end = Math.max(store.end, 1e9);
+    if (this.whole) {
+      this.from = 0;
+      this.until = end;
+    } else if (this.app.player.playing && (time > this.until || time < this.from)) {
+      const span = this.until - this.from;
+      this.from = Math.max(0, Math.min(time - (this.app.player.following ? span * 0.95 : 0), end - span));
+      this.until = this.from + span;
+    }
+    this.now.value = clock(time);
+    this.total.textContent = clock(store.end);
+    const missing = store.blocks.filter((block) => block.data === null).length;
+    const reading = mission.reading < 1 ? `reading ${Math.round(mission.reading * 100)} %` : missing > 1 ? `loading ${Math.round((1 - missing / store.blocks.length) * 100)} %` : "";
+    if (this.reading.textContent !== reading) this.reading.textContent = reading;
+    for (const block of store.within(this.from, this.until)) if (block.data) this.settle(block.data);
+    const lanes = this.lanes(), plotsTop = lanes.length ? lanes.at(-1).top + lanes.at(-1).height : 0, total = plotsTop + this.plots.height;
+    this.spacer.style.height = `${total}px`;
+    this.label(lanes, plotsTop, time);
+    this.bars(lanes, plotsTop);
+    this.drawRuler(time);
+    this.drawOverview(time);
+    const x = this.x(time), visible = x >= -1 && x <= this.width + 1;
+    this.cursor.hidden = !visible;
+    this.cursor.style.transform = `translateX(${GUTTER + x}px)`;
+  }
+
+  label(lanes, plotsTop, time) {
+    const { mission, selected } = this.app, key = `${lanes.map(({ top, height }) => `${top}+${height}`)}|${selected.robot}|${isDark()}|${mission.robots.length}|${this.plots.key}`;
+    if (key !== this.labelKey) {
+      this.labelKey = key;
+      this.captions = [];
+      show(this.labels, lanes.map(({ r, top, height }) => {
+        const caption = h("small");
+        this.captions[r] = caption;
+        const swatch = h("i");
+        swatch.style.background = robotColour(r);
+        const lane = h("button", { cls: `lane${selected.robot === r ? " on" : ""}`, title: `Choose ${mission.robots[r].name}`, "aria-pressed": String(selected.robot === r),
+          onclick: () => this.app.select({ robot: selected.robot === r ? -1 : r }) }, swatch, h("span", null, h("b", null, mission.robots[r].name), caption));
+        lane.style.top = `${top}px`;
+        lane.style.height = `${height}px`;
+        return lane;
+      }), this.plots.labels(plotsTop));
+    }
+    const state = this.app.state;
+    if (state !== null) lanes.forEach(({ r }) => {
+      const text = this.app.doing(state, r);
+      if (this.captions[r].textContent !== text) this.captions[r].textContent = text;
+    });
+    this.plots.values(time);
+  }
+
+  /** Bars, arrows, marks and plots, in a picture that is kept until something other than the cursor changes. */
+  bars(lanes, plotsTop) {
+    const { store, selected } = this.app, height = this.scroller.clientHeight, scroll = this.scroller.scrollTop;
+    const key = [this.from, this.until, this.width, height, scroll, store.version, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
+    if (key === this.layerKey || height < 2) return;
+    this.layerKey = key;
+    const context = sharp(this.canvas, this.width, height);
+    context.clearRect(0, 0, this.width, height);
+    context.save();
+    context.translate(0, -scroll);
+    this.drawLanes(context, lanes, scroll, height, plotsTop);
+    this.hits = [];
+    const last = new Map();
+    for (const block of store.within(this.from, this.until)) {
+      if (block.data) this.drawSpans(context, block, lanes, last);
+      else this.drawMissing(context, block, plotsTop);
+    }
+    this.drawArrows(context, lanes);
+    this.drawMarks(context, lanes);
+    this.plots.draw(context, plotsTop);
+    context.restore();
+  }
+
+  drawLanes(context, lanes, scroll, height, plotsTop) {
+    const line = css("--line"), soft = css("--soft");
+    const each = step(this.until - this.from, this.width);
+    context.fillStyle = soft;
+    for (let time = Math.ceil(this.from / each) * each; time <= this.until; time += each) context.fillRect(Math.round(this.x(time)), scroll, 1, height);
+    for (const { r, top, height: tall } of lanes) {
+      if (this.app.selected.robot === r) {
+        context.fillStyle = css("--chosen");
+        context.fillRect(0, top, this.width, tall);
+      }
+      context.fillStyle = line;
+      context.fillRect(0, top + tall - 1, this.width, 1);
+    }
+    if (plotsTop === 0) context.clearRect(0, 0, 0, 0);
+  }
+
+  drawMissing(context, block, height) {
+    const left = Math.max(0, this.x(block.start)), right = Math.min(this.width, this.x(block.end));
+    context.fillStyle = css("--soft");
+    context.fillRect(left, 0, Math.max(1, right - left), height);
+  }
+
+  drawSpans(context, { data, end, number }, lanes, last) {
+    const following = this.app.store.blocks[number + 1];
+    const goesOn = Boolean(following?.data) && following.start <= this.until; // then the next block draws what is under way
+    const { elements } = this.app.mission, { element: chosen } = this.app.selected, width = this.width;
+    const open = css("--open"), failed = css("--failed"), sheet = css("--panel"), ink = css("--ink");
+    context.font = "11px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    for (const span of spansOf(data)) {
+      const lane = lanes[span.r], row0 = lane?.depths[span.depth];
+      if (row0 === undefined || (span.until === Infinity && goesOn)) continue;
+      const until = span.until === Infinity ? end : span.until;
+      if (until < this.from || span.from > this.until) continue;
+      const left = Math.max(-2, this.x(span.from));
+      const right = Math.min(width + 2, this.x(until));
+      const row = row0 + Math.min(this.rows.get(`${span.r}/${Math.min(span.depth, 9)}`)?.get(span.e) ?? 0, MOST_ROWS - 1);
+      const y = lane.top + PAD + row * ROW, place = span.r * 64 + row, wide = right - left;
+      if (wide < 0.7 && span.how !== FAIL) {
+        if (Math.round(left) <= (last.get(place) ?? -9)) continue;
+        last.set(place, Math.round(left));
+      }
+      const element = elements[span.e] ?? { id: "", tag: "" }, colour = robotColour(span.r), activity = /task|process|callActivity|transaction/i.test(element.tag);
+      context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.35 : 1;
+      if (wide < 3) {
+        context.fillStyle = span.how === FAIL ? failed : colour;
+        context.globalAlpha *= activity ? 0.85 : 0.5;
+        context.fillRect(left, y + 1, Math.max(1, wide), ROW - 3);
+      } else this.bar(context, left, y + 1, wide, ROW - 3, { colour, activity, how: span.how, failed, sheet });
+      context.globalAlpha = chosen >= 0 && chosen !== span.e ? 0.5 : 1;
+      if (wide > 26) this.text(context, element.name || element.id, Math.max(left, 0) + 5, y + ROW / 2, Math.min(right, width) - Math.max(left, 0) - 8, ink);
+      if (wide > 2) this.hits.push([left, y, wide, ROW, span]);
+      if (span.how === -1 && span.until === Infinity && end >= this.app.store.end && wide > 6) {
+        context.fillStyle = open;
+        context.fillRect(right - 2, y + 1, 2, ROW - 3);
+      }
+    }
+    context.globalAlpha = 1;
+  }
+
+  /** Activities are filled, what waits is an outline; cancelled is hatched, failed has a thick red edge and a cross. */
+  bar(context, x, y, width, height, { colour, activity, how, failed }) {
+    context.beginPath();
+    context.roundRect(x, y, width, height, 3);
+    context.fillStyle = activity ? `${colour}${isDark() ? "55" : "38"}` : `${colour}10`;
+    context.fill();
+    context.strokeStyle = how === FAIL ? failed : colour;
+    context.lineWidth = how === FAIL ? 2 : 1;
+    if (!activity) context.setLineDash([3, 2]);
+    context.stroke();
+    context.setLineDash([]);
+    if (how === CANCEL) {
+      context.save();
+      context.clip();
+      context.globalAlpha *= 0.5;
+      context.beginPath();
+      for (let at = x - height; at < x + width; at += 5) {
+        context.moveTo(at, y + height);
+        context.lineTo(at + height, y);
+      }
+      context.stroke();
+      context.restore();
+    }
+    if (how === FAIL) {
+      context.beginPath();
+      context.moveTo(x + width - 8, y + 4);
+      context.lineTo(x + width - 3, y + height - 4);
+      context.moveTo(x + width - 3, y + 4);
+      context.lineTo(x + width - 8, y + height - 4);
+      context.stroke();
+    }
+  }
+
+  text(context, text, x, y, room, colour) {
+    if (room < 14) return;
+    context.fillStyle = colour;
+    let shown = text;
+    if (context.measureText(shown).width > room) {
+      const fits = Math.floor((room / context.measureText(shown).width) * shown.length) - 1;
+      if (fits < 2) return;
+      shown = `${shown.slice(0, fits)}…`;
+    }
+    context.textAlign = "left";
+    context.fillText(shown, x, y + 0.5);
+  }
+
+  drawArrows(context, lanes) {
+    const ink = css("--arrow"), { store, mission, selected } = this.app;
+    for (const block of store.blocks) if (block.data) signalsOf(block.data, mission);
+    if (this.arrowsVersion !== store.version) {
+      this.arrowsVersion = store.version;
+      this.arrows = link(store.blocks, mission);
+    }
+    context.lineWidth = 1.2;
+    context.font = "10.5px system-ui, sans-serif";
+    const drawn = new Map(), texts = [];
+    for (const arrow of this.arrows) {
+      if (arrow.until < this.from || arrow.from > this.until) continue;
+      const a = lanes[arrow.sender], b = lanes[arrow.receiver];
+      if (!a || !b) continue;
+      const x0 = this.x(arrow.from), x1 = this.x(arrow.until), down = b.top > a.top, key = `${arrow.sender}-${arrow.receiver}`;
+      if (Math.abs(x1 - (drawn.get(key) ?? -99)) < 3) continue;
+      drawn.set(key, x1);
+      const y0 = down ? a.top + a.height - 4 : a.top + 4, y1 = down ? b.top + 3 : b.top + b.height - 4;
+      context.globalAlpha = selected.robot >= 0 && selected.robot !== arrow.sender && selected.robot !== arrow.receiver ? 0.25 : 1;
+      context.strokeStyle = context.fillStyle = ink;
+      context.beginPath();
+      context.moveTo(x0, y0);
+      context.lineTo(x1, y1);
+      context.stroke();
+      context.beginPath();
+      context.arc(x0, y0, 2.6, 0, 7);
+      context.fill();
+      const angle = Math.atan2(y1 - y0, x1 - x0);
+      context.beginPath();
+      context.moveTo(x1, y1);
+      context.lineTo(x1 - 7 * Math.cos(angle - 0.45), y1 - 7 * Math.sin(angle - 0.45));
+      context.lineTo(x1 - 7 * Math.cos(angle + 0.45), y1 - 7 * Math.sin(angle + 0.45));
+      context.fill();
+      this.hits.push([x1 - 4, Math.min(y0, y1), 8, Math.abs(y1 - y0), null, arrow]);
+      texts.push([arrow, x0, y0, down]);
+    }
+    context.globalAlpha = 1;
+    const taken = [];
+    for (const [arrow, x, y, down] of texts) {
+      const text = arrow.topic, wide = context.measureText(text).width, box = [x + 5, y + (down ? -9 : 1), wide + 6, 12];
+      if (x + wide > this.width || taken.some(([left, top, w]) => top === box[1] && box[0] < left + w && left < box[0] + box[2])) continue;
+      taken.push(box);
+      context.fillStyle = css("--panel");
+      context.globalAlpha = 0.86;
+      context.fillRect(box[0] - 2, box[1], box[2], box[3]);
+      context.globalAlpha = 1;
+      this.text(context, text, box[0] + 1, box[1] + 6, wide + 4, ink);
+    }
+  }
+
+  /** Errors are crosses, reports are triangles, above the bars. */
+  drawMarks(context, lanes) {
+    const { store } = this.app, failed = css("--failed"), warning = css("--warning");
+    for (const { data } of store.within(this.from, this.until)) {
+      if (!data) continue;
+      data.marks = data.marksLength === data.columns.t.length ? data.marks : marksOf(data);
+      data.marksLength = data.columns.t.length;
+      for (const at of data.marks) {
+        const { t, r, w } = data.columns, x = this.x(t[at]), lane = lanes[r[at]];
+        if (x < -5 || x > this.width + 5 || !lane) continue;
+        const y = lane.top + 5, bad = w[at] === FAIL;
+        context.fillStyle = context.strokeStyle = bad ? failed : warning;
+        context.beginPath();
+        if (bad) {
+          context.lineWidth = 2.2;
+          context.moveTo(x - 3.5, y - 3.5);
+          context.lineTo(x + 3.5, y + 3.5);
+          context.moveTo(x + 3.5, y - 3.5);
+          context.lineTo(x - 3.5, y + 3.5);
+          context.stroke();
+        } else {
+          context.moveTo(x, y - 4);
+          context.lineTo(x + 4, y + 3);
+          context.lineTo(x - 4, y + 3);
+          context.fill();
+        }
+        this.hits.push([x - 5, lane.top, 10, 11, null, null, [data, at]]);
+      }
+    }
+  }
+
+  drawRuler(time) {
+    const key = [this.from, this.until, this.width, isDark(), window.devicePixelRatio].join();
+    if (key === this.rulerKey) return;
+    this.rulerKey = key;
+    const context = sharp(this.ruler, this.width, RULER), each = step(this.until - this.from, this.width);
+    context.clearRect(0, 0, this.width, RULER);
+    context.font = "11px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    const digits = Math.max(0, Math.min(3, -Math.floor(Math.log10(each / 1e9))));
+    for (let at = Math.ceil(this.from / each) * each; at <= this.until; at += each) {
+      const x = Math.round(this.x(at));
+      context.fillStyle = css("--line");
+      context.fillRect(x, RULER - 6, 1, 6);
+      context.fillStyle = css("--muted");
+      const seconds = at / 1e9, text = this.until < 120e9 ? `${seconds.toFixed(digits)} s` : clock(at).replace(/\.\d+$/, digits ? "$&" : "");
+      const wide = context.measureText(text).width, place = Math.min(Math.max(x - wide / 2, 0), this.width - wide);
+      context.fillText(text, place, 8);
+    }
+  }
+
+  drawOverview(time) {
+    const { store } = this.app, width = this.width, key = [store.version, width, isDark(), this.from, this.until, Math.round((time / Math.max(store.end, 1)) * width)].join();
+    if (key === this.overviewKey) return;
+    this.overviewKey = key;
+    const context = sharp(this.overview, width, OVERVIEW), end = Math.max(store.end, 1e9);
+    context.clearRect(0, 0, width, OVERVIEW);
+    context.fillStyle = css("--soft");
+    context.fillRect(0, 3, width, OVERVIEW - 6);
+    if (this.density?.version !== store.version || this.density.width !== width) this.density = this.densities(end, width);
+    context.fillStyle = css("--muted");
+    this.density.values.forEach((value, x) => {
+      if (value > 0) context.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
+    });
+    const left = (this.from / end) * width, right = (this.until / end) * width;
+    context.strokeStyle = css("--accent");
+    context.lineWidth = 1.5;
+    if (!this.whole) context.strokeRect(left + 0.75, 1, Math.max(3, right - left) - 1.5, OVERVIEW - 2);
+    context.fillStyle = css("--accent");
+    context.fillRect((time / end) * width - 1, 0, 2, OVERVIEW);
+  }
+
+  densities(end, width) {
+    const values = new Float32Array(Math.ceil(width));
+    for (const block of this.app.store.blocks) {
+      const times = block.data?.columns.t;
+      if (!times) continue;
+      for (let at = 0; at < times.length; at += 1) values[Math.min(values.length - 1, Math.floor((times[at] / end) * width))] += 1;
+    }
+    const most = Math.log1p(Math.max(...values, 1));
+    return { version: this.app.store.version, width, values: values.map((value) => Math.log1p(value) / most) };
+  }
+
+  // ---- what people do ----------------------------------------------------------------------------
+
+  listen() {
+    const scrub = (element, timeOf) => {
+      let held = false;
+      const move = (event) => this.app.player.seek(timeOf(event.clientX - element.getBoundingClientRect().left));
+      element.addEventListener("pointerdown", (event) => {
+        if (event.button > 0) return;
+        held = true;
+        element.setPointerCapture(event.pointerId);
+        this.pressed = [event.clientX, event.clientY];
+        move(event);
+      });
+      element.addEventListener("pointermove", (event) => held && move(event));
+      for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, () => { held = false; });
+    };
+    scrub(this.ruler, (x) => this.timeAt(x));
+    scrub(this.canvas, (x) => this.timeAt(x));
+    scrub(this.overview, (x) => (x / this.width) * Math.max(this.app.store.end, 1e9));
+    for (const element of [this.canvas, this.ruler, this.overview]) element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    this.canvas.addEventListener("click", (event) => {
+      if (Math.hypot(event.clientX - this.pressed[0], event.clientY - this.pressed[1]) > 4) return;
+      const hit = this.hit(event);
+      if (hit?.[4]) this.app.select({ robot: hit[4].r, element: hit[4].e }, { reveal: true, scope: hit[4].s });
+      if (hit?.[5]) this.app.player.seek(hit[5].until);
+    });
+    this.canvas.addEventListener("pointermove", (event) => this.hover(event));
+    this.canvas.addEventListener("pointerleave", () => { this.tip.hidden = true; });
+    this.scroller.addEventListener("scroll", () => this.app.redraw());
+  }
+
+  wheel(event) {
+    if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
+      event.preventDefault();
+      const shift = ((event.deltaX || event.deltaY) / this.width) * (this.until - this.from);
+      if (!this.whole) this.window(this.from + shift, this.until - this.from);
+      return;
+    }
+    const overflows = this.scroller.scrollHeight > this.scroller.clientHeight + 1;
+    if (overflows && !event.ctrlKey && event.currentTarget === this.canvas && !event.altKey) return; // it scrolls the lanes
+    event.preventDefault();
+    this.zoom(Math.exp(event.deltaY * 0.0018), this.timeAt(event.clientX - this.canvas.getBoundingClientRect().left));
+  }
+
+  hit(event) {
+    const box = this.canvas.getBoundingClientRect(), x = event.clientX - box.left, y = event.clientY - box.top + this.scroller.scrollTop;
+    let found = null;
+    for (const hit of this.hits ?? []) if (x >= hit[0] && x <= hit[0] + hit[2] && y >= hit[1] && y <= hit[1] + hit[3]) found = hit;
+    return found;
+  }
+
+  hover(event) {
+    const hit = this.hit(event), { elements, robots } = this.app.mission;
+    this.tip.hidden = hit === null || event.buttons > 0;
+    if (this.tip.hidden) return;
+    const [, , , , span, arrow, mark] = hit;
+    if (span) {
+      const element = elements[span.e], until = span.until === Infinity ? this.app.store.end : span.until;
+      const how = { [-1]: "under way", [LEAVE]: "completed", [CANCEL]: "cancelled", [FAIL]: "failed" }[span.how];
+      show(this.tip, h("b", null, element?.name || element?.id), h("span", null, `${robots[span.r].name} · ${how}`),
+        h("span", null, `${clock(span.from)} – ${clock(until)} · ${duration(until - span.from)}`));
+    } else if (arrow) {
+      show(this.tip, h("b", null, arrow.topic), h("span", null, `${robots[arrow.sender].name} → ${robots[arrow.receiver].name}`),
+        h("span", null, `${clock(arrow.from)}${arrow.until > arrow.from ? ` · ${duration(arrow.until - arrow.from)} later` : ""}`));
+    } else {
+      const [data, at] = mark, { t, e } = data.columns;
+      show(this.tip, h("b", null, elements[e[at]]?.name || elements[e[at]]?.id || "Report"), h("span", null, String(data.details.get(at) ?? "failed")), h("span", null, clock(t[at])));
+    }
+    const box = this.box.getBoundingClientRect(), wide = this.tip.offsetWidth;
+    this.tip.style.left = `${Math.min(Math.max(event.clientX - box.left + 12, 4), box.width - wide - 4)}px`;
+    this.tip.style.top = `${event.clientY - box.top - this.tip.offsetHeight - 10}px`;
+  }
+}
+
+function marksOf(block) {
+  const { w } = block.columns, found = [];
+  for (let at = 0; at < w.length; at += 1) if (w[at] === FAIL || w[at] === REPORT) found.push(at);
+  return found;
+}
+

@@ -1,0 +1,397 @@
+// The world from above, as in FAME's pictures: ground, obstacles, weeds, chargers, robots with their sensors and trails.
+
+import { h, icon, isDark, robotColour, css, sharp } from "./dom.js";
+import { Viewport } from "./viewport.js";
+import { after } from "./store.js";
+
+const TAU = 2 * Math.PI, SMALLEST = 26, MOST_NAMES = 24, LOW = 0.2;
+const LEDS = { red: "#ff1f1f", green: "#16d943", blue: "#2f6bff", yellow: "#ffd400", cyan: "#00d5e8", magenta: "#f02be0", white: "#ffffff" };
+const COLOURS = {
+  light: { ground: "#f6f4ee", lines: "#e4e0d5", ink: "#2b2f36", faint: "#62676f", obstacle: "#8a9099", edge: "#5d636c", target: "#e0a100",
+    targetEdge: "#7a5800", weed: "#4f9a2f", weedEdge: "#2c5d17", charger: "#1b7f8c", stubble: "#d9cfae", paper: "#ffffff", fixture: "#d3d6da" },
+  dark: { ground: "#20242a", lines: "#2d333b", ink: "#cfd5dc", faint: "#9aa3ad", obstacle: "#69717c", edge: "#8f98a4", target: "#d9a520",
+    targetEdge: "#f0cb6a", weed: "#5fae3d", weedEdge: "#a4dd86", charger: "#4fc3d2", stubble: "#5b5540", paper: "#14171b", fixture: "#4a515b" },
+};
+
+const box = (x, y, length, width) => [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [x + (a * length) / 2, y + (b * width) / 2]);
+const disc = ([x, y], radius) => Array.from({ length: 24 }, (_, step) => [x + radius * Math.cos((TAU * step) / 24), y + radius * Math.sin((TAU * step) / 24)]);
+const turned = (corners, angle) => corners.map(([x, y]) => [x * Math.cos(angle) - y * Math.sin(angle), x * Math.sin(angle) + y * Math.cos(angle)]);
+const moved = (corners, [dx, dy]) => corners.map(([x, y]) => [x + dx, y + dy]);
+
+function vehicle(outline) {
+  const ahead = Math.max(...outline.map(([x]) => x));
+  return [[outline, "robot"], [[[ahead * 0.85, 0], [ahead * 0.25, ahead * 0.42], [ahead * 0.25, -ahead * 0.42]], "paper"]];
+}
+
+function tractor(outline) {
+  const ahead = Math.max(...outline.map(([x]) => x)), side = Math.max(...outline.map(([, y]) => y)), wheels = [];
+  for (const [x, long] of [[-0.5, 0.85], [0.68, 0.5]]) {
+    for (const y of [-1.05, 1.05]) wheels.push([box(x * ahead, y * side, long * ahead, 0.5 * side), "ink"]);
+  }
+  return [...wheels, ...vehicle(outline)];
+}
+
+function drone(outline) {
+  const far = Math.max(...outline.map(([x]) => x));
+  const places = [-1, 1].flatMap((x) => [-1, 1].map((y) => [x * 0.6 * far, y * 0.6 * far]));
+  const body = [[0.6, 0], [0, 0.32], [-0.32, 0.22], [-0.32, -0.22], [0, -0.32]].map(([x, y]) => [x * far, y * far]);
+  return [...[Math.PI / 4, -Math.PI / 4].map((turn) => [turned(box(0, 0, 1.7 * far, 0.15 * far), turn), "ink"]),
+    ...places.map((place) => [disc(place, 0.4 * far), "robot"]), ...places.map((place) => [disc(place, 0.13 * far), "paper"]), [body, "ink"]];
+}
+
+function arm(outline) {
+  const far = Math.max(...outline.map(([x]) => x));
+  return [[disc([0, 0], far), "robot"], [disc([0, 0], 0.75 * far), "paper"]];
+}
+
+function limb(outline, { limb: joints = [], jaws = -1 }) {
+  if (joints.length < 2) return [];
+  const far = Math.max(...outline.map(([x]) => x)), last = joints.length - 1, parts = [];
+  for (let at = 0; at < last; at += 1) {
+    const [a, b] = [joints[at], joints[at + 1]], width = far * (0.6 - (0.3 * at) / last);
+    const bar = turned(box(0, 0, Math.hypot(b[0] - a[0], b[1] - a[1]) + width * 0.6, width), Math.atan2(b[1] - a[1], b[0] - a[0]));
+    parts.push([moved(bar, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]), "robot"], [disc(b, far * 0.25), "ink"]);
+  }
+  const [wrist, tool] = joints.slice(-2), ahead = Math.atan2(tool[1] - wrist[1], tool[0] - wrist[0]);
+  if (jaws < 0) return [...parts, [disc(tool, 0.1 * far), "paper"]];
+  return [...parts, ...[-1, 1].map((side) => [moved(turned(box(0, side * (jaws / 2 + 0.01), 0.06, 0.02), ahead), tool), "ink"])];
+}
+
+const SYMBOLS = { drone, tractor, mh5: arm, ur5e: arm };
+
+function roundLength(least) {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return [1, 2, 5, 10].map((times) => times * power).find((length) => length >= least * (1 - 1e-9));
+}
+
+export class World {
+  constructor(root, app) {
+    this.app = app;
+    this.canvas = h("canvas", { cls: "ground", tabindex: 0, role: "img", "aria-label": "World from above" });
+    this.frame = h("div", { cls: "frame" }, this.canvas);
+    this.trails = true;
+    const trails = h("button", { title: "Show the ways of the robots", "aria-pressed": "true", cls: "text", onclick: () => {
+      this.trails = !this.trails;
+      trails.setAttribute("aria-pressed", String(this.trails));
+      app.redraw();
+    } }, "Trails");
+    root.append(h("div", { cls: "bar" }, h("h2", null, "World"), h("div", { cls: "tools" }, trails,
+      h("button", { title: "Fit the ground", onclick: () => this.view.fit() }, icon("fit")))), this.frame);
+    this.root = root;
+    this.place = { x: 0, y: 0, scale: 1 };
+    this.view = new Viewport(this.frame, (x, y, scale) => {
+      this.place = { x, y, scale };
+      app.redraw();
+    });
+    this.ways = new Map(); // robot -> {points: Float64Array-like rows [t, x, y]}
+    this.waysVersion = -1;
+    new ResizeObserver(() => { this.view.resized(); app.redraw(); }).observe(this.frame);
+    this.frame.addEventListener("click", (event) => this.view.moved || this.clicked(event));
+  }
+
+  /** The ground may be known from the beginning, or come later. */
+  update(state, time) {
+    const ground = state?.world.get("ground");
+    this.root.classList.toggle("absent", !ground && !(state && state.poses.size));
+    if (!ground) return;
+    const [x0, y0, x1, y1] = ground.bounds, unit = 1000 / Math.max(x1 - x0, y1 - y0);
+    if (this.bounds !== ground.bounds.join()) {
+      this.bounds = ground.bounds.join();
+      this.unit = unit;
+      this.view.content((x1 - x0) * unit, (y1 - y0) * unit);
+      this.view.fit();
+    }
+    this.ground = ground;
+    const { width, height } = this.frame.getBoundingClientRect();
+    if (width < 2 || height < 2) return;
+    const context = sharp(this.canvas, width, height), look = COLOURS[isDark() ? "dark" : "light"];
+    context.clearRect(0, 0, width, height);
+    const pen = { context, look, scale: this.place.scale * unit, at: ([x, y]) => [this.place.x + (x - x0) * this.place.scale * unit,
+      this.place.y + (y1 - y) * this.place.scale * unit] };
+    this.drawGround(pen, ground);
+    for (const weed of ground.weeds) this.drawWeed(pen, weed, time, ground);
+    if (this.trails) this.drawTrails(pen, state, time);
+    const robots = [...state.poses].map(([r, pose]) => ({ r, pose, robot: this.app.mission.robots[r] })).filter((one) => one.robot);
+    for (const one of robots) this.drawSenses(pen, one);
+    for (const one of [...robots].sort((a, b) => (a.pose.altitude ?? 0) - (b.pose.altitude ?? 0))) this.drawRobot(pen, one);
+    if (robots.length <= MOST_NAMES) for (const one of robots) this.drawName(pen, one, robots, width, state);
+    this.robots = robots.map(({ r, pose }) => [r, pen.at([pose.x, pose.y])]);
+    this.drawScale(pen, ground, width, height);
+  }
+
+  polygon({ context, at }, corners) {
+    context.beginPath();
+    corners.forEach((corner, place) => context[place ? "lineTo" : "moveTo"](...at(corner)));
+    context.closePath();
+  }
+
+  shape(pen, thing) {
+    if (thing.radius === undefined) {
+      this.polygon(pen, thing.corners);
+      return;
+    }
+    pen.context.beginPath();
+    pen.context.arc(...pen.at(thing.at), thing.radius * pen.scale, 0, TAU);
+  }
+
+  drawGround(pen, ground) {
+    const { context, look, at } = pen, [x0, y0, x1, y1] = ground.bounds, [left, top] = at([x0, y1]), [right, bottom] = at([x1, y0]);
+    context.fillStyle = look.ground;
+    context.fillRect(left, top, right - left, bottom - top);
+    const apart = roundLength(Math.max(x1 - x0, y1 - y0) / 20);
+    context.fillStyle = look.lines;
+    for (let x = Math.ceil(x0 / apart) * apart; x <= x1; x += apart) context.fillRect(Math.round(at([x, 0])[0]), top, 1, bottom - top);
+    for (let y = Math.ceil(y0 / apart) * apart; y <= y1; y += apart) context.fillRect(left, Math.round(at([0, y])[1]), right - left, 1);
+    context.strokeStyle = ground.walls ? look.ink : look.lines;
+    context.lineWidth = 2;
+    context.strokeRect(left, top, right - left, bottom - top);
+    for (const [things, fill, edge] of [[ground.obstacles, look.obstacle, look.edge], [ground.targets, look.target, look.targetEdge]]) {
+      for (const thing of things) {
+        this.shape(pen, thing);
+        context.fillStyle = fill;
+        context.strokeStyle = edge;
+        context.lineWidth = 1.5;
+        context.fill();
+        context.stroke();
+      }
+    }
+    for (const charger of ground.chargers) {
+      this.shape(pen, charger);
+      context.strokeStyle = look.charger;
+      context.lineWidth = 2;
+      context.stroke();
+      const [x, y] = at(charger.at);
+      this.label(pen, charger.name, x, y + charger.radius * pen.scale + 11, look.charger, 11);
+    }
+    for (const target of ground.targets) {
+      const [x, y] = at(target.at ?? target.corners[0]);
+      this.label(pen, target.name, x, y - (target.radius ?? 0.3) * pen.scale - 6, look.targetEdge, 12);
+    }
+  }
+
+  drawWeed(pen, weed, time, ground) {
+    const { context, look, at, scale } = pen, radius = Math.max(weed.radius * scale, 7) / scale;
+    const grown = weed.cut === null || weed.cut * 1e9 > time;
+    const leaves = Array.from({ length: 12 }, (_, step) => {
+      const reach = radius * (step % 2 ? 0.45 : 1), turn = (Math.PI * step) / 6;
+      return [weed.at[0] + reach * Math.cos(turn), weed.at[1] + reach * Math.sin(turn)];
+    });
+    this.polygon(pen, leaves);
+    const cutter = this.app.mission.robots.findIndex((robot) => robot.name === weed.by);
+    context.fillStyle = grown ? look.weed : look.stubble;
+    context.strokeStyle = grown ? look.weedEdge : cutter >= 0 ? robotColour(cutter) : look.faint;
+    context.lineWidth = 1.5;
+    context.fill();
+    context.stroke();
+    if (ground.weeds.length <= MOST_NAMES) {
+      const [x, y] = at(weed.at);
+      this.label(pen, grown ? weed.name : `${weed.name} ✓`, x, y + radius * scale + 10, grown ? look.weedEdge : look.faint, 10.5);
+    }
+  }
+
+  label({ context, look }, text, x, y, colour, size, bold = false) {
+    context.font = `${bold ? "600 " : ""}${size}px system-ui, sans-serif`;
+    context.textAlign = "center";
+    context.lineJoin = "round";
+    context.lineWidth = 3;
+    context.strokeStyle = look.ground;
+    context.strokeText(text, x, y);
+    context.fillStyle = colour;
+    context.fillText(text, x, y);
+  }
+
+  /** Ways so far: of all loaded blocks, collected once and extended as blocks come. */
+  collect() {
+    const { store } = this.app;
+    if (this.waysVersion === store.version) return;
+    this.waysVersion = store.version;
+    for (const block of store.blocks) {
+      const rows = block.data?.poses;
+      if (!rows) continue;
+      let known = block.ways;
+      if (!known || known.rows !== rows) known = block.ways = { rows, taken: 0, by: new Map() };
+      for (; known.taken < rows.length; known.taken += 1) {
+        const [t, r, pose] = rows[known.taken];
+        if (!known.by.has(r)) known.by.set(r, []);
+        const way = known.by.get(r), last = way.at(-1);
+        if (last === undefined || Math.hypot(pose.x - last[1], pose.y - last[2]) > 0.01) way.push([t, pose.x, pose.y]);
+      }
+    }
+  }
+
+  drawTrails(pen, state, time) {
+    this.collect();
+    const { context, at } = pen, { selected, store } = this.app;
+    context.lineJoin = "round";
+    for (const [r] of state.poses) {
+      context.strokeStyle = robotColour(r);
+      context.globalAlpha = selected.robot >= 0 && selected.robot !== r ? 0.2 : 0.7;
+      context.lineWidth = 1.8;
+      context.beginPath();
+      let begun = false;
+      for (const block of store.blocks) {
+        if (block.start > time) break;
+        const way = block.ways?.by.get(r);
+        if (!way) continue;
+        const end = after(way, time, ([t]) => t);
+        for (let place = 0; place < end; place += 1) {
+          const [x, y] = at([way[place][1], way[place][2]]);
+          if (begun) context.lineTo(x, y);
+          else context.moveTo(x, y);
+          begun = true;
+        }
+      }
+      if (begun) {
+        const pose = state.poses.get(r);
+        context.lineTo(...at([pose.x, pose.y]));
+      }
+      context.stroke();
+    }
+    context.globalAlpha = 1;
+  }
+
+  drawSenses({ context, at, scale }, { r, pose }) {
+    const colour = robotColour(r);
+    if (pose.cone) {
+      const { pose: [x, y, heading], angle, length } = pose.cone, [cx, cy] = at([x, y]);
+      context.beginPath();
+      context.moveTo(cx, cy);
+      context.arc(cx, cy, length * scale, -heading - angle / 2, -heading + angle / 2);
+      context.closePath();
+      context.fillStyle = `${colour}2c`;
+      context.fill();
+    }
+    if (pose.footprint) {
+      context.beginPath();
+      context.arc(...at([pose.x, pose.y]), pose.footprint * scale, 0, TAU);
+      context.fillStyle = `${colour}22`;
+      context.strokeStyle = `${colour}77`;
+      context.lineWidth = 1.5;
+      context.fill();
+      context.stroke();
+    }
+  }
+
+  growth(outline, scale) {
+    return Math.max(1, SMALLEST / (2 * Math.max(...outline.map(([x]) => x)) * scale));
+  }
+
+  drawRobot(pen, { r, pose, robot }) {
+    const { context, look, scale } = pen, outline = pose.outline ?? robot.outline ?? box(0, 0, 0.5, 0.4), growth = this.growth(outline, scale);
+    const placed = (corners, grow = growth) => moved(turned(corners.map(([x, y]) => [x * grow, y * grow]), pose.heading), [pose.x, pose.y]);
+    const colour = robotColour(r), ahead = Math.max(...outline.map(([x]) => x)) * growth, led = LEDS[pose.led];
+    const chosen = this.app.selected.robot === r;
+    if (chosen) {
+      context.beginPath();
+      context.arc(...pen.at([pose.x, pose.y]), ahead * scale * 1.7 + 3, 0, TAU);
+      context.strokeStyle = colour;
+      context.setLineDash([5, 4]);
+      context.lineWidth = 2;
+      context.stroke();
+      context.setLineDash([]);
+    }
+    const lamp = placed([[-ahead * 0.4 / growth, 0]])[0];
+    if (led) this.glow(pen, lamp, ahead, led);
+    if (pose.blade) {
+      this.polygon(pen, disc([pose.x, pose.y], pose.blade * growth * 1.25));
+      context.fillStyle = `${look.ink}40`;
+      context.strokeStyle = look.ink;
+      context.lineWidth = 1.5;
+      context.fill();
+      context.stroke();
+    }
+    const pieces = (pose.workpieces ?? []).map((piece) => [piece.corners, piece.kind, piece.closed]);
+    for (const [corners, kind, closed = true] of [...pieces, ...(SYMBOLS[pose.type ?? robot.type] ?? vehicle)(outline), ...limb(outline, pose)]) {
+      const fill = { robot: colour, paper: look.paper, ink: look.ink, fixture: look.fixture, part: look.target, cut: look.targetEdge }[kind];
+      if (closed) {
+        this.polygon(pen, placed(corners));
+        context.fillStyle = fill;
+        context.fill();
+        if (kind !== "paper") {
+          context.strokeStyle = kind === "part" || kind === "cut" ? look.targetEdge : kind === "fixture" ? look.edge : look.ink;
+          context.lineWidth = 1.2;
+          context.stroke();
+        }
+      } else {
+        context.beginPath();
+        placed(corners).forEach((corner, place) => context[place ? "lineTo" : "moveTo"](...pen.at(corner)));
+        context.strokeStyle = fill;
+        context.lineWidth = 2.5;
+        context.stroke();
+      }
+    }
+    if (led) {
+      context.beginPath();
+      context.arc(...pen.at(lamp), Math.max(ahead * scale * 0.35, 2.5), 0, TAU);
+      context.fillStyle = led;
+      context.strokeStyle = look.paper;
+      context.fill();
+      context.stroke();
+    }
+    if ((pose.charge ?? 1) < LOW) this.battery(pen, pose);
+  }
+
+  glow(pen, place, ahead, led) {
+    const { context, at, scale } = pen;
+    for (const [reach, part] of [[2.2, "3c"], [1.4, "6e"]]) {
+      context.beginPath();
+      context.arc(...at(place), ahead * scale * reach, 0, TAU);
+      context.fillStyle = led + part;
+      context.fill();
+    }
+  }
+
+  battery({ context, look, at }, pose) {
+    const [x, y] = at([pose.x, pose.y]);
+    context.fillStyle = look.ink;
+    context.fillRect(x + 10, y - 4, 2, 8);
+    context.fillStyle = look.paper;
+    context.strokeStyle = look.ink;
+    context.lineWidth = 2;
+    context.fillRect(x - 12, y - 7, 22, 14);
+    context.strokeRect(x - 12, y - 7, 22, 14);
+    context.fillStyle = context.strokeStyle = css("--failed");
+    if (pose.charge > 0) context.fillRect(x - 9, y - 4, 16 * pose.charge, 8);
+    else {
+      context.beginPath();
+      context.moveTo(x - 15, y + 10);
+      context.lineTo(x + 14, y - 10);
+      context.stroke();
+    }
+  }
+
+  drawName(pen, { r, pose, robot }, robots, width, state) {
+    const [x, y] = pen.at([pose.x, pose.y]), outline = pose.outline ?? robot.outline ?? box(0, 0, 0.5, 0.4);
+    const far = Math.max(...outline.map(([ahead]) => ahead)) * this.growth(outline, pen.scale) * pen.scale;
+    const near = robots.find((other) => other.r !== r && Math.abs(pen.at([other.pose.x, other.pose.y])[0] - x) < 90 &&
+      Math.abs(pen.at([other.pose.x, other.pose.y])[1] - y) < 46 && pen.at([other.pose.x, other.pose.y])[1] < y);
+    const above = near === undefined && y > 60, name = pose.altitude >= 0.05 ? `${robot.name}  ${pose.altitude.toFixed(1)} m` : robot.name;
+    const task = this.app.doing(state, r), base = above ? y - far - (task ? 19 : 7) : y + far + 15;
+    const inside = (text, size) => {
+      pen.context.font = `600 ${size}px system-ui, sans-serif`;
+      const half = pen.context.measureText(text).width / 2;
+      return Math.min(Math.max(x, half + 4), width - half - 4);
+    };
+    this.label(pen, name, inside(name, 12.5), base, robotColour(r), 12.5, true);
+    const note = [task, pose.note, (pose.charge ?? 1) <= 0 ? "battery empty" : ""].filter(Boolean).join(" · ");
+    if (note) this.label(pen, note.length > 44 ? `${note.slice(0, 43)}…` : note, inside(note.slice(0, 44), 11), base + 13, pen.look.faint, 11);
+  }
+
+  drawScale({ context, look, scale }, ground, width, height) {
+    const length = roundLength(40 / scale), x = width - 14, y = height - 12;
+    context.strokeStyle = look.ink;
+    context.lineWidth = 2;
+    context.beginPath();
+    context.moveTo(x - length * scale, y);
+    context.lineTo(x, y);
+    context.stroke();
+    this.label({ context, look }, `${Number(length.toPrecision(2))} m`, x - (length * scale) / 2, y - 5, look.ink, 11);
+  }
+
+  clicked(event) {
+    const { left, top } = this.frame.getBoundingClientRect(), x = event.clientX - left, y = event.clientY - top;
+    let best = [22, -1];
+    for (const [r, [rx, ry]] of this.robots ?? []) best = Math.hypot(rx - x, ry - y) < best[0] ? [Math.hypot(rx - x, ry - y), r] : best;
+    this.app.select({ robot: best[1] });
+  }
+}

@@ -1,0 +1,146 @@
+"""The page of a recording: its blocks are made while it is being read, in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fame.bpmn.model import Definitions
+from fame.bpmn.reader import read
+from fame.clock import SECOND
+from fame.errors import FameError, ModelError
+from fame.log import Recording
+from fame.log.channels import EVENTS, GROUND, VARIABLES, WAITING, WORLD
+from fame.view.blocks import Packer
+from fame.view.catalogue import Catalogue
+from fame.view.mission import Chip, mission_json
+
+_OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
+
+
+class Replay:
+    """The source of a page that shows a recording. Raises ConfigError for a file that cannot be shown."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._recording = Recording(path)
+        self._path = Path(path)
+        self.notices = list(self._recording.warnings)
+        self.catalogue = Catalogue(self._models())
+        self._offset = self._recording.start if self._recording.start > _LONGEST else 0
+        self._packer = Packer(self.catalogue, self._robots())
+        self._elements = len(self.catalogue.elements)
+        self._done = 0
+        self._reading = 0.0
+        self._lock = threading.Lock()
+        self._closed = False
+        self._thread = threading.Thread(target=self._read, name="fame view: reader", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._closed = True
+        self._thread.join()
+        self._recording.close()
+
+    def wait(self) -> None:
+        """Wait until everything is read."""
+        self._thread.join()
+
+    def _models(self) -> list[Definitions]:
+        files = []
+        for name, source in self._recording.models.items():
+            try:
+                files.append(read(source, file=name))
+            except ModelError as error:
+                self.notices.append(f"{name} is not shown: {error}")
+        return files
+
+    def _robots(self) -> list[str]:
+        """The robots: those of the world in its order, which gives them their colours, then the others."""
+        seen = self._recording.world(self._recording.end)
+        return list(dict.fromkeys((*seen, *self._recording.robots)))
+
+    def _read(self) -> None:
+        recording, packer, first = self._recording, self._packer, self._offset
+        length = max(recording.end - recording.start, 1)
+        try:
+            for number, message in enumerate(recording.messages(_OWN)):
+                if self._closed:
+                    return
+                packer.put(message.topic, message.time - first, message.json())
+                if number % 256 == 0:
+                    with self._lock:
+                        self._done, self._reading = len(packer.blocks) - 1, (message.time - recording.start) / length
+        except (FameError, LookupError, TypeError, ValueError, AttributeError) as error:
+            self.notices.append(f"the rest of the recording cannot be shown: {error}")
+        with self._lock:
+            self._done, self._reading = len(packer.blocks), 1.0
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def mission(self) -> Mapping[str, Any]:
+        recording = self._recording
+        with self._lock:
+            done, reading = self._done, self._reading
+        return mission_json(
+            "recording",
+            self._title(),
+            self.catalogue,
+            self._packer.robots,
+            chips=self._chips(),
+            notices=self.notices,
+            blocks=self._index(done),
+            end=recording.end - self._offset,
+            reading=reading,
+        )
+
+    def _title(self) -> str:
+        scenario = self._recording.metadata.get("scenario", "")
+        return Path(scenario).stem if scenario else self._path.stem
+
+    def _chips(self) -> list[Chip]:
+        about = self._recording.metadata
+        chips: list[Chip] = [("recording", "", f"{self._path.name}, recorded by: {about.get('command', 'unknown')}")]
+        if "seed" in about:
+            chips.append((f"seed {about['seed']}", "", "seed of all noise"))
+        return chips
+
+    def _index(self, done: int) -> list[list[int]]:
+        return [[block.number, block.start, block.end, block.events] for block in self._packer.blocks[:done]]
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        if not 0 <= number < len(self.catalogue.drawings):
+            raise LookupError(number)
+        return self.catalogue.plane_json(number)
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        with self._lock:
+            if not 0 <= number < self._done:
+                raise LookupError(number)
+        return self._packer.blocks[number].to_json()
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        with self._lock:
+            done, reading = self._done, self._reading
+        now = (done, reading)
+        if known == now:
+            return known, []
+        first = known[0] if known is not None else 0
+        news: dict[str, Any] = {
+            "type": "index",
+            "blocks": self._index(done)[first:],
+            "end": self._recording.end - self._offset,
+            "reading": reading,
+        }
+        if len(self.catalogue.elements) > self._elements:
+            news |= {"from": self._elements, "elements": self.catalogue.elements_json(self._elements)}
+        return now, [news]
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        raise FameError("a recording is only shown: it cannot be controlled")
+
+
+_LONGEST = 365 * 24 * 3600 * SECOND
+"""A recording whose times are later than this (ns) counts from another epoch: the page counts from its start."""

@@ -1,0 +1,293 @@
+"""Serves the page and its data on one address: static files, JSON, and a WebSocket for what changes.
+
+Nobody else gets in: the address holds a random token, requests must name this host, and those of other origins are
+refused. The page may load nothing from elsewhere and run no script but its own files.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import socket
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import urlsplit
+
+from fame.errors import ConfigError, FameError
+from fame.imports import require
+
+if TYPE_CHECKING:
+    import uvicorn
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import Response
+    from starlette.types import ASGIApp, Receive, Scope, Send
+    from starlette.websockets import WebSocket
+
+LOOPBACK = "127.0.0.1"
+POLL = 0.04
+"""Seconds between two looks at what is new, for each page."""
+_KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+class Source(Protocol):
+    """What a page shows. All methods may be called from any thread."""
+
+    def mission(self) -> Mapping[str, Any]:
+        """Everything that the page needs first: robots, elements, planes, world, blocks."""
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        """A drawing. Raises LookupError."""
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        """A block. Raises LookupError."""
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        """What is new for a page that knows `known` (at first None), and what it knows then."""
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Carry out a command of the page. Raises FameError."""
+
+
+class Server:
+    """The page of a `source` at a free port of `host`, or `port`. Raises ConfigError for a port that is not free."""
+
+    def __init__(self, source: Source, *, host: str = LOOPBACK, port: int = 0) -> None:
+        require("starlette")
+        require("uvicorn")
+        self.source, self.token = source, secrets.token_urlsafe(18)
+        self.socket = _bound(host, port)
+        self.host, self.port = host, self.socket.getsockname()[1]
+        self._server = self._made()
+
+    @property
+    def address(self) -> str:
+        """The address of the page."""
+        return f"http://{_in_address(self.host)}:{self.port}/{self.token}/"
+
+    def _made(self) -> uvicorn.Server:
+        import uvicorn
+
+        config = uvicorn.Config(
+            self.app(), log_level="error", lifespan="off", ws="websockets-sansio", timeout_graceful_shutdown=1
+        )
+        return uvicorn.Server(config)
+
+    def run(self) -> None:
+        """Serve until `stop`, or until Ctrl-C if this is the main thread."""
+        with suppress(KeyboardInterrupt):
+            self._server.run(sockets=[self.socket])
+
+    def stop(self) -> None:
+        """Make `run` return, from any thread, also before it has begun."""
+        self._server.should_exit = True
+
+    def app(self) -> ASGIApp:
+        """The application, behind its guard."""
+        return _Guard(_routes(self.source), self.token, self.host, self.port)
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    bound: socket.socket | None = None
+    try:
+        bound = socket.socket(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0])
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((host, port))
+        bound.listen(64)  # who comes before `run` waits
+    except OSError as error:
+        if bound is not None:
+            bound.close()
+        raise ConfigError(f"cannot serve the page on {host} port {port}: {error.strerror or error}") from None
+    return bound
+
+
+def _in_address(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+# ---- who gets in -----------------------------------------------------------------------------------------------------
+
+
+class _Guard:
+    """Lets requests in that hold the token, name this host, and come from this page or from no page."""
+
+    def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
+        self._app, self._token, self._port = app, token, port
+        self._names = {host.lower(), *(("localhost", LOOPBACK, "::1") if _is_loopback(host) else ())}
+        self._any_name = host in ("0.0.0.0", "::")
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        status = self._refusal(scope)
+        if not status:
+            prefix = f"/{self._token}"
+            inner = dict(scope, path=scope["path"][len(prefix) :], root_path=prefix)
+            inner["raw_path"] = inner["path"].encode()
+            inner["root_path"] = ""
+            await self._app(inner, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await send({"type": "http.response.start", "status": status, "headers": _raw(_HEADERS)})
+            await send({"type": "http.response.body", "body": _REFUSALS[status].encode()})
+
+    def _refusal(self, scope: Scope) -> int:
+        """The status that a request is refused with, or 0."""
+        headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        if not self._is_here(headers.get(b"host", "")):
+            return 421
+        origin = headers.get(b"origin")
+        needs_origin = scope["type"] == "websocket" or scope.get("method") not in ("GET", "HEAD")
+        if origin is None and needs_origin and b"sec-fetch-site" in headers:
+            return 403
+        if origin is not None and (urlsplit(origin).scheme != "http" or not self._is_here(urlsplit(origin).netloc)):
+            return 403
+        if origin is not None and urlsplit(origin).netloc.lower() != headers[b"host"].lower():
+            return 403
+        path = str(scope["path"]).split("/", 2)
+        given = path[1] if len(path) == 3 else ""
+        return 0 if secrets.compare_digest(given.encode(), self._token.encode()) else 404
+
+    def _is_here(self, netloc: str) -> bool:
+        """Whether an address names this server: a page of another name that resolves to this host does not."""
+        try:
+            parts = urlsplit(f"//{netloc}")
+            name, port = (parts.hostname or "").lower(), parts.port or 80
+        except ValueError:
+            return False
+        return port == self._port and (name in self._names or (self._any_name and _is_number(name)))
+
+
+_REFUSALS = {
+    403: "This page answers only itself.\n",
+    404: "Nothing here. Open the whole address that fame printed, with its token.\n",
+    421: "This server has another name.\n",
+}
+
+
+def _is_loopback(host: str) -> bool:
+    return host == "localhost" or host == "::1" or host.startswith("127.")
+
+
+def _is_number(host: str) -> bool:
+    """Whether a host is an IP address: names could be rebound to this server by a foreign page."""
+    for family in (socket.AF_INET, socket.AF_INET6):
+        with suppress(OSError):
+            socket.inet_pton(family, host)
+            return True
+    return False
+
+
+def _raw(headers: Mapping[str, str]) -> list[tuple[bytes, bytes]]:
+    return [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+
+
+# ---- what they get ---------------------------------------------------------------------------------------------------
+
+
+def _routes(source: Source) -> Starlette:
+    from starlette.applications import Starlette
+    from starlette.responses import Response
+    from starlette.routing import Route, WebSocketRoute
+
+    page = files("fame.view") / "page"
+
+    async def static(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        kind, file = _KINDS.get(Path(name).suffix), page / name
+        if kind is None or "/" in name or not file.is_file():
+            return Response("no such file\n", 404, _HEADERS, "text/plain")
+        return Response(file.read_bytes(), 200, _HEADERS, kind)
+
+    def answer(make: Callable[..., Mapping[str, Any]]) -> Callable[[Request], Any]:
+        async def endpoint(request: Request) -> Response:
+            try:
+                found = await asyncio.to_thread(make, *request.path_params.values())
+            except LookupError:
+                return Response("no such thing\n", 404, _HEADERS, "text/plain")
+            return Response(to_json(found), 200, _HEADERS, "application/json")
+
+        return endpoint
+
+    async def post(request: Request) -> Response:
+        try:
+            command = json.loads(await request.body())
+            if not isinstance(command, dict):
+                raise ValueError
+            return Response(
+                to_json(await asyncio.to_thread(source.control, command)), 200, _HEADERS, "application/json"
+            )
+        except FameError as error:
+            return Response(to_json({"error": str(error)}), 409, _HEADERS, "application/json")
+        except (ValueError, KeyError, TypeError):
+            return Response(to_json({"error": "not a command"}), 400, _HEADERS, "application/json")
+
+    async def live(socket: WebSocket) -> None:
+        await socket.accept()
+        with suppress(Exception):
+            await _send_news(socket, source)
+
+    return Starlette(
+        routes=[
+            Route("/", static),
+            Route("/page/{name}", static),
+            Route("/mission.json", answer(source.mission)),
+            Route("/plane/{number:int}.json", answer(source.plane)),
+            Route("/block/{number:int}.json", answer(source.block)),
+            Route("/control", post, methods=["POST"]),
+            WebSocketRoute("/live", live),
+        ]
+    )
+
+
+async def _send_news(socket: WebSocket, source: Source) -> None:
+    """Send what is new until the page goes away."""
+    async with _until_gone(socket) as gone:
+        known: Any = None
+        while not gone.is_set():
+            known, news = await asyncio.to_thread(source.news, known)
+            for one in news:
+                await socket.send_text(to_json(one))
+            with suppress(TimeoutError):
+                await asyncio.wait_for(gone.wait(), POLL)
+
+
+@asynccontextmanager
+async def _until_gone(socket: WebSocket) -> AsyncIterator[asyncio.Event]:
+    gone = asyncio.Event()
+
+    async def listen() -> None:
+        while (await socket.receive())["type"] != "websocket.disconnect":
+            pass
+        gone.set()
+
+    task = asyncio.ensure_future(listen())
+    try:
+        yield gone
+    finally:
+        task.cancel()
+
+
+_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), default=str).encode
+
+
+def to_json(value: Any) -> str:
+    """JSON on one line; what JSON does not have is text."""
+    try:
+        return _encode(value)
+    except ValueError:  # a value that contains itself
+        return _encode({"error": "not JSON"})

@@ -1,0 +1,144 @@
+"""Blocks of a run: each can be shown alone, and together they are the run."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from fame.bpmn.reader import read
+from fame.log import Recording, logging_to
+from fame.scenario import Scenario
+from fame.view.blocks import CANCELLED, COLUMNS, COMPLETED, FAILED, WHATS, Block, Packer, ScopeInfo, State, TokenKey
+from fame.view.catalogue import Catalogue
+from fame.view.replay import Replay
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+MODELS = Path(__file__).parent.parent / "models"
+
+
+def record(name: str, folder: Path, **options: object) -> Path:
+    """The recording of an example."""
+    scenario, path = Scenario.load(EXAMPLES / f"{name}.yaml", **options), folder / f"{name}.mcap"
+    with logging_to(path, scenario.closures()) as log:
+        scenario.run(observer=log)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record("agriculture", tmp_path_factory.mktemp("view"), duration=60)
+
+
+def replayed(block: Block) -> State:
+    """The state at the end of a block, from the block alone."""
+    state, key = State(), block.key
+    for *place, number, since in key["tokens"]:
+        state.tokens[TokenKey(*place)] = [number, since]
+    for robot, element, *counts in key["counts"]:
+        state.counts[robot, element] = list(counts)
+    for robot, scope, instance, parent, opener, depth in (*key["scopes"], *block.lists["scopes"]):
+        state.scopes[robot, scope] = ScopeInfo(instance, 0, parent, opener, depth)
+    for time, robot, instance, scope, element, what in zip(*(block.columns[name] for name in COLUMNS), strict=True):
+        state.event(time, TokenKey(robot, instance, scope, element), what)
+    return state
+
+
+def test_a_block_alone_leads_to_the_next(recording: Path) -> None:
+    replay = Replay(recording)
+    replay.wait()
+    blocks = replay._packer.blocks
+    assert len(blocks) > 3
+    for block, following in itertools.pairwise(blocks):
+        state = replayed(block).to_json()
+        assert sorted(state["tokens"]) == sorted(following.key["tokens"])
+        assert sorted(state["counts"]) == sorted(following.key["counts"])
+        assert block.end < following.start
+    replay.close()
+
+
+def test_blocks_have_every_event_of_the_recording(recording: Path) -> None:
+    replay = Replay(recording)
+    replay.wait()
+    elements = replay.catalogue.elements
+    shown = [
+        (time, replay._packer.robots[robot], instance, scope, elements[element].element.id, WHATS[what])
+        for block in replay._packer.blocks
+        for time, robot, instance, scope, element, what in zip(*(block.columns[name] for name in COLUMNS), strict=True)
+        if element >= 0
+    ]
+    with Recording(recording) as source:
+        recorded = [(*event[:4], event.element, event.what) for event in source.events() if event.element]
+    assert shown == recorded
+    replay.close()
+
+
+def test_counts_are_those_of_the_recording(recording: Path) -> None:
+    replay = Replay(recording)
+    replay.wait()
+    state, elements = replay._packer.state, replay.catalogue.elements
+    with Recording(recording) as source:
+        last = source.state(source.end)
+    robot = replay._packer.robots.index("Drone")
+    for id, counts in last.robots["Drone"].counts.items():
+        numbers = list(replay.catalogue.candidates(id))
+        entered = sum(sum(state.counts[robot, number]) for number in numbers)
+        resting = sum(
+            held
+            for key, (held, _) in state.tokens.items()
+            if key.robot == robot and elements[key.element].element.id == id
+        )
+        passed = counts.get("take", 0) or counts.get("enter", 0)
+        assert entered + resting == passed, id
+    replay.close()
+
+
+def packer_of(model: str) -> Packer:
+    return Packer(Catalogue([read(MODELS / model)]), ["REX"])
+
+
+def test_an_error_end_event_counts_as_a_failure_only() -> None:
+    state, where = State(), TokenKey(0, 1, 2, 3)
+    for what in ("enter", "leave", "fail"):
+        state.event(5, where, WHATS.index(what))
+    assert state.counts[0, 3] == [0, 1, 0]
+    assert not state.tokens
+
+
+def test_the_end_of_an_instance_cancels_what_it_still_did() -> None:
+    state = State()
+    for element in (3, 4):
+        state.event(5, TokenKey(0, 1, 2, element), WHATS.index("enter"))
+    state.event(5, TokenKey(0, 7, 8, 4), WHATS.index("enter"))
+    state.event(6, TokenKey(0, 1, 2, 0), WHATS.index("end"))
+    assert list(state.tokens) == [TokenKey(0, 7, 8, 4)]
+    assert [state.counts[0, 3][outcome] for outcome in (COMPLETED, FAILED, CANCELLED)] == [0, 0, 1]
+
+
+def test_calls_and_what_they_call_are_known_by_number(recording: Path) -> None:
+    replay = Replay(recording)
+    catalogue = replay.catalogue
+    go_to = next(number for number, entry in enumerate(catalogue.elements) if entry.element.id == "GoTo")
+    calls = [catalogue.elements[call].element.label for call, called in catalogue.called.items() if called == go_to]
+    assert "Go To" in calls
+    replay.close()
+
+
+def test_what_is_inside_a_call_knows_its_call(recording: Path) -> None:
+    replay = Replay(recording)
+    replay.wait()
+    rows = [row for block in replay._packer.blocks for row in block.lists["scopes"]]
+    openers = {replay.catalogue.elements[row[4]].element.label for row in rows if row[4] >= 0}
+    assert {"Take Off", "Explore", "Go To"} <= openers
+    replay.close()
+
+
+def test_a_page_that_knows_part_of_a_block_gets_the_rest() -> None:
+    packer = packer_of("ground_vehicles.bpmn")
+    packer.events(1, "REX", 1, 1, [("Process_REX", "start")])
+    mark = packer.blocks[0].mark()
+    packer.events(2, "REX", 0, 0, [("", "log", "later")])
+    rest = packer.blocks[0].to_json(mark)
+    assert (rest["first"], rest["t"], rest["d"]) == (1, [2], {"1": "later"})
+    assert "key" not in rest

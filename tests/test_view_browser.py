@@ -1,0 +1,244 @@
+"""The page in a real browser: tokens where the events say, at whatever way one gets there; nothing of a model is markup."""
+
+# ruff: noqa: E501 (expressions of JavaScript, and a model as XML)
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from view_page import browser, opened, until
+
+from fame.log import Recording, logging_to
+from fame.scenario import Scenario
+from fame.view import Replay
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+STATE = """(time) => {
+  fame.store.cursor = %s ? null : fame.store.cursor;
+  const state = fame.store.stateAt(time);
+  const rows = [...state.tokens.values()].map((one) => [one.r, one.i, one.s, one.e, one.n, one.since].join("/"));
+  const counts = [...state.counts].filter(([, one]) => one.some(Boolean)).map(([key, one]) => `${key}=${one}`);
+  const variables = [...state.variables.values()].flatMap((one) => [...one.values].map(([name, [value]]) => `${one.r}/${one.s}/${name}=${JSON.stringify(value)}`));
+  const waits = [...state.waits].flatMap(([r, some]) => [...some.keys()].map((key) => `${r}/${key}`));
+  return [rows, counts, variables, waits].map((some) => some.sort().join(";"));
+}"""
+
+
+def recorded(name: str, folder: Path, **options: Any) -> Path:
+    scenario, path = Scenario.load(EXAMPLES / f"{name}.yaml", **options), folder / f"{name}.mcap"
+    with logging_to(path, scenario.closures()) as log:
+        scenario.run(observer=log)
+    return path
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded("agriculture", tmp_path_factory.mktemp("view"), duration=60)
+
+
+@pytest.fixture
+def page(chromium: Browser, recording: Path) -> Iterator[Page]:
+    replay = Replay(recording)
+    with opened(chromium, replay) as found:
+        yield found
+    replay.close()
+
+
+def test_tokens_are_where_the_recording_says(page: Page, recording: Path) -> None:
+    with Recording(recording) as source:
+        moments = random.Random(7).sample(range(0, source.end), 12)
+        for moment in moments:
+            waiting = {
+                (name, token["key"])
+                for name, robot in source.state(moment).robots.items()
+                for token in robot.tokens.values()
+            }
+            shown = page.evaluate(
+                """(time) => [...fame.store.stateAt(time).waits].flatMap(([r, some]) => [...some.keys()].map((key) => [fame.mission.robots[r].name, key]))""",
+                moment,
+            )
+            assert {tuple(one) for one in shown} == waiting
+            entered = {
+                name: {
+                    id
+                    for id, counts in robot.counts.items()
+                    if counts.get("enter", 0) > sum(counts.get(w, 0) for w in ("leave", "cancel", "fail"))
+                }
+                for name, robot in source.state(moment).robots.items()
+            }
+            held = page.evaluate(
+                """(time) => [...fame.store.stateAt(time).tokens.values()].map((one) => [fame.mission.robots[one.r].name, fame.mission.elements[one.e].id])""",
+                moment,
+            )
+            found: dict[str, set[str]] = {name: set() for name in entered}
+            for name, id in held:
+                found[name].add(id)
+            assert found == entered
+
+
+def test_scrubbing_equals_direct_seeking(page: Page, recording: Path) -> None:
+    with Recording(recording) as source:
+        end = source.end
+    chance = random.Random(3)
+    for _ in range(40):
+        moment = chance.randrange(end)
+        if chance.random() < 0.4:  # a short way, forth or back
+            moment = min(end, max(0, page.evaluate("fame.player.time") + chance.randrange(-(10**9), 10**9)))
+        page.evaluate("(time) => fame.player.seek(time)", moment)
+        scrubbed = page.evaluate(STATE % "false", moment)
+        assert scrubbed == page.evaluate(STATE % "true", moment)
+
+
+def test_the_drawing_has_a_disc_for_each_token_of_the_mission(page: Page) -> None:
+    page.evaluate("fame.player.seek(40e9)")
+    page.wait_for_timeout(100)
+    shown = page.evaluate("[...document.querySelectorAll('.under .disc')].map((one) => one.dataset.robot).length")
+    expected = page.evaluate(
+        """[...fame.state.tokens.values()].filter((one) => fame.diagram.current.shapes.has(one.e)).length"""
+    )
+    assert shown == expected > 0
+
+
+def test_the_cursor_goes_from_event_to_event(page: Page) -> None:
+    page.evaluate("fame.player.seek(30e9)")
+    before = page.evaluate("fame.player.time")
+    page.keyboard.press("ArrowRight")
+    until(page, f"fame.player.time > {before}")
+    after = page.evaluate("fame.player.time")
+    assert page.evaluate("(time) => fame.store.blocks.some((one) => one.data.columns.t.includes(time))", after)
+    page.keyboard.press("ArrowLeft")
+    until(page, f"fame.player.time < {after}")
+    page.keyboard.press("End")
+    until(page, "fame.player.time === fame.store.end")
+    page.keyboard.press("Home")
+    until(page, "fame.player.time === 0")
+
+
+def test_playing_moves_the_cursor_and_stops_at_the_end(page: Page) -> None:
+    page.evaluate("fame.player.seek(fame.store.end - 2e9)")
+    page.evaluate("fame.player.speed = 10")
+    page.keyboard.press(" ")
+    until(page, "!fame.player.playing && fame.player.time === fame.store.end")
+
+
+def test_a_link_holds_time_robot_and_element(page: Page) -> None:
+    page.evaluate("fame.player.seek(42.5e9)")
+    page.evaluate("fame.select({robot: 1, element: fame.mission.elements.findIndex((one) => one.id === 'TakeOff')})")
+    link = page.evaluate("fame.link()")
+    assert "t=42.5" in link
+    page.evaluate("fame.player.seek(0), fame.select({robot: -1, element: -1})")
+    page.evaluate("(link) => { location.hash = link; }", link)
+    until(page, "fame.player.time === 42.5e9 && fame.selected.robot === 1")
+    assert page.evaluate("fame.mission.elements[fame.selected.element].id") == "TakeOff"
+
+
+def test_a_called_process_opens_with_a_breadcrumb(page: Page) -> None:
+    page.evaluate(
+        "fame.select({element: fame.mission.elements.findIndex((one) => one.name === 'Take Off' && one.inside >= 0)})"
+    )
+    page.get_by_role("button", name="Open").click()
+    until(page, "document.querySelector('.crumbs').textContent === 'agriculture\u203aTake Off'")
+    page.locator(".crumbs button").click()
+    until(page, "document.querySelector('.crumbs').textContent === 'agriculture'")
+
+
+def test_signals_are_arrows_between_the_robots(page: Page) -> None:
+    page.evaluate("fame.player.seek(60e9)")
+    arrows = until(page, "fame.timeline.arrows && fame.timeline.arrows.length && fame.timeline.arrows")
+    names = page.evaluate("fame.mission.robots.map((one) => one.name)")
+    found = {(one["topic"], names[one["sender"]], names[one["receiver"]]) for one in arrows}
+    assert ("/weed_position", "Drone", "Tractor_1") in found
+    assert all(one["from"] <= one["until"] for one in arrows)
+
+
+def test_the_page_fits_its_window_in_both_themes_and_on_a_tablet(chromium: Browser, recording: Path) -> None:
+    replay = Replay(recording)
+    with opened(chromium, replay) as page:
+        for width, height in ((1280, 720), (1024, 768), (820, 1180)):
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_timeout(50)
+            for theme in ("light", "dark"):
+                page.evaluate(f"fame.setTheme('{theme}')")
+                assert page.evaluate(
+                    "document.documentElement.scrollWidth <= innerWidth && document.documentElement.scrollHeight <= innerHeight"
+                )
+                for panel in ("diagram", "world", "inspector", "time"):
+                    box = page.locator(f"#{panel}").bounding_box()
+                    assert box is not None
+                    assert box["width"] > 150
+                    assert box["height"] > 120
+                    assert box["x"] + box["width"] <= width
+                    assert box["y"] + box["height"] <= height
+    replay.close()
+
+
+# ---- nothing is markup -----------------------------------------------------------------------------------------------
+
+ATTACK = '<img src=x onerror="window.hit=1"><script>window.hit=1</script>'
+ESCAPED = ATTACK.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")
+MODEL = f"""<?xml version="1.0" encoding="UTF-8"?>
+<bpmn:definitions xmlns:bpmn="http://www.omg.org/spec/BPMN/20100524/MODEL" xmlns:bpmndi="http://www.omg.org/spec/BPMN/20100524/DI"
+    xmlns:dc="http://www.omg.org/spec/DD/20100524/DC" xmlns:di="http://www.omg.org/spec/DD/20100524/DI" id="d" targetNamespace="x">
+  <bpmn:process id="P" name="{ESCAPED}" isExecutable="true">
+    <bpmn:startEvent id="S" name="{ESCAPED}"><bpmn:outgoing>F</bpmn:outgoing></bpmn:startEvent>
+    <bpmn:sequenceFlow id="F" name="{ESCAPED}" sourceRef="S" targetRef="T"/>
+    <bpmn:scriptTask id="T" name="{ESCAPED}" scriptFormat="python"><bpmn:documentation>{ESCAPED}</bpmn:documentation><bpmn:incoming>F</bpmn:incoming><bpmn:outgoing>G</bpmn:outgoing>
+      <bpmn:script>evil = {ESCAPED!r}; things = {{evil: [evil]}}; print(evil)</bpmn:script></bpmn:scriptTask>
+    <bpmn:sequenceFlow id="G" sourceRef="T" targetRef="U"/>
+    <bpmn:userTask id="U" name="{ESCAPED}"><bpmn:incoming>G</bpmn:incoming></bpmn:userTask>
+  </bpmn:process>
+  <bpmndi:BPMNDiagram id="D"><bpmndi:BPMNPlane id="Pl" bpmnElement="P">
+    <bpmndi:BPMNShape id="S_di" bpmnElement="S"><dc:Bounds x="100" y="100" width="36" height="36"/></bpmndi:BPMNShape>
+    <bpmndi:BPMNShape id="T_di" bpmnElement="T"><dc:Bounds x="200" y="78" width="100" height="80"/></bpmndi:BPMNShape>
+    <bpmndi:BPMNShape id="U_di" bpmnElement="U"><dc:Bounds x="400" y="78" width="100" height="80"/></bpmndi:BPMNShape>
+    <bpmndi:BPMNEdge id="F_di" bpmnElement="F"><di:waypoint x="136" y="118"/><di:waypoint x="200" y="118"/></bpmndi:BPMNEdge>
+    <bpmndi:BPMNEdge id="G_di" bpmnElement="G"><di:waypoint x="300" y="118"/><di:waypoint x="400" y="118"/></bpmndi:BPMNEdge>
+  </bpmndi:BPMNPlane></bpmndi:BPMNDiagram>
+</bpmn:definitions>"""
+
+
+def test_markup_in_a_model_is_text(chromium: Browser, tmp_path: Path) -> None:
+    model = tmp_path / "evil.bpmn"
+    model.write_text(MODEL.replace('name="' + ESCAPED + '" isExecutable', 'name="evil" isExecutable'), encoding="utf-8")
+    scenario, path = Scenario.load(model, duration=1), tmp_path / "evil.mcap"
+    with logging_to(path, scenario.closures()) as log:
+        scenario.run(observer=log)
+    replay = Replay(path)
+    with opened(chromium, replay) as page:
+        page.evaluate("fame.player.seek(fame.store.end)")
+        page.evaluate("fame.select({robot: 0, element: fame.mission.elements.findIndex((one) => one.id === 'T')})")
+        for tab in ("state", "topics", "log", "state"):
+            page.evaluate(f"fame.inspector.choose('{tab}')")
+            page.wait_for_timeout(60)
+        assert ATTACK in page.locator("#inspector").inner_text()
+        assert page.evaluate("window.hit") is None
+        assert page.evaluate("document.querySelectorAll('img, script:not([src])').length") == 0
+    replay.close()
+
+
+def test_a_drawing_is_taken_apart_into_known_shapes(page: Page) -> None:
+    page.evaluate(
+        """(() => {
+          const svg = `<svg xmlns="http://www.w3.org/2000/svg"><g id="a" onload="window.hit=1"><script>window.hit=1</script>
+            <foreignObject><b onclick="window.hit=1">x</b></foreignObject><a href="javascript:window.hit=1"><rect fill="url(https://evil)" width="5"/></a></g></svg>`;
+          const made = fame.diagram.built({svg, shapes: {}, edges: {}, frames: [], width: 1, height: 1});
+          document.body.append(made.drawing);
+          window.names = [...made.drawing.querySelectorAll('*')].map((one) => [one.localName, [...one.attributes].map((each) => each.name).join()]);
+        })()"""
+    )
+    assert page.evaluate("window.names") == [["g", "data-id"]]
+    assert page.evaluate("window.hit") is None

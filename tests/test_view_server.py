@@ -1,0 +1,167 @@
+"""Who gets to see a page: only requests with its token, to its name, from itself."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator, Mapping
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import Any
+
+import pytest
+from view_page import served
+
+from fame.errors import ConfigError, FameError
+from fame.view import Server
+
+
+class OneRobot:
+    """A source with nothing to see, that keeps the commands that it gets."""
+
+    def __init__(self) -> None:
+        self.commands: list[Mapping[str, Any]] = []
+
+    def mission(self) -> Mapping[str, Any]:
+        return {"title": "<script>alert(1)</script>"}
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        raise LookupError(number)
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        return {"number": number}
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        return True, [] if known else [{"type": "hello"}]
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        if "do" not in command:
+            raise FameError("nothing to do")
+        self.commands.append(command)
+        return {"said": "done"}
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with served(OneRobot()) as found:
+        yield found
+
+
+def ask(
+    server: Server, path: str, method: str = "GET", *, token: str | None = None, body: str = "", **headers: str
+) -> tuple[int, Mapping[str, str], bytes]:
+    """The answer to a request: status, headers, content."""
+    connection = HTTPConnection("127.0.0.1", server.port, timeout=10)
+    prefix = f"/{server.token if token is None else token}" if token != "" else ""
+    sent = {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, prefix + path, body.encode() or None, sent)
+    answer = connection.getresponse()
+    found = answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    connection.close()
+    return found
+
+
+def test_the_page_is_served_under_its_token(server: Server) -> None:
+    status, headers, content = ask(server, "/")
+    assert status == 200
+    assert b"main.js" in content
+    assert headers["content-type"].startswith("text/html")
+    assert "script-src 'self'" in headers["content-security-policy"]
+    assert "unsafe" not in headers["content-security-policy"]
+
+
+@pytest.mark.parametrize("name", ["main.js", "style.css", "icon.svg"])
+def test_the_files_of_the_page_are_served(server: Server, name: str) -> None:
+    assert ask(server, f"/page/{name}")[0] == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/mission.json", "/page/main.js", "/block/0.json"])
+@pytest.mark.parametrize("token", ["", "wrong", "x" * 24])
+def test_without_the_token_there_is_nothing(server: Server, path: str, token: str) -> None:
+    assert ask(server, path, token=token)[0] == 404
+
+
+@pytest.mark.parametrize("name", ["../server.py", "%2e%2e/server.py", "..%2fserver.py", "nothing.js", "main.py", ""])
+def test_only_files_of_the_page_are_served(server: Server, name: str) -> None:
+    assert ask(server, f"/page/{name}")[0] == 404
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1:1", "localhost.evil.example:{port}"]
+)
+def test_another_host_is_refused(server: Server, host: str) -> None:
+    assert ask(server, "/mission.json", Host=host.format(port=server.port))[0] == 421
+
+
+def test_this_host_has_several_names(server: Server) -> None:
+    for host in ("127.0.0.1", "localhost"):
+        assert ask(server, "/mission.json", Host=f"{host}:{server.port}")[0] == 200
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
+def test_another_origin_is_refused(server: Server, origin: str) -> None:
+    given = origin.format(port=server.port)
+    assert ask(server, "/control", "POST", body='{"do": "pause"}', Origin=given)[0] == 403
+    assert server.source.commands == []  # type: ignore[attr-defined]
+
+
+def test_the_page_itself_may_send_commands(server: Server) -> None:
+    origin = f"http://127.0.0.1:{server.port}"
+    status, _, content = ask(server, "/control", "POST", body='{"do": "pause"}', Origin=origin)
+    assert (status, json.loads(content)) == (200, {"said": "done"})
+
+
+@pytest.mark.parametrize(("body", "status"), [("{}", 409), ("[]", 400), ("nothing", 400), ("", 400), ('"x"', 400)])
+def test_a_wrong_command_is_answered(server: Server, body: str, status: int) -> None:
+    found, _, content = ask(server, "/control", "POST", body=body)
+    assert found == status
+    assert "error" in json.loads(content)
+
+
+def test_a_command_is_never_a_get(server: Server) -> None:
+    assert ask(server, "/control")[0] == 405
+
+
+def upgrade(server: Server, **headers: str) -> bytes:
+    """The first line of the answer to a WebSocket."""
+    lines = {
+        "Host": f"127.0.0.1:{server.port}",
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Key": "x3JJHMbDL1EzLkh9GBhXDw==",
+        "Sec-WebSocket-Version": "13",
+        **headers,
+    }
+    with socket.create_connection(("127.0.0.1", server.port), timeout=10) as stream:
+        text = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
+        stream.sendall(f"GET /{server.token}/live HTTP/1.1\r\n{text}\r\n".encode())
+        return stream.recv(4096).partition(b"\r\n")[0]
+
+
+def test_a_websocket_of_another_origin_is_refused(server: Server) -> None:
+    assert b"101" in upgrade(server, Origin=f"http://127.0.0.1:{server.port}")
+    assert b"403" in upgrade(server, Origin="http://evil.example")
+
+
+def test_a_port_in_use_is_refused_in_one_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"cannot serve the page on 127.0.0.1 port {port}"):
+            Server(OneRobot(), port=port)
+
+
+def test_the_page_loads_nothing_from_elsewhere() -> None:
+    folder = Path(__file__).parent.parent / "fame" / "view" / "page"
+    for file in folder.iterdir():
+        text = file.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert "http://" not in text, file
+        assert "https://" not in text, file
+
+
+@pytest.mark.parametrize(
+    "word", ["innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "new Function"]
+)
+def test_the_page_never_makes_markup_of_text(word: str) -> None:
+    folder = Path(__file__).parent.parent / "fame" / "view" / "page"
+    for file in folder.glob("*.js"):
+        assert word not in file.read_text(encoding="utf-8"), file

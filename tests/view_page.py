@@ -1,0 +1,86 @@
+"""A page of `fame view` in a real browser, without a display: chromium as the system has it, driven by playwright."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from fame.view import Server, Source
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+READY = "!!(window.fame && fame.mission.kind && fame.mission.reading >= 1 && fame.store.blocks.every(one => one.data))"
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """A browser. Skips where there is none."""
+    api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("needs the program chromium: apt-get install chromium")
+    with api.sync_playwright() as play:
+        found = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        try:
+            yield found
+        finally:
+            found.close()
+
+
+@contextmanager
+def served(source: Source) -> Iterator[Server]:
+    """The page of a source, as long as the block lasts."""
+    server = Server(source)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.stop()
+        thread.join()
+
+
+@contextmanager
+def opened(browser: Browser, source: Source, **options: Any) -> Iterator[Page]:
+    """A page with everything loaded. Fails if the page had an error or loaded something from elsewhere."""
+    with served(source) as server:
+        context = browser.new_context(viewport={"width": 1280, "height": 720}, reduced_motion="reduce", **options)
+        page, wrong = context.new_page(), []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        page.on("request", lambda one: None if server.address[:17] in one.url else wrong.append(one.url))
+        page.goto(server.address)
+        until(page, READY)
+        try:
+            yield page
+        finally:
+            context.close()
+    assert not wrong
+
+
+def until(page: Page, condition: str, seconds: float = 20.0) -> Any:
+    """Wait until an expression is true on the page, and return its value."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        found = page.evaluate(condition)
+        if found:
+            return found
+        page.wait_for_timeout(20)
+    raise AssertionError(f"not within {seconds:g} s: {condition}")
+
+
+def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
+    """Wait until a condition holds, and return its value."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := condition():
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"not within {seconds:g} s")
