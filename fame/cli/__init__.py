@@ -46,6 +46,7 @@ _DECLARATIONS: Mapping[str, str] = {
     "param": "ros.add_param",
     "topic": "ros.add_topic",
     "adm": "adm.add",
+    "test": "testing.add",
 }
 """The function that declares each command. A module is imported when one of its commands is asked for: an engine starts
 without what the other commands need."""

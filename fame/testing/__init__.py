@@ -18,6 +18,7 @@ The fixture ``mission`` loads a model or a scenario::
     elements      elements of a model by label or id
     fakes         topics, services, actions and people that a test plays
     stubs         behaviours that a test replaces
+    coverage      elements and flows that tests have entered
 """
 
 from __future__ import annotations

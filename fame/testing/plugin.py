@@ -1,7 +1,8 @@
-"""The pytest plugin: the fixture ``mission``, and the state of missions in the report of a failed test."""
+"""The pytest plugin: the fixture ``mission``, the state of missions in the report of a failed test, model coverage."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,9 +10,36 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from fame.testing.coverage import Coverage
     from fame.testing.mission import MissionLoader
 
 _LOADER = pytest.StashKey["MissionLoader"]()
+_COVERAGE = pytest.StashKey["Coverage"]()
+_FROM_WORKER = "fame_model_coverage"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Declare the options of model coverage."""
+    group = parser.getgroup("fame", "missions of FAME")
+    group.addoption("--cov-model", action="store_true", help="report which elements and flows of models tests enter")
+    group.addoption("--cov-model-fail-under", type=float, metavar="PERCENT", help="fail below this model coverage")
+    for form, what in (("html", "a page with the diagrams"), ("json", "data"), ("junit", "JUnit XML")):
+        group.addoption(f"--cov-model-{form}", type=Path, metavar="FILE", help=f"write model coverage as {what}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Begin to collect coverage, if it is wanted."""
+    wanted = ("cov_model", "cov_model_fail_under", "cov_model_html", "cov_model_json", "cov_model_junit")
+    if any(config.getoption(name) not in (None, False) for name in wanted):
+        from fame.errors import FameError
+        from fame.testing.coverage import Coverage, read_reasons
+
+        given = [Path(word.split("::")[0]) for word in config.args]
+        folders = [config.rootpath, *(path if path.is_dir() else path.parent for path in given)]
+        try:
+            config.stash[_COVERAGE] = Coverage(read_reasons(folders))
+        except FameError as error:
+            raise pytest.UsageError(str(error)) from None
 
 
 @pytest.fixture
@@ -23,6 +51,10 @@ def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     loader = MissionLoader(_folder(tmp_path_factory, request.node.name), search)
     request.node.stash[_LOADER] = loader
     yield loader
+    coverage = request.config.stash.get(_COVERAGE, None)
+    if coverage is not None:
+        for loaded in loader.loaded:
+            coverage.add(loaded, request.node.nodeid)
     loader.close()
 
 
@@ -52,3 +84,60 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[Any]) -> 
                 lines = [*state_lines(loaded), *loaded.save()]
                 report.sections.append((f"mission {Path(loaded.scenario.file).name}", "\n".join(lines)))
     return report
+
+
+# ---- coverage --------------------------------------------------------------------------------------------------------
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any, error: object) -> None:
+    """Take the coverage of a worker of pytest-xdist."""
+    plain = getattr(node, "workeroutput", {}).get(_FROM_WORKER)
+    if plain is not None:
+        node.config.stash[_COVERAGE].merge(json.loads(plain))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the reports of coverage, and fail if it is too low."""
+    coverage = session.config.stash.get(_COVERAGE, None)
+    if coverage is None:
+        return
+    output = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output[_FROM_WORKER] = json.dumps(coverage.to_plain())
+        return
+    _write_reports(session.config, coverage)
+    least = session.config.getoption("cov_model_fail_under")
+    if least is not None and coverage.percent() < least and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def _write_reports(config: pytest.Config, coverage: Coverage) -> None:
+    from fame.testing.coverage import html_report, json_report, junit_report
+
+    forms: dict[str, Callable[[], str]] = {
+        "html": lambda: html_report(coverage),
+        "json": lambda: json.dumps(json_report(coverage), indent=2) + "\n",
+        "junit": lambda: junit_report(coverage),
+    }
+    for form, text in forms.items():
+        path = config.getoption(f"cov_model_{form}")
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text(), encoding="utf-8")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print the coverage."""
+    coverage = config.stash.get(_COVERAGE, None)
+    if coverage is None:
+        return
+    from fame.testing.coverage import text_report
+
+    terminalreporter.section("model coverage")
+    for line in text_report(coverage):
+        terminalreporter.line(line)
+    least = config.getoption("cov_model_fail_under")
+    if least is not None and coverage.percent() < least:
+        terminalreporter.line(f"model coverage of {coverage.percent():.1f} % is below {least:g} %", red=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from fame.bpmn.draw.shapes import draw_shape, name_beside, placeholder
 from fame.bpmn.draw.style import (
@@ -17,6 +18,7 @@ from fame.bpmn.draw.style import (
     OUTCOMES,
     SMALL,
     Ink,
+    Outcome,
     Picture,
     Tally,
     badge,
@@ -49,12 +51,17 @@ BADGE = 10.0
 """How far badges extend beyond the corner of their shape (px)."""
 
 
-def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = ()) -> str:
+def draw(
+    definitions: Definitions,
+    visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = (),
+    *,
+    words: Mapping[Outcome, str] = MappingProxyType({}),
+) -> str:
     """The diagrams of a file as one SVG document.
 
     `visited` shows a run: ids of elements and flows, once for each completion; id -> number of completions; or id ->
     number of executions with each outcome (`fame.log.outcomes`). Each outcome is shown by a colour, a symbol and a
-    number. Raises ModelError if the file has no diagram.
+    number. `words` name outcomes in the legend. Raises ModelError if the file has no diagram.
     """
     picture = _picture(definitions, _tallies(visited))
     parts: list[str] = []
@@ -70,7 +77,7 @@ def draw(definitions: Definitions, visited: Iterable[str] | Mapping[str, int] | 
     tallies = [picture.visits.get(shape.element, {}) for shape in definitions.shapes]
     present = [outcome for outcome in OUTCOMES if any(tally.get(outcome) for tally in tallies)]
     if present:
-        parts.append(legend(present, MARGIN, top))
+        parts.append(legend({outcome: words.get(outcome, outcome) for outcome in present}, MARGIN, top))
         top += 2 * MARGIN
     return _document(width + 2 * MARGIN, top - MARGIN, parts)
 

@@ -7,7 +7,7 @@ The pictograms are those in events, gateways and tasks, and the markers of activ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, get_args
 
@@ -250,13 +250,13 @@ def badges(tally: Tally, right: float, y: float) -> str:
     return drawn
 
 
-def legend(present: Iterable[Outcome], x: float, y: float) -> str:
+def legend(present: Mapping[Outcome, str], x: float, y: float) -> str:
     """The symbols of the given outcomes with their names, starting at (x, y)."""
     drawn = ""
-    for outcome in present:
+    for outcome, name in present.items():
         drawn += translated(x + 8, y, tag("circle", r=8, fill=STYLES[outcome].stroke) + _sign(outcome, _LIGHT))
-        drawn += text_lines([outcome], x + 20, y - 7, size=11, fill=STYLES[outcome].stroke, anchor="start")
-        x += 40 + text_width(outcome, 11)
+        drawn += text_lines([name], x + 20, y - 7, size=11, fill=STYLES[outcome].stroke, anchor="start")
+        x += 40 + text_width(name, 11)
     return drawn
 
 

@@ -1,0 +1,71 @@
+"""``fame test``: tests of missions, which pytest runs, with coverage of their models."""
+
+from __future__ import annotations
+
+import argparse
+from argparse import Namespace
+from pathlib import Path
+
+from fame.cli.arguments import Commands, command
+from fame.imports import require
+
+_EXAMPLES = (
+    "fame test examples/tests",
+    "fame test examples/tests -k vehicles --cov-model --cov-fail-under 100 --cov-html out/coverage.html",
+    "fame test -- -x --pdb",
+)
+_EXIT = {0: 0, 4: 2, 5: 2}
+"""By exit code of pytest: a wrong request and no tests are 2, everything else is 1."""
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "test", run, examples=_EXAMPLES,
+        help="run tests of missions with pytest; --cov-model: which elements of the models they enter",
+    )  # fmt: skip
+    parser.add_argument(
+        "paths", nargs="*", metavar="PATH", help="files and folders of tests; after --: options of pytest"
+    )
+    parser.add_argument("-k", metavar="WORDS", help="only tests whose name fits the expression")
+    parser.add_argument("-x", action="store_true", help="stop at the first failure")
+    parser.add_argument("--cov-model", action="store_true", help="show coverage of elements and flows per process")
+    parser.add_argument(
+        "--cov-fail-under", type=_percent, metavar="PERCENT", help="fail if less of the models is covered"
+    )
+    parser.add_argument("--cov-html", type=Path, metavar="FILE", help="coverage as a page with the diagrams coloured")
+    parser.add_argument(
+        "--cov-json", type=Path, metavar="FILE", help="coverage as JSON, with the tests of each element"
+    )
+    parser.add_argument("--cov-junit", type=Path, metavar="FILE", help="coverage as JUnit XML: a case for each element")
+    parser.add_argument("--junitxml", type=Path, metavar="FILE", help="results of the tests as JUnit XML")
+
+
+def _percent(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 <= number <= 100:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 100, got {text!r}")
+    return number
+
+
+def run(arguments: Namespace) -> int:
+    """Run the tests and return the exit code."""
+    require("pytest")
+    import pytest
+
+    options = ["-p", "fame.testing.plugin", *arguments.paths]
+    for name, option in (("k", "-k"), ("junitxml", "--junitxml")):
+        if getattr(arguments, name) is not None:
+            options += [option, str(getattr(arguments, name))]
+    if arguments.x:
+        options.append("-x")
+    if arguments.cov_model:
+        options.append("--cov-model")
+    for name in ("fail_under", "html", "json", "junit"):
+        value = getattr(arguments, f"cov_{name}")
+        if value is not None:
+            options.append(f"--cov-model-{name.replace('_', '-')}={value}")
+    return _EXIT.get(int(pytest.main(options)), 1)

@@ -1,0 +1,276 @@
+"""Coverage of models: the elements and flows that tests have entered, per pool and called process.
+
+An element counts as covered when a token came to it, a sequence flow when it was taken. Behaviours that come with FAME
+do not count, and neither do stubs. What tests need not cover is named with its reason in ``uncovered.yaml``::
+
+    ground_vehicles.bpmn:
+      Event_Timeout: the planner of the simulation always answers
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.bpmn.library import BUILT_IN
+from fame.bpmn.model import Definitions, Element, Process, SequenceFlow
+from fame.errors import ConfigError, display_name
+from fame.testing.elements import parts
+
+if TYPE_CHECKING:
+    from fame.testing.mission import MissionUnderTest
+
+REASONS = "uncovered.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessCoverage:
+    """What tests have covered of one process. `tests` has the tests of each covered id, `excused` the reasons."""
+
+    file: str
+    name: str
+    elements: Sequence[Element]
+    tests: Mapping[str, Sequence[str]]
+    excused: Mapping[str, str]
+
+    def missing(self) -> list[Element]:
+        """What no test has entered and nothing excuses."""
+        return [one for one in self.elements if one.id not in self.tests and one.id not in self.excused]
+
+    def counts(self, *, flows: bool) -> tuple[int, int]:
+        """How many of its elements, or of its flows, are covered, and how many there are without excused ones."""
+        chosen = [one for one in self.elements if isinstance(one, SequenceFlow) == flows]
+        counted = [one for one in chosen if one.id in self.tests or one.id not in self.excused]
+        return sum(one.id in self.tests for one in counted), len(counted)
+
+
+@dataclass(slots=True)
+class Coverage:
+    """Collects what tests cover. `reasons`: name of a file -> id -> why no test needs to cover it."""
+
+    reasons: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    _files: dict[str, Definitions] = field(default_factory=dict)
+    _processes: dict[tuple[str, str], None] = field(default_factory=dict)
+    _tests: defaultdict[tuple[str, str], dict[str, None]] = field(default_factory=lambda: defaultdict(dict))
+
+    def add(self, mission: MissionUnderTest, test: str) -> None:
+        """Add what a mission has covered in a test."""
+        definitions = mission.scenario.definitions
+        closures = [
+            mission.scenario.library.closure(definitions, pool.process) for pool in mission.scenario.cast.values()
+        ]
+        used = [(definitions, process) for process in definitions.processes]
+        for home, process in (*used, *(one for closure in closures for one in closure)):
+            if not _comes_with_fame(home.file):
+                self._add_process(home, process)
+        for file, element in mission.trace.covered:
+            if file in self._files:
+                self._tests[file, element][test] = None
+
+    def _add_process(self, home: Definitions, process: Process) -> None:
+        if process.body.nodes:
+            self._files.setdefault(home.file, home)
+            self._processes[home.file, process.id] = None
+
+    def processes(self) -> list[ProcessCoverage]:
+        """The coverage of each process, in the order in which tests met them."""
+        return [self._process(self._files[file], id) for file, id in self._processes]
+
+    def _process(self, home: Definitions, id: str) -> ProcessCoverage:
+        process = next(process for process in home.processes if process.id == id)
+        pool = next((pool.label for pool in home.participants if pool.process == id), "")
+        elements = list(parts(process))
+        tests = {one.id: list(self._tests[home.file, one.id]) for one in elements if (home.file, one.id) in self._tests}
+        named = self.reasons.get(Path(home.file).name, {})
+        excused = {one.id: named[one.id] for one in elements if one.id in named and one.id not in tests}
+        return ProcessCoverage(home.file, pool or process.name or process.id, elements, tests, excused)
+
+    def percent(self) -> float:
+        """Of all elements and flows that count, how many are covered (0 to 100)."""
+        counts = [one.counts(flows=flows) for one in self.processes() for flows in (False, True)]
+        total = sum(total for _, total in counts)
+        return 100.0 * sum(covered for covered, _ in counts) / total if total else 100.0
+
+    def stale(self) -> list[str]:
+        """Reasons that name what tests cover, or what no model has; a line each."""
+        known = {
+            (Path(one.file).name, part.id): part.id in one.tests for one in self.processes() for part in one.elements
+        }
+        files = {Path(file).name for file in self._files}
+        return [
+            f"{REASONS}: {file}: {id}: "
+            + ("tests cover it" if known.get((file, id)) else "the model has no such element")
+            for file, named in self.reasons.items()
+            if file in files
+            for id in named
+            if known.get((file, id), True)
+        ]
+
+    # ---- between processes -----------------------------------------------------------------------------------------
+
+    def to_plain(self) -> dict[str, Any]:
+        """As data that JSON can hold, for another process."""
+        return {
+            "processes": [list(key) for key in self._processes],
+            "tests": [[file, element, list(tests)] for (file, element), tests in self._tests.items()],
+        }
+
+    def merge(self, plain: Mapping[str, Any]) -> None:
+        """Add what another process has collected."""
+        from fame.bpmn.reader import read
+
+        for file, process in plain["processes"]:
+            if file not in self._files:
+                self._files[file] = read(file)
+            self._processes[file, process] = None
+        for file, element, tests in plain["tests"]:
+            self._tests[file, element].update(dict.fromkeys(tests))
+
+
+def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
+    """The reasons of the files ``uncovered.yaml`` in some folders. Raises ConfigError."""
+    from fame.config.loader import read_document
+
+    found: dict[str, dict[str, str]] = {}
+    for path in dict.fromkeys(folder / REASONS for folder in folders):
+        if path.is_file():
+            for file, value in read_document(path).mapping().items():
+                reasons = {id: reason.text() for id, reason in value.mapping().items()}
+                if not all(reasons.values()):
+                    raise ConfigError("expected a reason for each element", file=str(path), line=value.line)
+                found.setdefault(file, {}).update(reasons)
+    return found
+
+
+def _comes_with_fame(file: str) -> bool:
+    return any(Path(file).resolve().is_relative_to(folder.resolve()) for folder in BUILT_IN)
+
+
+# ---- reports ---------------------------------------------------------------------------------------------------------
+
+
+def text_report(coverage: Coverage) -> Iterator[str]:
+    """A table of processes, then what is missing and what is excused."""
+    rows = [("process", "elements", "flows", "covered")]
+    for one in coverage.processes():
+        (elements, all_elements), (flows, all_flows) = one.counts(flows=False), one.counts(flows=True)
+        total = all_elements + all_flows
+        share = f"{100 * (elements + flows) / total:.0f} %" if total else "-"
+        rows.append((f"{_short(one.file)}: {one.name}", f"{elements}/{all_elements}", f"{flows}/{all_flows}", share))
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    for row in rows:
+        yield row[0].ljust(widths[0]) + "".join(
+            cell.rjust(width + 2) for cell, width in zip(row[1:], widths[1:], strict=True)
+        )
+    for one in coverage.processes():
+        for element in one.missing():
+            yield f"not covered: {_short(one.file)}:{element.line}: {one.name}: {_shown(element)}"
+        for id, reason in one.excused.items():
+            yield f"excused: {_short(one.file)}: {one.name}: {id}: {reason}"
+    yield from coverage.stale()
+    yield f"total: {coverage.percent():.1f} %"
+
+
+def json_report(coverage: Coverage) -> dict[str, Any]:
+    """The coverage as data: total, and of each process what is covered by which tests, missing or excused."""
+    return {
+        "percent": round(coverage.percent(), 2),
+        "processes": [
+            {
+                "file": one.file,
+                "name": one.name,
+                "elements": dict(zip(("covered", "total"), one.counts(flows=False), strict=True)),
+                "flows": dict(zip(("covered", "total"), one.counts(flows=True), strict=True)),
+                "tests": {id: list(tests) for id, tests in one.tests.items()},
+                "missing": [
+                    {"id": element.id, "name": element.name, "line": element.line} for element in one.missing()
+                ],
+                "excused": dict(one.excused),
+            }
+            for one in coverage.processes()
+        ],
+    }
+
+
+def junit_report(coverage: Coverage) -> str:
+    """JUnit XML: a suite for each process, a case for each element and flow; what is not covered has failed."""
+    from xml.etree import ElementTree
+
+    root = ElementTree.Element("testsuites", name="model coverage")
+    for one in coverage.processes():
+        missing = {element.id for element in one.missing()}
+        name = f"{_short(one.file)}: {one.name}"
+        attributes = {
+            "name": name,
+            "tests": str(len(one.elements)),
+            "failures": str(len(missing)),
+            "skipped": str(len(one.excused)),
+        }
+        suite = ElementTree.SubElement(root, "testsuite", attributes)
+        for element in one.elements:
+            case = ElementTree.SubElement(suite, "testcase", classname=name, name=_shown(element))
+            if element.id in missing:
+                ElementTree.SubElement(case, "failure", message="no test has entered it")
+            elif element.id in one.excused:
+                ElementTree.SubElement(case, "skipped", message=one.excused[element.id])
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def html_report(coverage: Coverage) -> str:
+    """One page: the table, each diagram coloured by what is covered, and the tests of each element."""
+    from html import escape
+
+    body = [
+        f"<h1>Model coverage: {coverage.percent():.1f} %</h1>",
+        f"<pre>{escape(chr(10).join(text_report(coverage)))}</pre>",
+    ]
+    by_file: defaultdict[str, list[ProcessCoverage]] = defaultdict(list)
+    for one in coverage.processes():
+        by_file[one.file].append(one)
+    for file, processes in by_file.items():
+        body.append(f"<h2>{escape(_short(file))}</h2>")
+        body.append(f'<div class="diagram">{_drawing(coverage._files[file], processes)}</div>')
+        for one in processes:
+            body.append(f"<h3>{escape(one.name)}</h3><table><tr><th>element</th><th>tests</th></tr>")
+            for element in one.elements:
+                tests = "<br>".join(map(escape, one.tests.get(element.id, ())))
+                what = tests or f"<em>{escape(one.excused.get(element.id, 'not covered'))}</em>"
+                kind = "covered" if tests else "excused" if element.id in one.excused else "missing"
+                body.append(f'<tr class="{kind}"><td>{escape(_shown(element))}</td><td>{what}</td></tr>')
+            body.append("</table>")
+    head = f'<meta charset="utf-8"><title>Model coverage</title><style>{_STYLE}</style>'
+    return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(body)}</body></html>\n"
+
+
+_STYLE = """body{font-family:Arial,Helvetica,sans-serif;margin:2em;color:#1f2328}.diagram{overflow-x:auto}
+table{border-collapse:collapse}td,th{border:1px solid #d0d7de;padding:.2em .6em;text-align:left;vertical-align:top}
+.missing td{background:#ffebe9}.excused td{background:#eaeef2}.covered td{background:#e3f4e6}"""
+
+
+def _drawing(definitions: Definitions, processes: Sequence[ProcessCoverage]) -> str:
+    from fame.bpmn.draw.diagram import draw
+
+    if not definitions.shapes:
+        return "<p>The file has no diagram.</p>"
+    marks: dict[str, dict[Any, int]] = {}
+    for one in processes:
+        for element in one.elements:
+            tests = len(one.tests.get(element.id, ()))
+            marks[element.id] = (
+                {"completed": tests} if tests else {"cancelled": 1} if element.id in one.excused else {"failed": 1}
+            )
+    return draw(definitions, marks, words={"completed": "tests", "failed": "not covered", "cancelled": "excused"})
+
+
+def _shown(element: Element) -> str:
+    if isinstance(element, SequenceFlow):
+        return f"flow {display_name(element.id, element.name)}: {element.source} -> {element.target}"
+    return display_name(element.id, element.name)
+
+
+def _short(file: str) -> str:
+    path = Path(file).resolve()
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else file)

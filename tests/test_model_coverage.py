@@ -1,0 +1,130 @@
+"""Coverage of models by tests: what counts, the reports, the reasons, `fame test`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from bpmn_text import process
+
+from fame.cli import main
+from fame.testing.coverage import Coverage, html_report, json_report, text_report
+from fame.testing.mission import MissionLoader
+
+ROOT = Path(__file__).parent.parent
+VEHICLES = ROOT / "models" / "ground_vehicles.bpmn"
+CHOICE = """<startEvent id="s"/><exclusiveGateway id="g" default="gb"/><task id="a" name="Left"/><task id="b"/>
+<sequenceFlow id="sg" sourceRef="s" targetRef="g"/><sequenceFlow id="gb" sourceRef="g" targetRef="b"/>
+<sequenceFlow id="ga" sourceRef="g" targetRef="a"><conditionExpression>left</conditionExpression></sequenceFlow>"""
+
+
+@pytest.fixture
+def choice(tmp_path: Path) -> Path:
+    """A model with two ways."""
+    path = tmp_path / "choice.bpmn"
+    path.write_text(process(CHOICE))
+    return path
+
+
+def covered(mission: MissionLoader, model: Path, *left: bool, **reasons: str) -> Coverage:
+    """The coverage of one test for each way."""
+    coverage = Coverage({model.name: reasons})
+    for number, way in enumerate(left):
+        loaded = mission.load(model)
+        loaded.set(left=way).advance(1)
+        coverage.add(loaded, f"test_{number}")
+    return coverage
+
+
+def test_elements_and_flows_count_per_process(mission: MissionLoader, choice: Path) -> None:
+    coverage = covered(mission, choice, True)
+    (found,) = coverage.processes()
+    assert (found.counts(flows=False), found.counts(flows=True)) == ((3, 4), (2, 3))
+    assert [element.id for element in found.missing()] == ["b", "gb"]
+    assert round(coverage.percent(), 1) == 71.4
+    lines = list(text_report(coverage))
+    assert lines[1].split()[-4:] == ["3/4", "2/3", "71", "%"]
+    assert lines[2].endswith(":3: P: b") or "not covered:" in lines[2]
+
+
+def test_the_tests_of_an_element_are_known_and_another_process_adds_its_own(
+    mission: MissionLoader, choice: Path
+) -> None:
+    coverage, other = covered(mission, choice, True), covered(mission, choice, False, True)
+    coverage.merge(json.loads(json.dumps(other.to_plain())))
+    (found,) = json_report(coverage)["processes"]
+    assert json_report(coverage)["percent"] == 100
+    assert found["tests"]["a"] == ["test_0", "test_1"]
+    assert found["tests"]["b"] == ["test_0"]
+
+
+def test_a_reason_excuses_an_element_and_a_stale_one_is_said(mission: MissionLoader, choice: Path) -> None:
+    coverage = covered(mission, choice, True, b="nobody turns right", gb="the same", a="covered", z="unknown")
+    assert coverage.percent() == 100
+    lines = list(text_report(coverage))
+    assert any(line.startswith("excused: ") and line.endswith("P: b: nobody turns right") for line in lines)
+    assert "uncovered.yaml: choice.bpmn: a: tests cover it" in lines
+    assert "uncovered.yaml: choice.bpmn: z: the model has no such element" in lines
+
+
+def test_stubs_and_behaviours_of_fame_do_not_count(mission: MissionLoader) -> None:
+    m = mission.load(VEHICLES)
+    m.stub("GoTo")
+    m.advance(1)
+    coverage = Coverage()
+    coverage.add(m, "test")
+    assert [one.name for one in coverage.processes()] == ["REX", "DINGO"]
+
+
+def test_the_page_has_the_diagram_coloured(mission: MissionLoader) -> None:
+    m = mission.load(VEHICLES)
+    m.stub("Explore", after=9)
+    m.advance(1)
+    coverage = Coverage()
+    coverage.add(m, "test_it")
+    page = html_report(coverage)
+    assert "<svg" in page
+    assert ">not covered</tspan>" in page
+    assert '<tr class="covered"><td>&quot;Explore&quot; (Activity_Explore)</td><td>test_it</td></tr>' in page
+
+
+def write_test(folder: Path, body: str, name: str = "test_choice.py") -> Path:
+    path = folder / name
+    path.write_text(f"def test_left(mission):\n    m = mission.load('choice.bpmn')\n    {body}\n")
+    return path
+
+
+def fame_test(*words: str | Path) -> int:
+    return main(["test", *map(str, words)])
+
+
+def test_fame_test_runs_tests_and_fails_under_a_coverage(
+    choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_test(tmp_path, "m.set(left=True).expect().passed('Left')")
+    assert fame_test(path) == 0
+    assert "model coverage" not in capsys.readouterr().out
+    reports = [tmp_path / "out" / name for name in ("cov.html", "cov.json", "cov.xml")]
+    words = [f"--cov-{form}={report}" for form, report in zip(("html", "json", "junit"), reports, strict=True)]
+    assert fame_test(path, "--cov-model", "--cov-fail-under", "80", *words) == 1
+    assert "model coverage of 71.4 % is below 80 %" in capsys.readouterr().out
+    assert json.loads(reports[1].read_text())["percent"] == 71.43
+    suite = ElementTree.parse(reports[2]).getroot()[0]
+    assert suite.attrib["failures"] == "2"
+    assert fame_test(path, "--cov-model", "--cov-fail-under", "70") == 0
+    (tmp_path / "uncovered.yaml").write_text("choice.bpmn:\n  b: nobody turns right\n  gb: as b\n")
+    assert fame_test(path, "--cov-fail-under", "100") == 0
+
+
+def test_fame_test_has_the_exit_codes_of_fame(choice: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_test(tmp_path, "m.set(left=False).expect().passed('Left')", "test_right.py")
+    assert fame_test(path) == 1
+    assert 'expected to have passed "Left" (a), but it was never entered' in capsys.readouterr().out
+    assert fame_test(path, "-k", "straight") == 2
+    assert fame_test(tmp_path / "nothing") == 2
+    assert fame_test(path, "--cov-fail-under", "110") == 2
+    assert "expected a number from 0 to 100, got '110'" in capsys.readouterr().err
+    (tmp_path / "uncovered.yaml").write_text("choice.bpmn: [b]\n")
+    assert fame_test(path, "--cov-model") == 2
