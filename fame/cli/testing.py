@@ -7,7 +7,6 @@ from argparse import Namespace
 from pathlib import Path
 
 from fame.cli.arguments import Commands, command
-from fame.imports import require
 
 _EXAMPLES = (
     "fame test examples/tests",
@@ -53,6 +52,8 @@ def _percent(text: str) -> float:
 
 def run(arguments: Namespace) -> int:
     """Run the tests and return the exit code."""
+    from fame.imports import require
+
     require("pytest")
     import pytest
 
