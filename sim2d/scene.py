@@ -30,10 +30,13 @@ _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 
 
 class SceneRecorder:
-    """Samples a world ten times a second (as near as its step allows), from its start to its stop."""
+    """Samples a world ten times a second (as near as its step allows), from its start to its stop.
 
-    def __init__(self, world: World, put: Put) -> None:
-        self._put = put
+    Robots are sampled while they are `wanted`.
+    """
+
+    def __init__(self, world: World, put: Put, wanted: Callable[[], bool] = lambda: True) -> None:
+        self._put, self._wanted = put, wanted
         self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
         self._outlines = {name: _outline(robot, number) for number, (name, robot) in enumerate(world.robots.items())}
         self._last: list[Appearance] = []
@@ -47,6 +50,9 @@ class SceneRecorder:
         if cut != self._cut:
             self._cut = cut
             self._put("/fame/ground", world.scheduler.now, ground_scene(world))
+        if not self._wanted():
+            self._last = []
+            return
         looks = [robot.appearance for robot in world.robots.values()]
         if looks != self._last:
             self._last = looks

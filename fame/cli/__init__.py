@@ -36,6 +36,7 @@ _DECLARATIONS: Mapping[str, str] = {
     "splitter": "deployment.add_splitter",
     "router": "network.add_router",
     "status": "robots.add_status",
+    "log": "logs.add",
     **dict.fromkeys(("complete", "activate", "abort"), "robots.add_requests"),
     "world": "worlds.add_world",
     **dict.fromkeys(("pause", "resume"), "worlds.add_time"),

@@ -13,7 +13,18 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import EPOCH, SECOND, Kind, Scheduler
-from fame.deploy.envelope import PLAIN, PROCESS_QOS, SIZE, STRING, Envelope, Problem, engines, read_envelope
+from fame.deploy.envelope import (
+    EVENTS_TOPIC,
+    MODEL_TOPIC,
+    PLAIN,
+    PROCESS_QOS,
+    SIZE,
+    STRING,
+    Envelope,
+    Problem,
+    engines,
+    read_envelope,
+)
 from fame.deploy.loading import Candidate, Work, load
 from fame.deploy.machine import Machine
 from fame.deploy.requests import TaskRequest, TaskServer
@@ -48,7 +59,7 @@ from fame.deploy.signing import Identity, verify, verify_signature
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
 from fame.errors import ConfigError, DeploymentError, FameError
-from fame.middleware.interface import Middleware, Node
+from fame.middleware.interface import LATCHED, Middleware, Node
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,6 +67,7 @@ if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.robot import Event as RobotEvent, RobotNode, Service
     from fame.robot.journal import StateDirectory
+    from fame.robot.live import LiveFeed
 
 
 class EngineNode:
@@ -107,7 +119,6 @@ class EngineNode:
         self._options: dict[str, Any] = {
             "library": library,
             "services": services,
-            "observer": observer,
             "on_report": on_report,
             "safe_state": safe_state,
             "safe_suspended": safe_suspended,
@@ -130,13 +141,17 @@ class EngineNode:
             kind: RateLimiter(scheduler, partial(self._note, kind=kind)) for kind in ("answer", "report")
         }  # of senders that wait for an answer, and of bare models
         self._stopped = False
+        self._observers = () if observer is None else (observer,)
         self._open_endpoints((identity or Identity.new()) if trusted else None)
+        self._feed: LiveFeed | None = None
+        self._epoch = epoch
 
     def _open_endpoints(self, identity: Identity | None) -> None:
         """Make the node with its subscription, services and status; reports are signed by `identity`."""
         self.node: Node = self.middleware.node("fame_deployment", self.robot)
         self._process = self.node.subscription("bpmn_process", STRING, self._on_envelope, PROCESS_QOS)
         self._process.max_size = SIZE
+        self._live = self.node.publisher(EVENTS_TOPIC, STRING), self.node.publisher(MODEL_TOPIC, STRING, LATCHED)
         self.warn: Warnings = Warnings(self.middleware, self._on_warning)
         self.status: Status = Status(
             self.robot,
@@ -295,10 +310,19 @@ class EngineNode:
                 self.running, self.candidate = candidate.process, None
                 if self._keeper is not None:
                     self._keeper.begin(candidate.envelope, self.running)
+                if self._feed is not None:
+                    self._feed.begin(self.running)
                 self.running.start()
 
     def _load(self, envelope: Envelope) -> None:
-        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options)
+        from fame.robot.events import combine_observers
+        from fame.robot.live import LiveFeed
+
+        if self._feed is None:
+            self._feed = LiveFeed(*self._live, self.scheduler, session=self.born, epoch=self._epoch)
+        observer = combine_observers([self._feed.observer(), *self._observers])
+        options = self._options | {"observer": observer}
+        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **options)
         Work(self.scheduler, task, self._on_loaded)
 
     def _on_loaded(self, result: RobotNode | FameError) -> None:
@@ -407,4 +431,6 @@ class EngineNode:
         """Bring the robot to its safe state and close all endpoints."""
         self.stop()
         self._close_running()
+        if self._feed is not None:
+            self._feed.close()
         self.node.close()

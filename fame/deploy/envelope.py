@@ -17,6 +17,8 @@ PROCESS_QOS = QoS(depth=20)
 """Of ``bpmn_process``: reliable and volatile, so that every reliable publisher matches."""
 STATUS_QOS = QoS(durability="transient_local", depth=100)
 """Of subscriptions to ``bpmn_status``: the last report from before the match, and every one from then on."""
+EVENTS_TOPIC, MODEL_TOPIC = "bpmn_events", "bpmn_model"
+"""Topics of a robot on which it tells what happens in it (`fame.robot.live`)."""
 SILENCE = 5.0
 """After how long without an envelope of its sender a robot that is ready asks the others (s)."""
 PHASES = ("load", "hold", "start", "abort", "ask")

@@ -89,6 +89,10 @@ class RecordingFile:
         sequence = self._sequences[channel] = self._sequences.get(channel, 0) + 1
         self._writer.add_message(channel, time, data, time, sequence)
 
+    def flush(self) -> None:
+        """Write what was recorded so far to the file: it can be read if this process ends now."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
     def finish(self) -> None:
         """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]

@@ -71,6 +71,29 @@ def logging_to(
         log.begin()
 
 
+@contextmanager
+def new_file(path: Path) -> Iterator[Callable[[], BinaryIO]]:
+    """A function that gives the stream of a file, overwritten when it is called.
+
+    The file is locked at once; if it is new and the function was never called, there is none in the end. Raises
+    ConfigError as `logging_to`.
+    """
+    is_new, streams = not path.exists(), list[BinaryIO]()
+    with ExitStack() as stack:
+        file = stack.enter_context(_opened(path))
+
+        def begin() -> BinaryIO:
+            if not streams:
+                streams.append(stack.enter_context(_emptied(file)))
+            return streams[0]
+
+        try:
+            yield begin
+        finally:
+            if is_new and not streams:
+                path.unlink(missing_ok=True)
+
+
 class _Log:
     """An observer that opens its file at the first event."""
 
@@ -110,6 +133,7 @@ def _emptied(file: _File) -> BufferedWriter:
     """A stream that overwrites a file."""
     if S_ISREG(os.fstat(file.fileno()).st_mode):
         file.truncate(0)
+        file.seek(0)  # what has an index counts from here
     return BufferedWriter(file, _BUFFER)
 
 

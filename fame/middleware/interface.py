@@ -64,6 +64,9 @@ class Publisher(Protocol):
         Raises MessageError if it is not a message of the topic's type, and if the publisher is closed.
         """
 
+    def subscriber_count(self) -> int:
+        """How many subscriptions it is connected to now."""
+
     def close(self) -> None: ...
 
 

@@ -228,6 +228,9 @@ class LocalPublisher:
         for subscription in self.matched:
             subscription.enqueue(message)
 
+    def subscriber_count(self) -> int:
+        return sum(not isinstance(end, _Tap) for end in self.matched)
+
     def add_tap(self, tap: Callable[[LocalPublisher], Callable[[Message], object] | None]) -> None:
         """Let a function get every message from now on, at once, if `tap` returns one."""
         on_message = tap(self)

@@ -37,7 +37,12 @@ _NO_SCRIPT = (0, None)
 
 
 class ChangeTracker:
-    """What changes in the engine of `node`. `put` gets every change as JSON."""
+    """What changes in the engine of `node`. `put` gets every change as JSON.
+
+    While it is not `active`, it only counts; after that, the next `flush` gives everything.
+    """
+
+    active: bool = True
 
     def __init__(self, node: RobotNode, put: Put) -> None:
         self.robot: str = node.name
@@ -66,6 +71,9 @@ class ChangeTracker:
             self._add(scope.instance.key, scope.key, marks)
 
     def _add(self, instance: int, scope: int, marks: Sequence[Mark]) -> None:
+        if not self.active:
+            self._add_inactive(instance, marks)
+            return
         known = self._marks
         try:
             text = ",".join([known[mark] for mark in marks])
@@ -73,6 +81,14 @@ class ChangeTracker:
             text = ",".join([self._mark(instance, mark) for mark in marks])
         self._events.append(f'{{"instance":{instance},"scope":{scope},"marks":[{text}]}}')
         self._fresh += marks
+
+    def _add_inactive(self, instance: int, marks: Sequence[Mark]) -> None:
+        self._counted += marks
+        if len(self._counted) > _KNOWN:
+            self._count()
+        for mark in marks:
+            if mark[1] in ("start", "end"):
+                self._mark(instance, mark)
 
     def _mark(self, instance: int, mark: Mark) -> str:
         element, what, detail = mark

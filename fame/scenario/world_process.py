@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND, Entry, Kind, Scheduler, WallScheduler
+from fame.log.channels import GROUND
+from fame.log.team_recorder import WORLD_GROUND, WORLD_SCENE
 from fame.middleware import messages
 from fame.middleware.interface import LATCHED, Message, Middleware, Node
 from fame.middleware.simulated_time import (
@@ -68,6 +70,7 @@ class WorldNode:
         self._node = middleware.node("world")
         self._clock = self._node.publisher(CLOCK, CLOCK_TYPE, CLOCK_QOS)
         self._state = self._node.publisher(WORLD_STATE, _STRING, LATCHED)
+        self._publish_scenes()
         self._node.service(PAUSE, EMPTY, lambda request: self.pause())
         self._node.service(RESUME, EMPTY, lambda request: self.resume())
         self._next: Entry | None = None
@@ -94,6 +97,18 @@ class WorldNode:
             self._due = self._scheduler.now
             if self._rounds is None or not self._rounds.open:
                 self._next = self._scheduler.soon(self._tick, Kind.WORLD)
+
+    def _publish_scenes(self) -> None:
+        """Publish what recordings have of a world: the ground, and robots while somebody subscribes."""
+        from sim2d.scene import SceneRecorder
+
+        scene = self._node.publisher(WORLD_SCENE, _STRING)
+        ground = self._node.publisher(WORLD_GROUND, _STRING, LATCHED)
+
+        def put(topic: str, time: int, text: str) -> None:
+            (ground if topic == GROUND else scene).publish(messages.create(_STRING, text))
+
+        SceneRecorder(self._world, put, wanted=lambda: scene.subscriber_count() > 0)
 
     def stop(self) -> bool:
         """Stop at once: no more time is needed."""

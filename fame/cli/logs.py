@@ -1,0 +1,94 @@
+"""Commands for recordings: ``fame log record``, ``merge`` and ``convert``."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.arguments import Commands, Parser, add_types, command, group
+from fame.cli.network import add_network, say_ready
+from fame.cli.output import note
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fame.clock import WallScheduler
+    from fame.log.recorder import RecordingFile
+    from fame.log.team_recorder import TeamRecorder
+    from fame.middleware.interface import Middleware
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = group(
+        commands, "log", help="record a team on the network, merge recordings and convert them",
+        examples=("fame log record -o run.mcap", "fame log convert run.mcap -o run.xes"),
+    )  # fmt: skip
+    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    recording = command(
+        parts, "record", record,
+        examples=("fame log record -o run.mcap", "fame log record -o run.mcap --robot REX --log-topics all"),
+        help="record a team until Ctrl-C: events, variables, what tokens wait for, signals and the simulated world",
+    )  # fmt: skip
+    _add_output(recording, "FILE.mcap", "the recording, in place of an old one")
+    recording.add_argument(
+        "--robot", action="append", default=[], metavar="NAME", help="record this robot alone; repeatable"
+    )
+    recording.add_argument(
+        "--log-topics", choices=("signals", "all"), default="signals",
+        help="the messages to record: those of signals, or of all topics, with sensors and motors",
+    )  # fmt: skip
+    add_network(recording)
+    add_types(recording)
+
+
+def _add_output(parser: Parser, metavar: str, help: str) -> None:
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar=metavar, help=help)
+
+
+def _expect_recording(path: Path) -> None:
+    if path.suffix.lower() != ".mcap":
+        raise ConfigError(f"expected a file name that ends in .mcap, got {path.suffix!r}", file=str(path))
+
+
+def record(arguments: Namespace) -> int:
+    """Record until interrupted, and say what was recorded."""
+    from fame.log import Recording
+    from fame.log.recorder import RecordingFile
+    from fame.log.team_recorder import TeamRecorder
+    from fame.log.writing import new_file
+    from fame.scenario import serve
+
+    _expect_recording(arguments.output)
+    recorders: list[TeamRecorder] = []
+    with new_file(arguments.output) as begin:
+
+        def open_file() -> RecordingFile:
+            return RecordingFile(begin())
+
+        def build(scheduler: WallScheduler, middleware: Middleware) -> TeamRecorder:
+            recorder = TeamRecorder(
+                middleware,
+                scheduler,
+                open_file,
+                topics=arguments.log_topics,
+                robots=frozenset(arguments.robot),
+                metadata={"command": shlex.join(["fame", *sys.argv[1:]])},
+                note=note,
+            )
+            recorders.append(recorder)
+            say_ready(f"records to {arguments.output}")
+            return recorder
+
+        serve(arguments.middleware, arguments.network, build)
+    (recorder,) = recorders
+    if not recorder.begun:
+        note("fame: no robot told anything: no recording was written")
+        return 1
+    with Recording(arguments.output) as recording:
+        lost = "".join(f"; {count} batches of {robot} were lost" for robot, count in recorder.team.gaps.items())
+        robots = ", ".join(recording.robots)
+        note(f"{arguments.output}: {recording.duration:.1f} s of {robots}{lost}")
+    return 0

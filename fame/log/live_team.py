@@ -1,0 +1,197 @@
+"""Follows a team on the network: what the engines tell on ``/<robot>/bpmn_events`` becomes the messages of a recording.
+
+Batches of several robots come in any order. They wait for half a second, so that what `on_message` gets is in the order
+of time. A robot that is new, or of which a batch was lost, gives everything with a later batch: then a message of
+``/fame/key`` comes, with the state of the whole team, and what was lost is counted in `gaps`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import partial
+from heapq import heappop, heappush
+from itertools import count
+from typing import Any
+
+from fame.clock import SECOND, Entry, Scheduler
+from fame.iso8601 import nanoseconds_between, parse_datetime
+from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
+from fame.log.team_state import RobotState, TeamState
+from fame.middleware.interface import LATCHED, Message, Middleware, Node
+
+OnMessage = Callable[[int, str, str], object]
+"""Takes a time (ns since `LiveTeam.epoch`), the topic of a channel of recordings, and JSON."""
+
+EVENTS_TOPIC, MODEL_TOPIC, STRING = "bpmn_events", "bpmn_model", "std_msgs/msg/String"
+
+_DELAY = SECOND // 2
+"""How long batches wait for those of other robots (ns)."""
+_DISCOVERY = SECOND // 2
+"""How often robots are looked for (ns)."""
+_CHANNELS = {"events": EVENTS, "variables": VARIABLES, "waiting": WAITING}
+
+
+@dataclass(slots=True)
+class _Source:
+    """What is known of one robot's batches."""
+
+    session: int = -1
+    batch: int = 0
+    synchronised: bool = False
+    ends: list[Any] = field(default_factory=list)
+
+
+class LiveTeam:
+    """Follows the robots of a team, or those named in `robots`.
+
+    state     of the team, as far as `on_message` was told
+    epoch     date of time 0: that of the first robot's clock; None before the first batch
+    models    what each robot runs, as its ``bpmn_model`` says
+    gaps      how many batches of each robot were lost
+
+    `on_model` gets the name of a robot and what it runs, whenever that changes.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        on_message: OnMessage,
+        *,
+        on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
+        robots: frozenset[str] = frozenset(),
+    ) -> None:
+        self._node, self._middleware, self._scheduler, self._on_message = node, middleware, scheduler, on_message
+        self._on_model, self._wanted = on_model, robots
+        self.state: TeamState = TeamState()
+        self.epoch: datetime | None = None
+        self.models: dict[str, Mapping[str, Any]] = {}
+        self.gaps: dict[str, int] = {}
+        self._sources: dict[str, _Source] = {}
+        self._waiting: list[tuple[int, int, Callable[[int], object]]] = []  # time, number, what to do then
+        self._numbers = count()
+        self._arrived: dict[int, int] = {}  # number of what waits -> when it came
+        self._last = -1
+        self._key_due = 0
+        self._discovery: Entry = scheduler.soon(self._discover)
+        self._release: Entry | None = None
+
+    @property
+    def robots(self) -> list[str]:
+        """The robots that were found, in order."""
+        return sorted(self._sources)
+
+    def _discover(self) -> None:
+        """Subscribe to the robots that are new."""
+        self._discovery = self._scheduler.after(_DISCOVERY, self._discover)
+        suffix = f"/{EVENTS_TOPIC}"
+        for info in self._middleware.graph():
+            robot = info.name[1 : -len(suffix)]
+            if not info.name.endswith(suffix) or not info.publishers or robot in self._sources:
+                continue
+            if not self._wanted or robot in self._wanted:
+                source = self._sources[robot] = _Source()
+                on_batch, on_model = partial(self._on_batch, robot), partial(self._on_model_message, robot)
+                source.ends = [
+                    self._node.subscription(info.name, STRING, on_batch),
+                    self._node.subscription(f"/{robot}/{MODEL_TOPIC}", STRING, on_model, LATCHED),
+                ]
+
+    def _on_model_message(self, robot: str, message: Message) -> None:
+        with suppress(ValueError, TypeError, RecursionError):
+            model = json.loads(message.data)
+            if isinstance(model, dict) and self.models.get(robot) != model:
+                self.models[robot] = model
+                self._on_model(robot, model)
+
+    def _on_batch(self, robot: str, message: Message) -> None:
+        with suppress(ValueError, TypeError, KeyError, RecursionError):  # from a stranger
+            self._take(robot, self._sources[robot], json.loads(message.data))
+
+    def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
+        date = parse_datetime(batch["epoch"])
+        if self.epoch is None:
+            self.epoch = date
+        shift = nanoseconds_between(self.epoch, date)
+        if batch["session"] != source.session:
+            source.session, source.synchronised = batch["session"], False
+        elif batch["batch"] != source.batch + 1:
+            self.gaps[robot] = self.gaps.get(robot, 0) + max(1, batch["batch"] - source.batch - 1)
+            source.synchronised = False
+        source.batch = batch["batch"]
+        if "begins" in batch:
+            source.synchronised = True
+            first = min((time for _, time, _ in batch["changes"]), default=batch["time"])
+            self.enter(first + shift, partial(self._begin, robot, str(batch["begins"])))
+        if source.synchronised:
+            for channel, time, content in batch["changes"]:
+                self.enter(time + shift, partial(self._change, _CHANNELS[channel], content))
+        elif "key" in batch:
+            source.synchronised = True
+            self.enter(batch["time"] + shift, partial(self._synchronise, robot, batch["key"]))
+
+    def enter(self, time: int, action: Callable[[int], object]) -> None:
+        """Call `action` in its turn: with this time (ns since `epoch`), or a later one if that has passed."""
+        number = next(self._numbers)
+        heappush(self._waiting, (time, number, action))
+        self._arrived[number] = self._scheduler.now
+        if self._release is None:
+            self._release = self._scheduler.after(_DELAY, self._on_due)
+
+    def _on_due(self) -> None:
+        """Give away what has waited long enough, and all that comes before it."""
+        self._release = None
+        due = [time for time, number, _ in self._waiting if self._arrived[number] <= self._scheduler.now - _DELAY]
+        self._give(max(due, default=-1))
+        if self._waiting:
+            self._release = self._scheduler.after(_DELAY // 2, self._on_due)
+
+    def _give(self, until: int) -> None:
+        """Give away everything up to a time."""
+        while self._waiting and self._waiting[0][0] <= until:
+            time, number, action = heappop(self._waiting)
+            del self._arrived[number]
+            action(max(time, self._last))
+
+    def _begin(self, robot: str, process: str, time: int) -> None:
+        """A robot begins with a process: from now on everything is told."""
+        self.state.robots[robot] = RobotState(process=process)
+        self._put_key(max(time, self._last + 1))
+
+    def _synchronise(self, robot: str, key: Mapping[str, Any], time: int) -> None:
+        """Replace the state of a robot."""
+        self.state.robots[robot] = RobotState.from_key(key)
+        self._put_key(max(time, self._last + 1))  # what was told at the last instant is in it
+
+    def _change(self, topic: str, content: Mapping[str, Any], time: int) -> None:
+        if time > self._last and time >= self._key_due:
+            self._put_key(time)
+        self.state.apply(time, topic, content)
+        self._on_message(time, topic, json.dumps(content, ensure_ascii=False, separators=(",", ":")))
+        self._last = time
+
+    def _put_key(self, time: int) -> None:
+        self.state.time = time
+        self._on_message(time, KEY, self.state.key_text())
+        self._last, self._key_due = time, time + SECOND
+
+    def close(self) -> None:
+        """Give away everything that waits, and close all subscriptions."""
+        self._discovery.cancel()
+        if self._release is not None:
+            self._release.cancel()
+        if self._waiting:
+            self._give(max(item[0] for item in self._waiting))
+        for source in self._sources.values():
+            for end in source.ends:
+                end.close()
+
+
+def now_since(epoch: datetime | None) -> int:
+    """The real time in ns since an epoch; 0 before it is known."""
+    return 0 if epoch is None else nanoseconds_between(epoch, datetime.now(UTC))

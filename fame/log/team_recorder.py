@@ -1,0 +1,172 @@
+"""Records a team on the network: a node that writes what its robots tell, their signals and the simulated world."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from fame.clock import SECOND, Entry, Scheduler, date_text
+from fame.errors import MessageError
+from fame.log.channels import GROUND, WORLD
+from fame.log.live_team import STRING, LiveTeam, now_since
+from fame.log.recorder import ENGINE_NODE, LogTopics, RecordingFile
+from fame.middleware import codec
+from fame.middleware.interface import LATCHED, Message, Middleware, QoS, TopicInfo
+from fame.middleware.simulated_time import CLOCK, CLOCK_TYPE, nanoseconds
+
+WORLD_SCENE, WORLD_GROUND = "/world_scene", "/world_ground"
+"""Topics on which a simulated world offers what recordings have on ``/fame/world`` and ``/fame/ground``."""
+
+_DISCOVERY = SECOND // 2
+"""How often topics are looked for (ns)."""
+_FLUSH = 2 * SECOND
+"""How often what was recorded is written to the file: what a crash may lose (ns)."""
+_INTERNAL = ("bpmn_events", "bpmn_model", "bpmn_status", "bpmn_process", "bpmn_task")
+"""Topics of engines that are not recorded as messages."""
+_GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/world_state", WORLD_SCENE, WORLD_GROUND))
+
+
+class TeamRecorder:
+    """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
+
+    `open_file` is called before the first message.
+    """
+
+    def __init__(
+        self,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        open_file: Callable[[], RecordingFile],
+        *,
+        topics: LogTopics = "signals",
+        robots: frozenset[str] = frozenset(),
+        metadata: Mapping[str, str] | None = None,
+        note: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
+        self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
+        self._file: RecordingFile | None = None
+        self._attached: set[tuple[str, str]] = set()
+        self._topics: dict[str, int | None] = {}  # recorded topics -> number of their channel, once there is one
+        self._noted: set[str] = set()
+        self._clock: int | None = None  # simulated time, ns
+        self._node = middleware.node("fame_recorder")
+        self.team: LiveTeam = LiveTeam(
+            self._node, middleware, scheduler, self._put, on_model=self._on_model, robots=robots
+        )
+        self._node.subscription(CLOCK, CLOCK_TYPE, self._on_clock, QoS(reliability="best_effort", depth=1))
+        self._node.subscription(WORLD_SCENE, STRING, partial(self._on_scene, WORLD))
+        self._node.subscription(WORLD_GROUND, STRING, partial(self._on_scene, GROUND), LATCHED)
+        self._discovery: Entry = scheduler.after(_DISCOVERY, self._discover)
+        self._flushing: Entry = scheduler.after(_FLUSH, self._flush)
+
+    @property
+    def begun(self) -> bool:
+        """Whether something was recorded."""
+        return self._file is not None
+
+    @property
+    def now(self) -> int:
+        """The time of the mission (ns since the team's epoch)."""
+        return self._clock if self._clock is not None else now_since(self.team.epoch)
+
+    def _begin(self) -> RecordingFile:
+        if self._file is None:
+            self._file = self._open_file()
+            self._file.describe({**self._metadata, **self._dated()})
+            for robot, model in self.team.models.items():
+                self._attach(robot, model)
+        return self._file
+
+    def _dated(self) -> dict[str, str]:
+        """The date of time 0, as far as it is known."""
+        return {"epoch": date_text(self.team.epoch)} if self.team.epoch is not None else {}
+
+    def _put(self, time: int, topic: str, text: str) -> None:
+        self._begin().put(topic, time, text)
+
+    def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
+        self._note(f"records {robot}: {model.get('process', '')}")
+        if self._file is not None:
+            self._attach(robot, model)
+
+    def _attach(self, robot: str, model: Mapping[str, Any]) -> None:
+        assert self._file is not None
+        for each in model.get("models", ()):
+            known = str(each["name"]), str(each["xml"])
+            if known not in self._attached:
+                self._attached.add(known)
+                name = known[0] if known[0].endswith(".bpmn") else f"{robot}.bpmn"
+                taken = {other for other, _ in self._attached} - {known[0]}
+                path = f"models/{robot}-{name}" if name in taken else f"models/{name}"
+                self._file.attach(path, "application/bpmn+xml", known[1].encode())
+
+    # ---- messages ----------------------------------------------------------------------------------------------------
+
+    def _on_clock(self, message: Message) -> None:
+        self._clock = nanoseconds(message.clock)
+
+    def _on_scene(self, topic: str, message: Message) -> None:
+        with suppress(ValueError, TypeError, KeyError, IndexError, RecursionError):  # from a stranger
+            stamp = json.loads(message.data)["entities"][0]["timestamp"]
+            time = int(stamp["sec"]) * SECOND + int(stamp["nsec"])
+            self.team.enter(time, lambda due: self._begin().put(topic, due, message.data))
+
+    def _discover(self) -> None:
+        """Subscribe to topics that are new."""
+        self._discovery = self._scheduler.after(_DISCOVERY, self._discover)
+        for info in self._middleware.graph():
+            if info.name not in self._topics and self._is_wanted(info):
+                self._topics[info.name] = None
+                try:
+                    self._node.subscription(info.name, info.types[0], partial(self._on_message, info))
+                except MessageError as error:
+                    self._note(f"{info.name} is not recorded: {error}")
+
+    def _is_wanted(self, info: TopicInfo) -> bool:
+        first, last = info.name.split("/")[1], info.name.rpartition("/")[2]
+        if not info.publishers or not info.types or last in _INTERNAL or info.name in _GENERAL:
+            return False
+        ends = (*info.publishers, *info.subscribers)
+        engines = sum(name.endswith(f"/{ENGINE_NODE}") for name in ends)
+        strangers = [name for name in ends if not name.endswith((f"/{ENGINE_NODE}", "/fame_recorder"))]
+        if self._every:
+            return engines > 0 or first in self.team.robots
+        return engines > 0 and not (first in self.team.robots and strangers)
+
+    def _on_message(self, info: TopicInfo, message: Message) -> None:
+        if self.team.epoch is None and self._clock is None:
+            return  # the time is not known yet
+        data = codec.serialize(message)
+        self.team.enter(self.now, lambda due: self._write(info, due, data))
+
+    def _write(self, info: TopicInfo, time: int, data: bytes) -> None:
+        file, channel = self._begin(), self._topics[info.name]
+        if channel is None:
+            node = info.publishers[0] if len(set(info.publishers)) == 1 else ""
+            channel = self._topics[info.name] = file.message_channel(info.name, info.types[0], node)
+        file.write(channel, time, data)
+
+    # ---- the end -----------------------------------------------------------------------------------------------------
+
+    def _flush(self) -> None:
+        self._flushing = self._scheduler.after(_FLUSH, self._flush)
+        if self._file is not None:
+            self._file.flush()
+
+    def stop(self) -> bool:
+        """Stop at once."""
+        return False
+
+    def close(self) -> None:
+        """Write everything that waits, and the index, and close all endpoints."""
+        self._discovery.cancel()
+        self._flushing.cancel()
+        self.team.close()
+        self._node.close()
+        if self._file is not None:
+            self._file.describe({"lost_batches": json.dumps(self.team.gaps), **self._dated()})
+            self._file.finish()

@@ -1,0 +1,203 @@
+"""What a robot's engine tells those who watch it from other processes: live views and recorders.
+
+On ``/<robot>/bpmn_events`` (std_msgs/msg/String, reliable) are numbered batches of changes as JSON, at most 20 a
+second, while somebody subscribes; on ``/<robot>/bpmn_model`` (transient local) is the model that runs. A new
+subscriber gets everything first, with the next batch; so does everybody every few seconds, in case a batch was lost.
+docs/recordings.md describes the JSON.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
+from fame.engine.state import Trail
+from fame.middleware import messages
+from fame.middleware.interface import Publisher
+from fame.robot.changes import ChangeTracker
+from fame.robot.events import Event
+
+if TYPE_CHECKING:
+    from fame.robot.node import RobotNode
+
+STRING = "std_msgs/msg/String"
+_PERIOD = SECOND // 20
+"""Least time between two batches (ns)."""
+_KEY_PERIOD = 5 * SECOND
+"""Longest time between two batches that have everything, while somebody subscribes (ns)."""
+_POLL = SECOND // 4
+"""How often the number of subscribers is checked (ns)."""
+
+
+class LiveFeed:
+    """Publishes what changes in one robot, while somebody subscribes.
+
+    `publisher` and `models` are those of the two topics, made before the first process is loaded, so that who watches
+    from the beginning misses nothing. `scheduler` is that of the wall clock; `epoch` is the date of time 0 of the
+    mission's clock; `session` tells the batches of this engine from those of an earlier one of the same robot. Each
+    process that the robot loads has an `observer`; `begin` says which of them runs.
+    """
+
+    def __init__(
+        self,
+        publisher: Publisher,
+        models: Publisher,
+        scheduler: Scheduler,
+        *,
+        session: int,
+        epoch: datetime = EPOCH,
+    ) -> None:
+        self._publisher, self._models = publisher, models
+        self._scheduler, self._session, self._epoch = scheduler, session, epoch
+        self._current: ProcessFeed | None = None
+        self._loaded: list[ProcessFeed] = []
+        self._subscribers = self._batch = 0
+        self._changes: list[str] = []
+        self._begins = False  # whether the next batch is the first one of a process, from its first step on
+        self._key_due = 0  # when everything is sent again; 0: with the next batch
+        self._sent = -_PERIOD
+        self._next: Entry | None = None
+        self._poll: Entry = scheduler.after(_POLL, self._count_subscribers)
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody subscribes."""
+        return self._subscribers > 0
+
+    def observer(self) -> ProcessFeed:
+        """The observer of a process that is being loaded."""
+        feed = ProcessFeed(self)
+        self._loaded.append(feed)
+        return feed
+
+    def begin(self, node: RobotNode) -> None:
+        """From now on this process, which has one of the observers, is what the robot runs."""
+        self._current = next(feed for feed in self._loaded if feed.node is node)
+        self._loaded.clear()
+        self._changes.clear()
+        self._subscribers = self._publisher.subscriber_count()
+        self._begins, self._key_due = self.watched, self._scheduler.now + _KEY_PERIOD if self.watched else 0
+        self._current.resume(active=self.watched)
+        self._models.publish(messages.create(STRING, json.dumps(model_data(node, self._epoch))))
+
+    def is_current(self, observer: ProcessFeed) -> bool:
+        """Whether its process is what the robot runs."""
+        return observer is self._current
+
+    def put(self, channel: str, time: int, text: str) -> None:
+        """Send a change with the next batch."""
+        self._changes.append(f'["{channel}",{time},{text}]')
+        self._send_soon()
+
+    def _count_subscribers(self) -> None:
+        """Find out whether somebody subscribes, and whether somebody is new."""
+        self._poll = self._scheduler.after(_POLL, self._count_subscribers)
+        before, self._subscribers = self._subscribers, self._publisher.subscriber_count()
+        if self._current is None or self._subscribers == before == 0:
+            return
+        self._current.resume(active=self.watched)
+        if not self.watched:
+            self._changes.clear()
+        elif self._subscribers > before or self._scheduler.now >= self._key_due:
+            self._key_due = 0
+            self._send_soon()
+
+    def _send_soon(self) -> None:
+        if self._next is None and self.watched:
+            self._next = self._scheduler.at(max(self._scheduler.now, self._sent + _PERIOD), self._send)
+
+    def _send(self) -> None:
+        self._next = None
+        if self._current is None or self._current.node is None or not self.watched:
+            return
+        self._sent, node, key = self._scheduler.now, self._current.node, ""
+        if self._begins:
+            key, self._begins = f',"begins":{json.dumps(node.mission.process.id)}', False
+        elif not self._key_due:  # everything as of the last flush has all changes in it
+            key, self._key_due = f',"key":{self._current.key()}', self._sent + _KEY_PERIOD
+        self._batch += 1
+        text = (
+            f'{{"robot":{json.dumps(node.name)},"session":{self._session},"batch":{self._batch},'
+            f'"epoch":"{date_text(self._epoch)}","time":{node.scheduler.now}{key},'
+            f'"changes":[{",".join(self._changes)}]}}'
+        )
+        self._changes.clear()
+        self._publisher.publish(messages.create(STRING, text))
+
+    def close(self) -> None:
+        """Publish nothing more."""
+        self._poll.cancel()
+        if self._next is not None:
+            self._next.cancel()
+        self._current = None
+
+
+class ProcessFeed:
+    """The observer of one process of the robot. Before it begins, and while nobody subscribes, it only counts."""
+
+    node: RobotNode | None
+
+    def __init__(self, feed: LiveFeed) -> None:
+        self._feed = feed
+        self.node = None
+        self._tracker: ChangeTracker | None = None
+        self._dirty = False
+
+    def watch(self, node: RobotNode) -> Callable[[], object]:
+        """Follow this process from its first step on."""
+        self.node, self._tracker = node, ChangeTracker(node, self._feed.put)
+        self._tracker.active = False
+        return self._mark
+
+    def __call__(self, event: Event) -> None:
+        assert self._tracker is not None
+        self._tracker.event(event)
+        self._mark()
+
+    def trail(self, time: int, robot: str, trail: Trail) -> None:
+        """Take note of what happened."""
+        assert self._tracker is not None
+        self._tracker.trail(trail)
+        self._mark()
+
+    def resume(self, *, active: bool) -> None:
+        """Look for changes from now on, or stop that."""
+        assert self._tracker is not None
+        if active and not self._tracker.active:
+            self._tracker.active = True
+            self._mark()
+        self._tracker.active = active
+
+    def key(self) -> str:
+        """Everything, as JSON."""
+        assert self._tracker is not None
+        return self._tracker.key()
+
+    def _mark(self) -> None:
+        """Something may have changed: it is looked for when the instant is over."""
+        if self._dirty or self.node is None or self._tracker is None or not self._tracker.active:
+            return
+        self._dirty = True
+        self.node.scheduler.soon(self._flush, Kind.WORLD)
+
+    def _flush(self) -> None:
+        self._dirty = False
+        if self.node is not None and self._tracker is not None and self._feed.is_current(self):
+            self._tracker.flush(self.node.scheduler.now)
+
+
+def model_data(node: RobotNode, epoch: datetime) -> Mapping[str, Any]:
+    """What ``bpmn_model`` says: the process that runs, and the files of it and of all that it calls."""
+    files = {home.file: home for home, _ in node.mission.processes()}
+    return {
+        "robot": node.name,
+        "process": node.mission.process.id,
+        "epoch": date_text(epoch),
+        "models": [
+            {"name": file.rpartition("/")[2], "xml": home.source.decode("utf-8", "replace")}
+            for file, home in files.items()
+        ],
+    }

@@ -1,0 +1,213 @@
+"""A team in many processes is followed and recorded: what the engines tell gives the same recording as one process."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fame.clock import SECOND, Scheduler
+from fame.deploy import EngineNode
+from fame.log import Recording
+from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
+from fame.log.live_team import LiveTeam
+from fame.log.recorder import RecordingFile
+from fame.log.team_recorder import TeamRecorder
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from tests.bpmn_text import process
+
+COUNTING = process("""
+  <startEvent id="Start"><outgoing>f0</outgoing></startEvent>
+  <sequenceFlow id="f0" sourceRef="Start" targetRef="Count" />
+  <scriptTask id="Count" scriptFormat="python"><incoming>f0</incoming><incoming>f2</incoming><outgoing>f1</outgoing>
+    <script>n = globals().get('n', 0) + 1
+seen = [n]</script></scriptTask>
+  <sequenceFlow id="f1" sourceRef="Count" targetRef="Wait" />
+  <intermediateCatchEvent id="Wait" name="a moment"><incoming>f1</incoming><outgoing>f2</outgoing>
+    <timerEventDefinition id="t"><timeDuration>PT0.1S</timeDuration></timerEventDefinition></intermediateCatchEvent>
+  <sequenceFlow id="f2" sourceRef="Wait" targetRef="Count" />""")
+
+
+class Field:
+    """Engines, a watcher and what it is told, on local topics and one simulated clock."""
+
+    def __init__(self) -> None:
+        self.scheduler = Scheduler()
+        self.middleware = LocalMiddleware(self.scheduler)
+        self.engines: list[EngineNode] = []
+        self.told: list[tuple[int, str, str]] = []
+
+    def engine(self, name: str) -> EngineNode:
+        engine = EngineNode(name, scheduler=self.scheduler, middleware=self.middleware)
+        self.engines.append(engine)
+        return engine
+
+    def deploy(self, name: str, text: str = COUNTING) -> None:
+        node = self.middleware.node("sender")
+        publisher = node.publisher(f"/{name}/bpmn_process", "std_msgs/msg/String")
+        publisher.publish(messages.create("std_msgs/msg/String", text))
+
+    def watch(self) -> LiveTeam:
+        return LiveTeam(
+            self.middleware.node("watcher"), self.middleware, self.scheduler, lambda *told: self.told.append(told)
+        )
+
+    def run(self, seconds: float) -> None:
+        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+
+@pytest.fixture
+def field() -> Iterator[Field]:
+    field = Field()
+    yield field
+    for engine in field.engines:
+        engine.close()
+    field.middleware.close()
+
+
+def test_who_watches_from_the_beginning_is_told_every_event(field: Field) -> None:
+    field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(5)
+    team.close()
+    marks = [
+        mark
+        for _, topic, text in field.told
+        if topic == EVENTS
+        for each in json.loads(text)["events"]
+        for mark in each["marks"]
+    ]
+    assert marks[0] == ["P", "start"]
+    counted = Counter(mark[0] for mark in marks if mark[1] == "leave")
+    running = field.engines[0].running
+    assert running is not None
+    visits = running.instances[0].visits
+    assert 35 < counted["Count"] <= visits["Count"]
+    assert team.state.robots["REX"].counts["Count"]["leave"] == counted["Count"]
+    assert not team.gaps
+
+
+def test_who_comes_later_gets_everything_first(field: Field) -> None:
+    field.engine("REX")
+    field.deploy("REX")
+    field.run(5)
+    team = field.watch()
+    field.run(3)
+    team.close()
+    assert field.told[0][1] == KEY
+    state, running = team.state.robots["REX"], field.engines[0].running
+    assert running is not None
+    assert state.counts["Count"]["leave"] == running.instances[0].visits["Count"]
+    (scope,) = state.scopes.values()
+    assert scope.values["n"] == running.instances[0].variables["n"]
+    (token,) = state.tokens.values()
+    assert (token["element"], token["kind"]) == ("Wait", "timer")
+
+
+def test_an_engine_that_nobody_watches_tells_nothing(field: Field) -> None:
+    engine = field.engine("REX")
+    field.deploy("REX")
+    published: list[str] = []
+    field.middleware.tap(lambda publisher: published.append if publisher.topic.endswith("bpmn_events") else None)
+    field.run(5)
+    assert not published
+    team = field.watch()
+    field.run(2)
+    assert 5 < len(published) <= 2 * 20 + 1
+    team.close()
+    field.run(1)
+    told = len(published)
+    field.run(2)
+    assert len(published) == told
+    assert engine.state == "running"
+
+
+def test_lost_batches_are_counted_and_the_next_key_mends_the_state(field: Field) -> None:
+    field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    subscription = next(
+        end
+        for node in field.middleware.nodes
+        for end in node.endpoints
+        if node.name == "watcher" and getattr(end, "topic", "") == "/REX/bpmn_events"
+    )
+    on_message, dropped = subscription._callback, 0  # type: ignore[union-attr]
+
+    def drop(message: object) -> None:
+        nonlocal dropped
+        dropped += 1
+        if dropped > 3:
+            on_message(message)
+
+    subscription._callback = drop  # type: ignore[union-attr]
+    field.run(10)
+    team.close()
+    assert team.gaps == {"REX": 3}
+    running = field.engines[0].running
+    assert running is not None
+    assert team.state.robots["REX"].counts["Count"]["leave"] == running.instances[0].visits["Count"]
+
+
+def test_a_new_process_begins_anew(field: Field) -> None:
+    field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    field.deploy("REX", COUNTING.replace('id="Count"', 'id="Again"').replace('Ref="Count"', 'Ref="Again"'))
+    field.run(2)
+    team.close()
+    state = team.state.robots["REX"]
+    assert "Count" not in state.counts
+    assert state.counts["Again"]["leave"] > 10
+
+
+def test_a_team_recorder_writes_a_recording(field: Field, tmp_path: Path) -> None:
+    field.engine("REX")
+    field.engine("DINGO")
+    with (tmp_path / "run.mcap").open("wb") as stream:
+        recorder = TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream))
+        field.run(1)
+        field.deploy("REX")
+        field.run(1)
+        field.deploy("DINGO")
+        field.run(3)
+        recorder.close()
+    with Recording(tmp_path / "run.mcap") as recording:
+        assert recording.robots == ["DINGO", "REX"]
+        assert recording.models.keys() == {"REX.bpmn", "DINGO.bpmn"}
+        times = [message.time for message in recording.messages()]
+        assert times == sorted(times)
+        last = recording.state(recording.end)
+        for robot in recording.robots:
+            events = [event for event in recording.events(robots=[robot]) if event.what == "leave"]
+            counts = Counter(event.element for event in events)
+            assert counts == {id: each["leave"] for id, each in last.robots[robot].counts.items() if "leave" in each}
+        assert {message.topic for message in recording.messages()} == {EVENTS, VARIABLES, WAITING, KEY}
+
+
+def test_what_is_no_batch_is_ignored(field: Field) -> None:
+    node = field.middleware.node("stranger", "REX")
+    publisher = node.publisher("bpmn_events", "std_msgs/msg/String")
+    team = field.watch()
+    field.run(1)
+    for text in (
+        "",
+        "[]",
+        "{}",
+        '{"epoch": 1}',
+        '{"epoch":"1970-01-01T00:00:00Z","session":1,"batch":"x","changes":[]}',
+    ):
+        publisher.publish(messages.create("std_msgs/msg/String", text))
+    field.run(1)
+    assert not field.told
+    team.close()
