@@ -32,6 +32,8 @@ _DELAY = SECOND // 2
 """How long batches wait for those of other robots (ns)."""
 _DISCOVERY = SECOND // 2
 """How often robots are looked for (ns)."""
+_STRANGE = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
+"""What a message of a stranger, which is no batch, may raise."""
 _CHANNELS = {"events": EVENTS, "variables": VARIABLES, "waiting": WAITING}
 
 
@@ -110,11 +112,11 @@ class LiveTeam:
                 self._on_model(robot, model)
 
     def _on_batch(self, robot: str, message: Message) -> None:
-        with suppress(ValueError, TypeError, KeyError, RecursionError):  # from a stranger
+        with suppress(*_STRANGE):
             self._take(robot, self._sources[robot], json.loads(message.data))
 
     def _take(self, robot: str, source: _Source, batch: Mapping[str, Any]) -> None:
-        date = parse_datetime(batch["epoch"])
+        date = parse_datetime(str(batch["epoch"]))
         if self.epoch is None:
             self.epoch = date
         shift = nanoseconds_between(self.epoch, date)
@@ -156,7 +158,8 @@ class LiveTeam:
         while self._waiting and self._waiting[0][0] <= until:
             time, number, action = heappop(self._waiting)
             del self._arrived[number]
-            action(max(time, self._last))
+            with suppress(*_STRANGE):
+                action(max(time, self._last))
 
     def _begin(self, robot: str, process: str, time: int) -> None:
         """A robot begins with a process: from now on everything is told."""
