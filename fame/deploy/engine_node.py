@@ -25,7 +25,7 @@ from fame.deploy.envelope import (
     engines,
     read_envelope,
 )
-from fame.deploy.loading import Candidate, Work, load
+from fame.deploy.loading import Candidate, Task, Work, load
 from fame.deploy.machine import Machine
 from fame.deploy.requests import TaskRequest, TaskServer
 from fame.deploy.resumption import StateKeeper, Stored
@@ -315,6 +315,10 @@ class EngineNode:
                 self.running.start()
 
     def _load(self, envelope: Envelope) -> None:
+        Work(self.scheduler, self._loading(envelope), self._on_loaded)
+
+    def _loading(self, envelope: Envelope) -> Task[RobotNode]:
+        """The task that loads a process, which tells what happens in it."""
         from fame.robot.events import combine_observers
         from fame.robot.live import LiveFeed
 
@@ -322,8 +326,7 @@ class EngineNode:
             self._feed = LiveFeed(*self._live, self.scheduler, session=self.born, epoch=self._epoch)
         observer = combine_observers([self._feed.observer(), *self._observers])
         options = self._options | {"observer": observer}
-        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **options)
-        Work(self.scheduler, task, self._on_loaded)
+        return load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **options)
 
     def _on_loaded(self, result: RobotNode | FameError) -> None:
         if isinstance(result, FameError):
@@ -371,8 +374,7 @@ class EngineNode:
             return
         envelope = stored.envelope
         self._protocol.state = resumed(self.robot, envelope)
-        task = load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **self._options)
-        Work(self.scheduler, task, partial(self._on_loaded_again, stored))
+        Work(self.scheduler, self._loading(envelope), partial(self._on_loaded_again, stored))
 
     def _on_loaded_again(self, stored: Stored, result: RobotNode | FameError) -> None:
         if isinstance(result, FameError):
@@ -391,6 +393,8 @@ class EngineNode:
         if missing:
             self._note(f"goes on although nobody came to {', '.join(missing)} within {MATCHING:g} s")
         self.running, self._resuming, self._stored = self._resuming.process, None, None
+        if self._feed is not None:
+            self._feed.begin(self.running, resumed=True)
         go_on()
         self._note("goes on with its mission")
 

@@ -128,7 +128,9 @@ class TeamRecorder:
 
     def _is_wanted(self, info: TopicInfo) -> bool:
         first, last = info.name.split("/")[1], info.name.rpartition("/")[2]
-        if not info.publishers or not info.types or last in _INTERNAL or info.name in _GENERAL:
+        if not info.publishers or not info.types or "/msg/" not in info.types[0]:
+            return False
+        if last in _INTERNAL or info.name in _GENERAL:
             return False
         ends = (*info.publishers, *info.subscribers)
         engines = sum(name.endswith(f"/{ENGINE_NODE}") for name in ends)

@@ -73,13 +73,17 @@ class LiveFeed:
         self._loaded.append(feed)
         return feed
 
-    def begin(self, node: RobotNode) -> None:
-        """From now on this process, which has one of the observers, is what the robot runs."""
+    def begin(self, node: RobotNode, *, resumed: bool = False) -> None:
+        """From now on this process, which has one of the observers, is what the robot runs.
+
+        One that is not `resumed` begins with its first step.
+        """
         self._current = next(feed for feed in self._loaded if feed.node is node)
         self._loaded.clear()
         self._changes.clear()
         self._subscribers = self._publisher.subscriber_count()
-        self._begins, self._key_due = self.watched, self._scheduler.now + _KEY_PERIOD if self.watched else 0
+        self._begins = self.watched and not resumed
+        self._key_due = self._scheduler.now + _KEY_PERIOD if self._begins else 0
         self._current.resume(active=self.watched)
         self._models.publish(messages.create(STRING, json.dumps(model_data(node, self._epoch))))
 
