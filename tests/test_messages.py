@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import subprocess
 import sys
 from collections import UserDict, deque
@@ -504,6 +505,14 @@ def test_defaults_are_those_that_ros_2_sends() -> None:
 def test_bytes_that_are_not_the_message_are_refused(data: str) -> None:
     with pytest.raises(MessageError, match=f"std_msgs/msg/String: cannot read {len(data) // 2} bytes of CDR"):
         codec.deserialize(bytes.fromhex(data), "std_msgs/String")
+
+
+def test_a_quaternion_takes_a_yaw() -> None:
+    turned = create("geometry_msgs/msg/Pose", {"orientation": math.pi / 2}).orientation
+    assert (turned.x, turned.y) == (0, 0)
+    assert (turned.z, turned.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+    with pytest.raises(MessageError, match="orientation: expected a mapping with x, y, z and w, or a yaw in rad"):
+        create("geometry_msgs/msg/Pose", {"orientation": "north"})
 
 
 # ---- weight ----------------------------------------------------------------------------------------------------------

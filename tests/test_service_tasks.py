@@ -150,6 +150,26 @@ def test_feedback_goes_to_a_variable_and_conditional_events_see_it(here: World, 
     assert place.end(instance).status == "completed"
 
 
+def test_feedback_may_be_taken_field_by_field(here: World, place: Place) -> None:
+    instance = place.run(drive(feedback="remaining, state"), state=None)
+    here.until(lambda: place.server.goals)
+    place.server.step()
+    here.until(lambda: instance.variables["state"] is not None)
+    assert instance.variables["remaining"] == instance.variables["state"].remaining == 2.0
+
+
+def test_errors_gives_the_outcome_another_code(here: World, place: Place) -> None:
+    instance = place.run(drive("-1", errors="{rejected: wrong_way}"))
+    end = place.end(instance)
+    assert (end.status, end.error.code) == ("failed", "wrong_way")
+
+
+@pytest.mark.parametrize("errors", ["[1]", "{a: 1}", "{", "text"])
+def test_errors_that_are_no_mapping_are_refused(errors: str, here: World, place: Place) -> None:
+    with pytest.raises(ModelError, match="property errors: expected a mapping such as"):
+        place.run(drive(errors=errors))
+
+
 ON_STOP = (
     '<boundaryEvent id="b" attachedToRef="t"><signalEventDefinition signalRef="S"/></boundaryEvent>'
     '<sequenceFlow id="h" sourceRef="b" targetRef="e"/>'

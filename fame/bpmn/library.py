@@ -22,8 +22,8 @@ def _models() -> Path:
     return next(path for path in (package / "models", package.parent / "models") if path.is_dir())
 
 
-BUILT_IN: tuple[Path, ...] = (_models() / "library", _models() / "monitoring")
-"""The folders of behaviours and monitoring units that come with FAME."""
+BUILT_IN: tuple[Path, ...] = (_models() / "library", _models() / "monitoring", _models() / "nav2")
+"""The folders of behaviours, monitoring services and Nav2 calls that come with FAME."""
 
 
 class Library:

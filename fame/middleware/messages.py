@@ -46,6 +46,7 @@ __all__ = [
     "types",
 ]
 
+_QUATERNION = "geometry_msgs/msg/Quaternion"
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _lock = threading.RLock()
 
@@ -75,10 +76,11 @@ class Message:
 def create(type: str, value: Any = None) -> Message:
     """A message of a type.
 
-    `value` is None for one of defaults, a mapping with some of the fields, or a message of that type, which is returned
-    as it is. A type whose only field is ``data`` (``std_msgs/msg/String``) takes the value of that field, times and
-    durations take a number of seconds. Values in another form are converted: ``"true"``, ``"1.5"``, ``3.0`` for an
-    integer. Raises MessageError with the path of the field for a value that does not fit, and for an unknown field.
+    `value` is None for one of defaults, a mapping with some of the fields, or a message of that type, which is
+    returned as it is. A type whose only field is ``data`` (``std_msgs/msg/String``) takes the value of that field,
+    times and durations take a number of seconds, a quaternion takes a yaw (rad). Values in another form are converted:
+    ``"true"``, ``"1.5"``, ``3.0`` for an integer. Raises MessageError with the path of the field for a value that does
+    not fit, and for an unknown field.
     """
     try:
         return message_type(type)() if value is None else cast(Message, _filler(type)(value))
@@ -255,6 +257,8 @@ def _from_other(content: Definition, cls: type[Message], convert: Mapping[str, C
     """The function that makes a message from a value that is not a mapping."""
     if content.name in _TIMES:
         return lambda value: _time(cls, convert, value)
+    if content.name == _QUATERNION:
+        return lambda value: _yaw(cls, value)
     if content.is_wrapper:
         single = convert["data"]
 
@@ -277,6 +281,13 @@ def _converter(field: Field) -> Converter:
         return converter(field)
     fill = _filler(field.base)
     return fill if field.shape == "single" else listed(fill, field)
+
+
+def _yaw(cls: type[Message], value: Any) -> Message:
+    """The quaternion of a rotation about z (rad)."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise Misfit(f"expected a mapping with x, y, z and w, or a yaw in rad, got {describe(value)}")
+    return cls(z=math.sin(value / 2), w=math.cos(value / 2))  # type: ignore[call-arg]
 
 
 def _time(cls: type[Message], convert: Mapping[str, Converter], value: Any) -> Message:
