@@ -105,15 +105,19 @@ def test_an_action_that_nobody_offers_is_unavailable(tmp_path: Path) -> None:
     assert "nav2.dock_not_valid" in mission(tmp_path, text).messages[0]
 
 
-RESUMING = """ <subProcess id="a"><startEvent id="s1"/><sequenceFlow id="x" sourceRef="s1" targetRef="set"/>
-<scriptTask id="set" scriptFormat="python"><script>x_goal, y_goal, changed, distance_remaining = 5.0, 3.4, False,
-99.0</script> </scriptTask><sequenceFlow id="y" sourceRef="set" targetRef="go"/><callActivity id="go"
-calledElement="NavigateToPose"/> <subProcess id="h" triggeredByEvent="true"><extensionElements><camunda:properties>
-<camunda:property name="resume" value="true"/></camunda:properties></extensionElements><startEvent id="i">
-<conditionalEventDefinition><condition>distance_remaining &lt; 2 and not
-changed</condition></conditionalEventDefinition> </startEvent><sequenceFlow id="z" sourceRef="i" targetRef="c"/>
-<scriptTask id="c" scriptFormat="python"><script>changed, x_goal, y_goal = True, 1.0,
-1.0</script></scriptTask></subProcess> </subProcess>
+RESUMING = """
+<subProcess id="a"><startEvent id="s1"/><sequenceFlow id="x" sourceRef="s1" targetRef="set"/>
+<scriptTask id="set" scriptFormat="python">
+<script>x_goal, y_goal, changed, distance_remaining = 5.0, 3.4, False, 99.0</script>
+</scriptTask><sequenceFlow id="y" sourceRef="set" targetRef="go"/>
+<callActivity id="go" calledElement="NavigateToPose"/>
+<subProcess id="h" triggeredByEvent="true"><extensionElements><camunda:properties>
+<camunda:property name="resume" value="true"/></camunda:properties></extensionElements>
+<startEvent id="i"><conditionalEventDefinition>
+<condition>distance_remaining &lt; 2 and not changed</condition>
+</conditionalEventDefinition></startEvent><sequenceFlow id="z" sourceRef="i" targetRef="c"/>
+<scriptTask id="c" scriptFormat="python"><script>changed, x_goal, y_goal = True, 1.0, 1.0</script></scriptTask>
+</subProcess></subProcess>
 """
 
 
