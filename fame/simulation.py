@@ -15,7 +15,7 @@ from fame.bpmn.model import Definitions, Process
 from fame.bpmn.topics import TopicUse, topic_table
 from fame.clock import EPOCH, SECOND, Scheduler
 from fame.engine import Instance
-from fame.errors import ModelError, expect
+from fame.errors import ConfigError, ModelError, expect
 from fame.middleware.local import LocalMiddleware
 from fame.monitor.services import SERVICES
 from fame.robot import Event, RobotNode, Service, make_mission
@@ -82,6 +82,7 @@ class Simulation:
         )
         self.node.load()
         self._outside = self.middleware.node("outside")
+        self._strict = strict
         self._variables, self._begun, self._until = dict(variables or {}), False, None
 
     _until: float | None
@@ -149,6 +150,66 @@ class Simulation:
         _expect_values("variables", variables)
         self._begin()
         return self.node.engine.start(dict(variables or {}))
+
+    def save(self, path: str | Path) -> None:
+        """Write the state into a file, from which `load` goes on: tokens, variables, timers, queues, what has ended.
+
+        Scripts that wait start again when the file is loaded. Raises ConfigError for a file that cannot be written, and
+        for a variable that cannot be stored.
+        """
+        from fame.robot.durable import save
+
+        self._begin()
+        mission = self.node.mission
+        header = {
+            "simulation": mission.definitions.file,
+            "process": mission.process.id,
+            "robot": self.node.name,
+            "epoch": self.node.epoch.isoformat(),
+            "strict": self._strict,
+            "now": self.scheduler.now,
+            "observed": self.node.engine.program.observed,
+            "program": self.node.engine.program.hash,
+        }
+        save(self.node, Path(path), header)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        definitions: Definitions | str | Path | None = None,
+        *,
+        services: Mapping[str, Service] | None = None,
+        observer: Callable[[Event], object] | None = None,
+        library: str | Path | Sequence[str | Path] = (),
+    ) -> Simulation:
+        """Go on from a file that `save` has written, at the simulated time of then.
+
+        The model is read again from its file, unless it is given. Raises ConfigError for a file that is damaged or is
+        no such state, and for the state of another model.
+        """
+        from fame.robot.durable import load
+        from fame.robot.journal import read_segment
+
+        found = read_segment(Path(path))
+        header = found.header
+        if "simulation" not in header:
+            raise ConfigError("is the journal of an engine, not a saved simulation", file=str(path))
+        if observer is not None and not header["observed"]:
+            raise ConfigError("was saved by a simulation without an observer, so it can have none", file=str(path))
+        simulation = cls(
+            definitions if definitions is not None else header["simulation"],
+            header["process"],
+            services=services,
+            observer=observer or ((lambda event: None) if header["observed"] else None),
+            library=library,
+            robot=header["robot"],
+            strict=header["strict"],
+            epoch=datetime.fromisoformat(header["epoch"]),
+        )
+        simulation.scheduler.now, simulation._begun = header["now"], True
+        load(simulation.node, found)
+        return simulation
 
     def close(self) -> None:
         """End all that goes on."""

@@ -292,7 +292,7 @@ def test_a_signal_that_may_not_have_left_is_sent_again(field: Durable) -> None:
     field.deploy(MISSION)
     heard: list[Any] = []
     recorder = field.engine._keeper.recorder
-    recorder._let_leave = lambda leaving: None  # the robot ends between the disk and the network
+    recorder._let_leave = lambda batch: None  # the robot ends between the disk and the network
     field.engine.running.deliver("/go", None)
     field.crash()
     field.person.subscription("/go", "std_msgs/msg/Empty", heard.append)

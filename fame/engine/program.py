@@ -247,6 +247,12 @@ class Program:
         return self.name or sha256(repr(self.sources).encode()).hexdigest()
 
     @cached_property
+    def body_keys(self) -> dict[Body, str]:
+        """For each body the key of the first node that opens it; nothing for its own."""
+        homes = {node.body: node.key for node in reversed(self.nodes) if node.body is not None}
+        return {**homes, self.body: ""}
+
+    @cached_property
     def by_key(self) -> dict[str, Node]:
         """Its nodes by key."""
         return {node.key: node for node in self.nodes}

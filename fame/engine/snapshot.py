@@ -55,13 +55,13 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
     boxes = {box.key: box for scope in scopes for box in (scope.mail or {}).values()}
     boxes |= {wait.box.key: wait.box for wait in waits if wait.box is not None}
     dicts = dicts or _Dicts()
-    homes = {node.body: node.key for node in reversed(engine.program.nodes) if node.body is not None}
+    homes = engine.program.body_keys
     return {
         "program": engine.program.hash,
         "observed": engine.program.observed,
         "counter": engine.counter,
         "instances": [_instance(instance, dicts) for instance in engine.instances.values()],
-        "scopes": [_scope(scope, dicts, {**homes, engine.program.body: ""}, dump) for scope in scopes],
+        "scopes": [_scope(scope, dicts, homes, dump) for scope in scopes],
         "waits": [_wait(wait) for wait in waits],
         "boxes": [_box(box, dump) for box in boxes.values()],
         "listeners": {topic: [item.key for item in found] for topic, found in engine.listeners.items()},

@@ -16,11 +16,12 @@ property ``retry`` says.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import Any, Literal, Protocol
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
 from uuid import NAMESPACE_URL, uuid5
 
 from fame.bpmn.model import Element
@@ -30,7 +31,7 @@ from fame.engine.state import Wait
 from fame.errors import ConfigError, FameError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Publisher
-from fame.robot.journal import Contents, Journal, Record
+from fame.robot.journal import Contents, Journal, Record, write_segment
 from fame.robot.node import RobotNode
 from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
 from fame.robot.stored_values import Loader
@@ -49,8 +50,15 @@ _RETRY_DISK = SECOND
 _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-_Effect = tuple[str, list[Any], Callable[[], object]]
-"""Its id, what is recorded of it, and what lets it leave."""
+class _Request(NamedTuple):
+    """A request that is to leave: what is recorded of it, and what lets it leave."""
+
+    recorded: list[Any]
+    leave: Callable[[], object]
+
+
+_Effect = tuple[Publisher, Any] | _Request
+"""A signal (publisher, message), or anything else."""
 
 
 def _nothing() -> None:
@@ -79,12 +87,13 @@ class Recorder:
         self._settings = mission_settings(node)
         self._tables = StateTables(node.engine, self._report_unstorable)
         self._outbox: list[_Effect] = []
-        self._unsynced: list[_Effect] = []
-        self._effects: dict[str, list[Any]] = {}
-        self._next_effect = 1
+        self._leaving: dict[str, list[_Effect]] = {}  # by batch: the effects of one stimulus
+        self._recorded: dict[str, list[Any]] = {}
+        self._next = 1
         self._requests: dict[Wait, list[str]] = {}
         self._made: dict[Wait, int] = {}
         self._ended: dict[str, Any] = {}
+        self._has_ended = False
         self._before: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
         self._trouble = ""
@@ -114,29 +123,38 @@ class Recorder:
         """A stimulus has run to completion: record what it has changed, then let its effects leave."""
         if self._quiet or self._trouble:
             return
+        batch = self._close_batch()
         try:
             if self.journal.is_long:
                 self.begin()
             elif record := self._record():
                 self.journal.append(record)
-            if self._outbox:
-                leaving, self._outbox = self._outbox, []
-                self._unsynced += leaving
-                self.journal.sync(partial(self._let_leave, leaving))
+            if batch:
+                self.journal.sync(partial(self._let_leave, batch))
         except OSError as error:
             self._fail(error)
 
+    def _close_batch(self) -> str:
+        """Put the effects since the last record into a batch. Returns its id, nothing if there are none."""
+        if not self._outbox:
+            return ""
+        batch, self._next = str(self._next), self._next + 1
+        self._leaving[batch], self._outbox = self._outbox, []
+        self._recorded[batch] = _recorded(self._leaving[batch])
+        return batch
+
     def _record(self, *, whole: bool = False) -> Record:
         """The changes since the last record, or the whole state; empty if nothing has changed."""
-        self._effects.update((id, effect) for id, effect, _ in self._outbox)
-        self._requests = {wait: made for wait, made in self._requests.items() if wait.alive}
+        if self._requests:
+            self._requests = {wait: made for wait, made in self._requests.items() if wait.alive}
         more: Tables = {
             **tables_of(self.node),
-            "effects": self._effects,
+            "effects": self._recorded,
             "requests": {str(wait.key): made for wait, made in self._requests.items()},
-            "ended": self._ended,
-            "recorder": {"next_effect": self._next_effect},
+            "recorder": {"next": self._next},
         }
+        if whole or self._has_ended:
+            more["ended"], self._has_ended = self._ended, False
         change = self._tables.changes(more, whole=whole)
         return {"time": self.now, **change} if change else {}
 
@@ -147,7 +165,7 @@ class Recorder:
 
     def instance_ended(self, instance: Any) -> None:
         """Keep the end of an instance."""
-        self._ended[str(instance.key)] = instance_data(instance)
+        self._ended[str(instance.key)], self._has_ended = instance_data(instance), True
         for key in list(self._ended)[:-_ENDED]:
             del self._ended[key]
 
@@ -162,47 +180,45 @@ class Recorder:
         self.node.runner.outward = None
 
     def _flush(self) -> None:
+        self._close_batch()
         if record := self._record():
             self.journal.append(record)
-        leaving = [*self._unsynced, *self._outbox]
-        if leaving:
+        if self._leaving:
             self.journal.flush()
-            self._unsynced, self._outbox = [], []
-            self._let_leave(leaving)
+            for batch in list(self._leaving):
+                self._let_leave(batch)
 
     # ---- effects -----------------------------------------------------------------------------------------------------
 
     def signal(self, publisher: Publisher, message: Any) -> None:
         """A signal or message for all is to leave."""
-        value = messages.to_mapping(message)
-        self._add(["signal", publisher.topic, publisher.type, value], partial(publisher.publish, message))
+        self._outbox.append((publisher, message))
 
     def message(self, topic: str, value: Any, robot: Any) -> None:
         """A message for one robot is to leave. Raises what `DirectMessages.prepare` raises."""
         direct = self.node.endpoints.direct
         publisher, message = direct.prepare(topic, value, robot)
-        plain = messages.to_mapping(message)
-        self._add(["message", topic, str(robot), plain], partial(direct.enter, publisher, message))
+        recorded = ["message", topic, str(robot), messages.to_mapping(message)]
+        self._outbox.append(_Request(recorded, partial(direct.enter, publisher, message)))
 
-    def _add(self, effect: list[Any], action: Callable[[], object]) -> str:
-        id = str(self._next_effect)
-        self._next_effect += 1
-        self._outbox.append((id, effect, action))
-        return id
-
-    def _let_leave(self, leaving: list[_Effect]) -> None:
-        """The record of some effects is on the disk."""
+    def _let_leave(self, batch: str) -> None:
+        """The record of a batch of effects is on the disk."""
         if self._quiet:
             return
-        gone = {id for id, _, _ in leaving}
-        self._unsynced = [effect for effect in self._unsynced if effect[0] not in gone]
-        for id, effect, action in leaving:
+        for effect in self._leaving.pop(batch, ()):
             try:
-                action()
+                if isinstance(effect, _Request):
+                    effect.leave()
+                else:
+                    publisher, message = effect
+                    publisher.publish(message)
             except FameError as error:
-                self.node.host.report("", f"{effect[0]} {effect[1]} cannot be sent: {error}")
-            self._effects.pop(id, None)
-        self.settled()
+                self.node.host.report("", f"{' '.join(map(str, _recorded([effect])[0][:2]))} cannot be sent: {error}")
+        if self._recorded.pop(batch, None) is not None and not self._trouble:
+            try:
+                self.journal.append({"time": self.now, **self._tables.drop("effects", batch)})
+            except OSError as error:
+                self._fail(error)
 
     # ---- requests of tasks (`fame.scripting.runner.Outward`) ---------------------------------------------------------
 
@@ -233,8 +249,8 @@ class Recorder:
         """Make a request under a new id."""
         name = request.action if isinstance(request, Act) else request.service
         kind = "goal" if isinstance(request, Act) else "call"
-        id = str(self._next_effect)
-        self._add([kind, name, wait.node.id], partial(begin, self._goal(id)))
+        id, self._next = str(self._next), self._next + 1
+        self._outbox.append(_Request([kind, name, wait.node.id], partial(begin, self._goal(id))))
         self._requests[wait] = [*self._requests.get(wait, [])[:number], id]
         self.node.scheduler.soon(self.settled, Kind.RESUMPTION)
 
@@ -268,14 +284,15 @@ class Recorder:
     def _try_again(self) -> None:
         if self._quiet:
             return
+        self._close_batch()
         try:
             self.begin()
         except OSError:
             self.node.scheduler.after(_RETRY_DISK, self._try_again, Kind.RESUMPTION)
             return
         self._trouble = ""
-        waiting, self._outbox = [*self._unsynced, *self._outbox], []
-        self._let_leave(waiting)
+        for batch in list(self._leaving):
+            self._let_leave(batch)
         self._on_trouble("")
 
     def _report_unstorable(self, name: str, reason: str) -> None:
@@ -295,11 +312,11 @@ class Recorder:
             waits[int(key)]: made for key, made in tables.get("requests", {}).items() if int(key) in waits
         }
         self._ended = dict(tables.get("ended", {}))
-        self._effects = dict(tables.get("effects", {}))
-        self._next_effect = tables["recorder"]["next_effect"]
+        self._recorded = dict(tables.get("effects", {}))
+        self._leaving = {batch: list(self._again(found)) for batch, found in self._recorded.items()}
+        self._next = tables["recorder"]["next"]
         node.host.make_safe("suspended")
         missed = set_timers(node, tables, self._settings)
-        self._outbox = [(id, effect, self._again(effect)) for id, effect in self._effects.items()]
         self._quiet = True  # until the new state is written as a whole, a second crash finds the old one
         engine.deliver(RECOVERED, self._recovered(away))
         for wait in missed:
@@ -307,7 +324,10 @@ class Recorder:
                 wait.catch.give_up(engine, wait, BpmnError("missed", "the timer came due while the engine was away"))
         engine.run()
         self._quiet = False
+        self._close_batch()
         self.begin()
+        for batch in list(self._leaving):
+            self._let_leave(batch)
         go_on(node)
         self.settled()
 
@@ -316,17 +336,41 @@ class Recorder:
         type = use.declared if use is not None and use.declared else "std_msgs/msg/Float64"
         return messages.create(type, away if messages.is_wrapper(type) else None)
 
-    def _again(self, effect: list[Any]) -> Callable[[], object]:
-        """How to send an effect again. A request is made again by its task."""
-        kind, name, *rest = effect
-        if kind == "signal":
-            type, value = rest
-            publisher = self.node.endpoints.publisher(name, type)
-            return partial(publisher.publish, messages.create(type, value))
-        if kind == "message":
-            robot, value = rest
-            return partial(self.node.endpoints.direct.send, name, value, robot)
-        return lambda: None
+    def _again(self, effects: list[list[Any]]) -> Iterator[_Effect]:
+        """Effects that may not have left. A request is made again by its task."""
+        for kind, name, *rest in effects:
+            if kind == "signal":
+                type, values = rest
+                publisher = self.node.endpoints.publisher(name, type)
+                yield from ((publisher, messages.create(type, value)) for value in values)
+            elif kind == "message":
+                robot, value = rest
+                send = partial(self.node.endpoints.direct.send, name, value, robot)
+                yield _Request([kind, name, *rest], send)
+
+
+def _recorded(effects: Sequence[_Effect]) -> list[list[Any]]:
+    """What is recorded of some effects; signals in a row on one topic share an entry."""
+    found: list[list[Any]] = []
+    last: Publisher | None = None
+    values: list[Any] = []
+    plain: Callable[[Any], Any] = messages.to_mapping
+    for effect in effects:
+        if isinstance(effect, _Request):
+            found.append(effect.recorded)
+            last = None
+            continue
+        publisher, message = effect
+        if publisher is not last:
+            last, values = publisher, []
+            plain = messages.to_mapping if messages.fields(publisher.type) else _no_fields
+            found.append(["signal", publisher.topic, publisher.type, values])
+        values.append(plain(message))
+    return found
+
+
+def _no_fields(message: Any) -> None:
+    """The plain data of a message without fields."""
 
 
 def epoch_of(node: RobotNode) -> int:
@@ -419,3 +463,25 @@ def restored(node: RobotNode, contents: Contents) -> Tables:
 def last_time(contents: Contents) -> int:
     """The date of the last record (ns since 1970)."""
     return int((contents.changes or [contents.state])[-1]["time"])
+
+
+# ---- without a journal -----------------------------------------------------------------------------------------------
+
+
+def save(node: RobotNode, path: Path, header: Mapping[str, Any]) -> None:
+    """Write the state of a robot between two stimuli into a file. Raises ConfigError."""
+    lost: list[str] = []
+    tables = StateTables(node.engine, lambda name, reason: lost.append(f"variable {name}: {reason}"))
+    over = [instance for instance in node.instances if instance.status != "running"]
+    more = {**tables_of(node), "ended": {str(instance.key): instance_data(instance) for instance in over}}
+    state = tables.changes(more, whole=True)
+    if lost:
+        raise ConfigError(f"the state cannot be stored: {lost[0]}", file=str(path))
+    write_segment(path, header, {"time": epoch_of(node) + node.scheduler.now, **state})
+
+
+def load(node: RobotNode, contents: Contents) -> None:
+    """Give a loaded robot the state of a file, and let it go on. Raises ConfigError for that of another program."""
+    tables = restored(node, contents)
+    set_timers(node, tables, mission_settings(node))
+    go_on(node)

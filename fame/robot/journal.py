@@ -127,6 +127,17 @@ def _line(number: int, synced: int, content: Mapping[str, Any], seed: int) -> by
     return b"%08x %s\n" % (zlib.crc32(text, seed), text)
 
 
+def write_segment(path: Path, header: Mapping[str, Any], state: Mapping[str, Any]) -> None:
+    """Write a file that `read_segment` reads, of one state without changes. Raises ConfigError."""
+    header = {**header, "format": FORMAT, "journal": uuid4().hex}
+    temporary = path.with_name(path.name + _SUFFIX)
+    try:
+        temporary.write_bytes(_line(0, 0, header, 0) + _line(1, 0, state, _seed(header["journal"])))
+        temporary.rename(path)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+
+
 def _seed(journal: str) -> int:
     return zlib.crc32(journal.encode())
 

@@ -66,7 +66,10 @@ class StateTables:
         self._counts: dict[int, list[int]] = {}
 
     def changes(self, more: Mapping[str, Table], *, whole: bool = False) -> Change:
-        """What has changed since the last call, or the whole state; `more` are tables of the caller."""
+        """What has changed since the last call, or the whole state.
+
+        `more` are tables of the caller: those that are missing have not changed.
+        """
         if whole:
             self._last, self._counts = {}, {}
             self._variables.forget()
@@ -79,11 +82,18 @@ class StateTables:
             del item["counts"]
         change: Change = {"set": {}, "gone": {}}
         for name, table in {**tables, "engine": data, **more}.items():
-            _compare(change, name, self._last.get(name, {}), table)
-            self._last[name] = dict(table)
+            last = self._last.get(name)
+            if table or last:
+                _compare(change, name, last or {}, table)
+                self._last[name] = dict(table)
         _note(change, "counts", *self._changed_counts())
         self._variables.note(change)
         return {part: found for part, found in change.items() if found}
+
+    def drop(self, table: str, key: str) -> Change:
+        """The change that an entry is gone."""
+        self._last[table].pop(key, None)
+        return {"gone": {table: [key]}}
 
     def _dump(self, value: Any) -> Any:
         """Data of a value outside the variables; nothing for one that cannot be stored."""
@@ -264,10 +274,18 @@ def instance_data(instance: Instance, dump: Callable[[Any], Any] = dump) -> dict
     return {
         "key": instance.key,
         "status": instance.status,
-        "counts": {str(slot): count for slot, count in enumerate(instance.counts) if count},
+        "counts": _packed(instance.counts),
         "values": values,
         "error": None if error is None else {**error.to_json(), "robot": error.robot},
     }
+
+
+def _packed(counts: list[int]) -> str | list[int]:
+    """Small numbers as hexadecimal text: fast to write, since most instances have many elements."""
+    try:
+        return bytes(counts).hex()
+    except ValueError:
+        return list(counts)
 
 
 def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any], Any]) -> Instance:
@@ -275,8 +293,8 @@ def instance_of(data: Mapping[str, Any], program: Program, load: Callable[[Any],
     variables = {name: decode(value, load) for name, value in data["values"].items()}
     instance = Instance(data["key"], program, variables)
     instance.status = data["status"]
-    for slot, count in data["counts"].items():
-        instance.counts[int(slot)] = count
+    counts = data["counts"]
+    instance.counts = list(bytes.fromhex(counts)) if isinstance(counts, str) else counts
     if data["error"] is not None:
         said = dict(data["error"])
         instance.error = MissionError(said.pop("text"), **said)
