@@ -142,9 +142,9 @@ class EngineNode:
         }  # of senders that wait for an answer, and of bare models
         self._stopped = False
         self._observers = () if observer is None else (observer,)
-        self._open_endpoints((identity or Identity.new()) if trusted else None)
         self._feed: LiveFeed | None = None
         self._epoch = epoch
+        self._open_endpoints((identity or Identity.new()) if trusted else None)
 
     def _open_endpoints(self, identity: Identity | None) -> None:
         """Make the node with its subscription, services and status; reports are signed by `identity`."""
