@@ -74,7 +74,9 @@ def add(commands: Commands) -> None:
         "--lockstep", action="store_true",
         help="in many processes: the world waits for all engines after each step, so that each run is the same",
     )  # fmt: skip
-    parser.add_argument("--real-time", action="store_true", help="as slow as reality, not as fast as possible")
+    parser.add_argument(
+        "--real-time", action="store_true", help="run at wall-clock speed instead of as fast as possible"
+    )
     parser.add_argument(
         "--semantics", choices=("standard", "original"),
         help="of interrupting event sub-processes; original: they suspend and resume",
@@ -147,7 +149,9 @@ def run(arguments: Namespace) -> int:
     if arguments.middleware != "local":
         return _run_team(arguments, scenario)
     if arguments.speed is not None:
-        raise ConfigError("--speed needs --middleware dds, zenoh or ros: one process runs as fast as it can")
+        raise ConfigError(
+            "--speed needs --middleware dds, zenoh or ros: one process is as fast as it can, or as --real-time"
+        )
     if arguments.lockstep:
         raise ConfigError("--lockstep needs --middleware dds or zenoh: one process is in step with itself")
     _check_drawings(arguments, scenario)
