@@ -5,6 +5,7 @@
     form       which tool's extension elements the file has
     topic      what an event or task throws, catches or asks: topic, type, payload, where its fields go
     data       the variables of a data object
+    parameter  the variables that fame run --set can give other values, with their defaults
     call       where a called process was found
     script     the language of a script, condition or other text, as far as that is not Python
     quirk      a habit of the tool that wrote the file, on which the model relies
@@ -28,14 +29,15 @@ from fame.check.endpoints import TopicEndpoint, by_topic, declared_type, message
 from fame.check.expressions import expressions_in
 from fame.check.guidelines import suspending
 from fame.check.scope import CheckedProcess, CheckScope, find_scope
+from fame.check.variables import parameters
 from fame.engine.data import variable_name
 from fame.errors import ModelError
 from fame.middleware import messages
 from fame.scripting import script_topics
 from fame.scripting.analysis import ScriptTopic, identifiers_of
 
-Kind = Literal["form", "topic", "data", "call", "script", "quirk", "semantics"]
-KINDS: tuple[Kind, ...] = ("form", "topic", "data", "call", "script", "quirk", "semantics")
+Kind = Literal["form", "topic", "data", "parameter", "call", "script", "quirk", "semantics"]
+KINDS: tuple[Kind, ...] = ("form", "topic", "data", "parameter", "call", "script", "quirk", "semantics")
 
 _LANGUAGES = {"javascript": "JavaScript", "juel": "Camunda 7, ${...}", "feel": "FEEL", "template": "text with ${...}"}
 
@@ -65,7 +67,14 @@ def explain(definitions: Definitions, *, library: Library | None = None) -> list
     for ends in by_topic(about.processes).values():
         found += (_at(end.process, "topic", _topic(end, types[end.name]), end.node, end.line) for end in ends)
     for process in about.processes:
-        found += (*_services(process), *_data(process), *_calls(process, about), *_texts(process), *_semantics(process))
+        found += (
+            *_services(process),
+            *_data(process),
+            *_parameters(process, about, library or Library()),
+            *_calls(process, about),
+            *_texts(process),
+            *_semantics(process),
+        )
         found += (_at(process, "quirk", text, node, line) for text, node, line in _quirks(process, types))
     order = {file: place for place, file in enumerate(homes)}
     return sorted(dict.fromkeys(found), key=lambda one: (order[one.file], one.line, KINDS.index(one.kind)))
@@ -139,6 +148,15 @@ def _asked(node: FlowNode) -> Iterator[ScriptTopic]:
 def _objects(process: CheckedProcess) -> Iterator[DataObject]:
     for body in process.bodies():
         yield from body.data_objects
+
+
+def _parameters(process: CheckedProcess, about: CheckScope, library: Library) -> Iterator[Reading]:
+    """What `fame run --set` can change of a process that a robot runs."""
+    if process in about.roots and not about.missing:
+        known = parameters(process.definitions, process.bpmn, library)
+        given = [f"{name} = {default}" if default else name for name, default in known.items()]
+        if given:
+            yield _at(process, "parameter", f"can be set: {', '.join(given)}", process.bpmn)
 
 
 def _data(process: CheckedProcess) -> Iterator[Reading]:

@@ -13,10 +13,12 @@ import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from fame.bpmn.library import Library
 from fame.bpmn.model import (
     Activity,
     CallActivity,
     DataObject,
+    Definitions,
     Element,
     ErrorDefinition,
     EscalationDefinition,
@@ -25,9 +27,12 @@ from fame.bpmn.model import (
     FlowNode,
     Gateway,
     MultiInstance,
+    Process,
+    SubProcess,
     Task,
     Topic,
 )
+from fame.bpmn.reader.expressions import has_placeholders
 from fame.bpmn.topics import topics_of
 from fame.check.endpoints import fields_taken, taken_by_prefix, types_of
 from fame.check.expressions import ExpressionUse, expressions_in, names_of
@@ -287,3 +292,38 @@ def _other_language(name: str, expression: Expression) -> str:
         return f"; in this language it is {here[name]}"
     known = name in NAMES or hasattr(builtins, name)
     return f"; {name} is a name of Python: write Python, without ${{ }}" if known else ""
+
+
+# ---- parameters ------------------------------------------------------------------------------------------------------
+
+
+def parameters(definitions: Definitions, process: Process, library: Library) -> dict[str, str]:
+    """The variables that a process can be given, with their defaults (text; empty: none).
+
+    They are those that its data objects hold, and those that it, or what it calls without a mapping, reads and no
+    script of it sets. A default is the value that a data object gives, if that is not computed. Raises ModelError for a
+    called process that is not found.
+    """
+    found: dict[str, str] = {}
+    reads: set[str] = set()
+    fixed: set[str] = set()
+    pending, seen = [(definitions, process)], {(definitions.file, process.id)}
+    for home, one in pending:
+        for body in (one.body, *(node.body for node in one.body.walk() if isinstance(node, SubProcess))):
+            for name, value in ((name, value) for item in body.data_objects for name, value in item.values):
+                default = "" if has_placeholders(value.text) else value.text
+                if one is process:
+                    found[name] = found.get(name) or default
+                elif default:
+                    fixed.add(name)  # the called process sets it whatever its caller says
+            for text in expressions_in(body):
+                reads |= text.reads
+                fixed |= text.writes | text.code
+        for node in one.body.walk():
+            if isinstance(node, CallActivity) and node.io is None and node.called and not node.refused:
+                called = library.find(home, node)
+                if (called[0].file, called[1].id) not in seen:
+                    seen.add((called[0].file, called[1].id))
+                    pending.append(called)
+    found.update((name, "") for name in sorted(reads - fixed - set(NAMES) - found.keys()))
+    return found

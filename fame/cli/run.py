@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fame.cli.output import ProgressLine
     from fame.log import About
     from fame.log.recorder import LogTopics
+    from fame.middleware.network import NetworkConfig
     from fame.robot.events import Observer
     from fame.scenario import Result, Scenario, TeamStatus
 
@@ -58,6 +59,20 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--complete", action="append", default=[], type=_completion, metavar="ROBOT@S:ELEMENT[:NAME=VALUE,...]",
         help="at simulated second S somebody completes a user, manual or receive task, with results",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], type=_setting, metavar="[ROBOT.]NAME=VALUE",
+        help="value of a variable of the mission, instead of that of the model (fame check --explain); repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--network-delay", type=_seconds, metavar="S", help="delay of each message between robots (s); local only"
+    )
+    parser.add_argument(
+        "--loss", type=_probability, metavar="P", help="probability that a message between robots is lost; local only"
+    )
+    parser.add_argument(
+        "--partition", action="append", default=[], type=_partition, metavar="ROBOT,ROBOT@S-S",
+        help="cut two robots off from each other between two simulated seconds; local only; repeatable",
     )  # fmt: skip
     parser.add_argument(
         "--middleware", choices=("local", "dds", "zenoh", "ros"), default="local",
@@ -128,11 +143,63 @@ def _completion(text: str) -> tuple[str, float, str, dict[str, Any]]:
     return found[1], float(found[2]), found[3], dict(map(value, values))
 
 
+def _setting(text: str) -> tuple[str, str, Any]:
+    """``REX.speed=0.5``, or ``speed=0.5`` for all robots."""
+    from fame.cli.robots import value
+
+    robot, dot, _ = text.partition("=")[0].rpartition(".")
+    return (robot, *value(text[len(robot) + len(dot) :]))
+
+
+def _seconds(text: str) -> float:
+    return positive(text) if text.strip("0.") else 0.0
+
+
+def _probability(text: str) -> float:
+    """A probability below 1."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 <= number <= 0.99:
+        raise ArgumentTypeError(f"expected a probability from 0 to 0.99, got {text!r}")
+    return number
+
+
+def _partition(text: str) -> tuple[str, str, float, float]:
+    """``REX,DINGO@30-60``."""
+    found = re.fullmatch(r"([^,@\s]+),([^,@\s]+)@([0-9]+\.?[0-9]*)-([0-9]+\.?[0-9]*)", text)
+    if found is None or found[1] == found[2] or float(found[3]) >= float(found[4]):
+        raise ArgumentTypeError(f"expected ROBOT,ROBOT@FROM-TO, as in REX,DINGO@30-60, got {text!r}")
+    return found[1], found[2], float(found[3]), float(found[4])
+
+
+def _network(arguments: Namespace) -> NetworkConfig | None:
+    """The network of the command line. Raises ConfigError with another middleware than local."""
+    delay, loss = arguments.network_delay, arguments.loss
+    given = {"--network-delay": delay is not None, "--loss": loss is not None, "--partition": bool(arguments.partition)}
+    if not any(given.values()):
+        return None
+    if arguments.middleware != "local":
+        option = next(option for option, is_given in given.items() if is_given)
+        raise ConfigError(f"{option} needs --middleware local: other networks have delays and losses of their own")
+    from fame.middleware.network import Delay, Link, NetworkConfig, Partition
+
+    links = [Link(Delay("fixed", delay or 0.0), loss or 0.0)] if delay is not None or loss is not None else []
+    cuts = [Partition((one, other), start, end) for one, other, start, end in arguments.partition]
+    return NetworkConfig(tuple(links), tuple(cuts))
+
+
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
     from fame.robot.events import combine_observers
     from fame.scenario import Completion, Fault, Scenario
 
+    variables: dict[str, dict[str, Any]] = {}
+    for robot, name, setting in arguments.set:
+        variables.setdefault(robot, {})[name] = setting
+    if variables and arguments.middleware != "local":
+        raise ConfigError("--set needs --middleware local: deployed processes have the values of the model")
     scenario = Scenario.load(
         arguments.scenario,
         seed=arguments.seed,
@@ -143,6 +210,8 @@ def run(arguments: Namespace) -> int:
         robots=dict(arguments.robots),
         faults=[Fault(*fault) for fault in arguments.fault],
         completions=[Completion(*done) for done in arguments.complete],
+        network=_network(arguments),
+        variables=variables,
     )
     if not scenario.cast:
         raise ConfigError("expected at least one robot to run, got none", file=scenario.file)

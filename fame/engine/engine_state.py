@@ -37,6 +37,7 @@ class EngineState:
     armed_starts    start events with a timer, by key
     held            all scopes and waits, if the host holds them
     new_variables   gives the dict that an instance, or a call with variables of its own, starts with
+    parameters      variables that every instance starts with
     at_once         whether the host observes each mark by itself
     settled         called when a stimulus has run to completion, if set
     """
@@ -47,6 +48,7 @@ class EngineState:
 
     def __init__(self, program: Program, host: Host, new_variables: Callable[[], dict[str, Any]] = dict) -> None:
         self.program, self.host, self.new_variables = program, host, new_variables
+        self.parameters: dict[str, Any] = {}
         self.ready: deque[tuple[Node | None, Any]] = deque()
         self.listeners: dict[str, dict[Listener, None]] = {}
         self.conditions: dict[Wait, None] = {}

@@ -26,6 +26,7 @@ from fame.engine.state import Arrived, Gathered, Instance, Listener, Scope
 def open_instance(engine: EngineState, entry: Node, values: dict[str, Any] | None) -> Instance:
     """Make an instance and put its first token at `entry`."""
     variables = engine.new_variables()
+    variables.update(engine.parameters)
     variables.update(values or {})
     instance = Instance(engine.new_key(), engine.program, variables)
     root = Scope(engine.new_key(), None, None, engine.program.body, variables)

@@ -40,6 +40,7 @@ from fame.middleware.interface import (
     deliver_response,
     resolve,
 )
+from fame.middleware.network import Channel, Network, NetworkedSubscription, matched_end
 from fame.middleware.qos import compatible, counts_losses
 from fame.text import NAMES, is_ros_name
 
@@ -52,8 +53,13 @@ class LocalMiddleware:
 
     confined, use_sim_time = True, False
 
-    def __init__(self, scheduler: Scheduler, on_warning: Callable[[EndpointWarning], object] | None = None) -> None:
-        self.scheduler = scheduler
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        on_warning: Callable[[EndpointWarning], object] | None = None,
+        network: Network | None = None,
+    ) -> None:
+        self.scheduler, self.network = scheduler, network
         self.warnings: list[EndpointWarning] = []
         self.nodes: list[LocalNode] = []
         self.topics: dict[str, Topic] = {}
@@ -195,7 +201,7 @@ class LocalNode:
             return False
         mismatch = compatible(publisher.qos, subscription.qos)
         if mismatch is None:
-            publisher.matched.append(subscription)
+            publisher.matched.append(matched_end(self.middleware.network, publisher, subscription))
             return True
         nodes = subscription.node.full_name, publisher.node.full_name
         self.middleware.warn(mismatch_warning(publisher.topic, *nodes, mismatch))
@@ -212,7 +218,7 @@ class LocalPublisher:
 
     def __init__(self, node: LocalNode, shared: Topic, qos: QoS) -> None:
         self.node, self.topic, self.type, self.qos = node, shared.name, shared.type, qos
-        self.matched: list[LocalSubscription | _Tap] = []
+        self.matched: list[LocalSubscription | NetworkedSubscription | _Tap] = []
         self._shared = shared
         self._class: type[Message] | None = messages.message_type(shared.type)
         self._kept: deque[tuple[int, Message]] | None = None
@@ -259,6 +265,11 @@ class _Tap:
     enqueue: Callable[[Message], object]
 
 
+def _behind(end: object, subscription: LocalSubscription) -> object:
+    """The end itself if it is that of a subscription behind the network."""
+    return end if isinstance(end, NetworkedSubscription) and end.subscription is subscription else None
+
+
 class LocalSubscription:
     """A subscription, and the queue of messages that wait for their entry of the scheduler."""
 
@@ -293,13 +304,17 @@ class LocalSubscription:
         queue.append(message)
         self._soon(self._deliver)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether it has not been closed."""
+        return self in self._shared.subscriptions
+
     def close(self) -> None:
         if self in self._shared.subscriptions:
             self._queue.clear()
             self._shared.subscriptions.remove(self)
             for publisher in self._shared.publishers:
-                if self in publisher.matched:
-                    publisher.matched.remove(self)
+                publisher.matched[:] = [end for end in publisher.matched if end not in (self, _behind(end, self))]
             self.node.remove(self, self._shared)
 
     def _deliver_next(self) -> None:
@@ -347,11 +362,15 @@ class LocalClient:
     def __init__(self, node: LocalNode, name: str, type: str) -> None:
         self.node, self.name, self.type = node, name, type
         self.request_type, _ = messages.service(type)
+        self._channels: dict[tuple[str, str], Channel | None] = {}
 
     @property
     def available(self) -> bool:
-        """Whether a node offers the service now."""
-        return self.name in self.node.middleware.services
+        """Whether a node offers the service now, and is not cut off."""
+        service, network = self.node.middleware.services.get(self.name), self.node.middleware.network
+        if service is None or network is None:
+            return service is not None
+        return network.is_matched((self.node.namespace, service.node.namespace))
 
     def call(self, request: Any, callback: Callable[[Message], object]) -> None:
         """Send a request. Raises MessageError if it does not fit, or if no node offers the service with this type."""
@@ -360,7 +379,7 @@ class LocalClient:
             offered = () if service is None else (service.request_type.removesuffix("_Request"),)
             raise unavailable_error(self.name, self.request_type, offered)
         message = messages.create(self.request_type, request)
-        self.node.middleware.scheduler.soon(partial(self._send, service, message, callback))
+        self._way(self.node, service.node, partial(self._send, service, message, callback))
 
     def close(self) -> None:
         if self in self.node.endpoints:
@@ -369,9 +388,23 @@ class LocalClient:
     def _send(self, service: LocalService, request: Message, callback: Callable[[Message], object]) -> None:
         middleware = self.node.middleware
         if middleware.services.get(self.name) is service:
-            service.handle(request, lambda said: middleware.scheduler.soon(partial(self._deliver, said, callback)))
+            service.handle(
+                request, lambda said: self._way(service.node, self.node, partial(self._deliver, said, callback))
+            )
         else:
             middleware.warn(unanswered_warning(self.name, self.node.full_name))
+
+    def _way(self, sender: LocalNode, receiver: LocalNode, action: Callable[[], object]) -> None:
+        """Let a request or response travel."""
+        network = self.node.middleware.network
+        key = sender.namespace, receiver.namespace
+        if network is not None and key not in self._channels:
+            self._channels[key] = network.channel(*key, self.name, SIGNAL)
+        channel = self._channels.get(key)
+        if channel is None:
+            self.node.middleware.scheduler.soon(action)
+        else:
+            channel.send(action)
 
     def _deliver(self, response: Message, callback: Callable[[Message], object]) -> None:
         if self in self.node.endpoints:

@@ -17,6 +17,7 @@ from fame.errors import ConfigError
 
 if TYPE_CHECKING:
     from fame.config.values import ConfigValue
+    from fame.middleware.network import NetworkConfig
     from sim2d.config import WorldConfig
 
 
@@ -50,7 +51,7 @@ class Plan:
     """A checked scenario. `cast` has the pool of each robot; `faults` are injected, `completions` done by people.
 
     `duration` is in simulated s; `epoch` is the date of simulated second 0; `variables` has what the process of a robot
-    starts with.
+    starts with; `network` is between the robots.
     """
 
     file: str
@@ -64,6 +65,7 @@ class Plan:
     completions: tuple[Completion, ...] = ()
     epoch: datetime = EPOCH
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    network: NetworkConfig | None = None
 
     def processes(self) -> list[Process]:
         """Return the processes that the robots run, each once."""
@@ -80,7 +82,7 @@ class Plan:
 DURATION = 600.0
 """Default duration of a run, simulated s."""
 
-_KEYS = ("model", "world", "seed", "duration", "epoch", "library", "computers", "complete")
+_KEYS = ("model", "world", "seed", "duration", "epoch", "library", "computers", "complete", "network", "variables")
 
 _COMPLETE = "{at: 12, robot: REX, element: Task_Sign, values: {approved: true}}"
 
@@ -100,11 +102,14 @@ class ScenarioFile:
     epoch: datetime = EPOCH
     library: tuple[Path, ...] = ()
     completions: tuple[tuple[Completion, int], ...] = ()
+    network: NetworkConfig | None = None
+    variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 def read_scenario(path: Path) -> ScenarioFile:
     """Read a scenario file. Raises ConfigError with file, line and key."""
     from fame.config.loader import read_document
+    from fame.scenario.settings import read_network, read_variables
     from sim2d.config import read_world, world_config
 
     document = read_document(path, "scenario")
@@ -125,6 +130,8 @@ def read_scenario(path: Path) -> ScenarioFile:
         epoch=_epoch(keys["epoch"]) if "epoch" in keys else EPOCH,
         library=tuple(path.parent / folder.text() for folder in folders),
         completions=tuple(map(_completion, keys["complete"].items())) if "complete" in keys else (),
+        network=read_network(keys["network"]) if "network" in keys else None,
+        variables=read_variables(keys["variables"]) if "variables" in keys else {},
     )
 
 

@@ -16,6 +16,7 @@ from fame.check.gate import refuse_literals
 from fame.clock import EPOCH, SECOND, Scheduler, WallScheduler, date_text
 from fame.errors import ConfigError, MissionError
 from fame.middleware.local import LocalMiddleware
+from fame.middleware.network import Network
 from fame.monitor.services import SERVICES
 from fame.robot import Event, RobotNode, Service, make_mission
 from fame.robot.events import Observer, combine_observers
@@ -52,7 +53,9 @@ class Run:
         self._services = services or (lambda robot: {})
         refuse_literals(scenario.definitions, scenario.processes(), scenario.library, strict=strict)
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
-        self.middleware = LocalMiddleware(self.scheduler)
+        network = scenario.network
+        self.network = Network(network, scenario.seed, self.scheduler) if network is not None else None
+        self.middleware = LocalMiddleware(self.scheduler, network=self.network)
         self.interrupted = self._stuck = False
         self.reports: list[Event] = []
         cast = {robot: pool.process for robot, pool in scenario.cast.items()}
@@ -157,6 +160,8 @@ class Run:
         for end, text in mistyped_topics(self.middleware.graph()):
             if end in names:
                 self.reports.append(Event(self.scheduler.now, names[end], 0, 0, "", "log", text))
+        for text in self.network.losses() if self.network is not None else ():
+            self.reports.append(Event(self.scheduler.now, "", 0, 0, "", "report", text))
         self.stop()
         return Result(
             status=status,
@@ -200,7 +205,8 @@ class Run:
         if self.world is not None:
             self.world.start()
         for node in self.nodes:
-            node.start(self.scenario.variables.get(node.name))
+            node.engine.parameters.update(self.scenario.variables.get(node.name, {}))
+            node.start()
         for fault in self.scenario.faults:
             self.scheduler.after(round(fault.time * SECOND), partial(self.inject, fault))
         for done in self.scenario.completions:

@@ -9,7 +9,7 @@ from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
 from fame.bpmn.model import Definitions, Process, Task
@@ -20,8 +20,10 @@ from fame.robot import Event
 from fame.scenario.plan import Completion, Fault, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result
 from fame.scenario.run import Run
+from fame.scenario.settings import check_network, with_parameters
 
 if TYPE_CHECKING:
+    from fame.middleware.network import NetworkConfig
     from sim2d.config import WorldConfig
 
 
@@ -49,13 +51,16 @@ class Scenario(Plan):
         robots: Mapping[str, int] = MappingProxyType({}),
         faults: Sequence[Fault] = (),
         completions: Sequence[Completion] = (),
+        network: NetworkConfig | None = None,
+        variables: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     ) -> Scenario:
         """Load a scenario file (.yaml), or a model (.bpmn), whose robots are then engines without a world.
 
         `seed`, `duration` (simulated s), `epoch` (with a time zone) and `semantics` override the files; `library` adds
         folders. `robots` is the number of robots of multi-instance pools, by pool (for a model alone the default is the
         minimum of its multiplicity); robots beyond those of the file are copies of its last one, placed by the seed.
-        `faults` are injected; `completions` are added to those of the file.
+        `faults` are injected; `completions` are added to those of the file. `network` adds links and partitions to the
+        file's; `variables` are mission parameters by robot (empty: all) and override the file.
 
         Raises ConfigError and ModelError with file, line, expected and actual value.
         """
@@ -78,6 +83,13 @@ class Scenario(Plan):
         wanted = [*content.completions, *((done, 0) for done in completions)]
         for done, line in wanted:
             _check_completion(done, tasks, str(path), line)
+        joined = _joined(content.network, network)
+        check_network(joined, list(cast), str(path))
+        chosen = {
+            robot: {**content.variables.get(robot, {}), **variables.get(robot, {})}
+            for robot in dict.fromkeys((*content.variables, *variables))
+        }
+        cast, chosen = with_parameters(cast, definitions, folders, chosen, str(path))
         return cls(
             file=str(path),
             definitions=definitions,
@@ -89,6 +101,8 @@ class Scenario(Plan):
             faults=tuple(faults),
             completions=tuple(done for done, _ in wanted),
             epoch=content.epoch if epoch is None else epoch,
+            network=joined,
+            variables=chosen,
         )
 
     def run(
@@ -110,6 +124,13 @@ class Scenario(Plan):
         result.
         """
         return Run(self, real_time, observer, progress, record, strict, on_interrupt).result()
+
+
+def _joined(own: NetworkConfig | None, added: NetworkConfig | None) -> NetworkConfig | None:
+    """The network of a file with links and partitions of its caller."""
+    if own is None or added is None:
+        return own or added
+    return replace(own, links=(*own.links, *added.links), partitions=(*own.partitions, *added.partitions))
 
 
 def _expect_arguments(

@@ -1,0 +1,226 @@
+"""A model of the network between robots, for the local backend: delay, loss, reordering, partitions; seeded.
+
+Messages, requests and responses between nodes of two robots (namespaces) pass it. What a robot's own nodes exchange
+does not, and neither do nodes without a namespace, such as the world. Each direction of two endpoints has its own
+generator, so that a further robot changes no other.
+
+Quality of service counts as on the wire. Best effort loses a message; reliable sends it again `RETRANSMIT` s later,
+until it arrives, in order. A partition of at most the lease (10 s, as of DDS) holds reliable messages back until it is
+over: the newest `depth` of them. A longer one ends the match: what volatile publishers publish meanwhile is lost, and
+transient local ones send their last messages again when it is over.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+from fame.clock import SECOND, Kind, Scheduler
+from fame.middleware.interface import Message, QoS
+
+if TYPE_CHECKING:
+    from fame.middleware.local import LocalPublisher, LocalSubscription
+
+LEASE = 10.0
+"""How long two participants stay matched without a word of each other (s): the default of DDS."""
+RETRANSMIT = 0.1
+"""How long it takes to notice a lost message and to send it again (s)."""
+_DEPTH = 1_000_000
+_Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """A distribution of delays (s).
+
+    ``fixed`` (first), ``uniform`` (from first to second), ``normal`` (mean, deviation; not below 0), ``exponential``
+    (mean).
+    """
+
+    kind: Literal["fixed", "uniform", "normal", "exponential"] = "fixed"
+    first: float = 0.0
+    second: float = 0.0
+
+    def sample(self, generator: random.Random) -> float:
+        """One delay (s)."""
+        match self.kind:
+            case "uniform":
+                return generator.uniform(self.first, self.second)
+            case "normal":
+                return max(0.0, generator.gauss(self.first, self.second))
+            case "exponential":
+                return generator.expovariate(1 / self.first) if self.first > 0 else 0.0
+        return self.first
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """How messages fare between two robots (`between`, both ways; empty: all) on a topic (full name; empty: all).
+
+    delay    of each message
+    loss     probability that a message is lost on its way
+    reorder  probability that a best effort message is overtaken by the next ones
+    """
+
+    delay: Delay = Delay()
+    loss: float = 0.0
+    reorder: float = 0.0
+    between: tuple[str, ...] = ()
+    topic: str = ""
+
+    def concerns(self, pair: _Pair, topic: str) -> bool:
+        """Whether it is about a topic between two robots."""
+        return (not self.between or set(self.between) == set(pair)) and self.topic in ("", topic)
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """Two robots cannot reach each other from `start` to `end` (simulated s)."""
+
+    between: tuple[str, str]
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkConfig:
+    """The network of a scenario. Of the links that concern a message the last one counts."""
+
+    links: tuple[Link, ...] = ()
+    partitions: tuple[Partition, ...] = ()
+    lease: float = LEASE
+
+
+class Network:
+    """The network while a scenario runs. `lost` counts messages by (from, to, topic)."""
+
+    def __init__(self, config: NetworkConfig, seed: int, scheduler: Scheduler) -> None:
+        self.config, self.scheduler = config, scheduler
+        self.lost: Counter[tuple[str, str, str]] = Counter()
+        self._seed = seed
+
+    def partition(self, pair: _Pair, time: int) -> Partition | None:
+        """The partition between two robots at a time (ns)."""
+        at = time / SECOND
+        found = (one for one in self.config.partitions if one.start <= at < one.end and set(one.between) == set(pair))
+        return next(found, None)
+
+    def is_matched(self, pair: _Pair) -> bool:
+        """Whether the endpoints of two robots are matched now: not in the later part of a long partition."""
+        cut = self.partition(pair, self.scheduler.now)
+        return cut is None or self.scheduler.now / SECOND < cut.start + self.config.lease
+
+    def channel(self, sender: str, receiver: str, topic: str, qos: QoS) -> Channel | None:
+        """One way from a robot to another for a topic or service; None if the network is not between them."""
+        if not sender or not receiver or sender == receiver:
+            return None
+        rules = [link for link in self.config.links if link.concerns((sender, receiver), topic)]
+        generator = random.Random(f"{self._seed} network {sender} {receiver} {topic}")
+        return Channel(self, (sender, receiver), topic, rules[-1] if rules else Link(), qos, generator)
+
+    def losses(self) -> list[str]:
+        """What was lost, a line for each topic and direction."""
+        return [
+            f"the network lost {count} message{'s' if count > 1 else ''} on {topic} from {sender} to {receiver}"
+            for (sender, receiver, topic), count in sorted(self.lost.items())
+        ]
+
+
+class Channel:
+    """One way from a robot to another for one topic or service."""
+
+    def __init__(
+        self, network: Network, pair: _Pair, topic: str, link: Link, qos: QoS, generator: random.Random
+    ) -> None:
+        self._network, self._pair, self._topic, self._link = network, pair, topic, link
+        self._random, self._scheduler = generator, network.scheduler
+        self._reliable = qos.reliability == "reliable"
+        self._latched = qos.durability == "transient_local"
+        self._held: deque[Callable[[], object]] = deque(maxlen=_DEPTH if qos.history == "keep_all" else qos.depth)
+        self._last = 0  # when the latest message arrives (ns)
+
+    def send(self, deliver: Callable[[], object]) -> None:
+        """Send a message: `deliver` is called when it arrives, if it does."""
+        now = self._scheduler.now
+        if self._cut(now, deliver):
+            return
+        delay = self._link.delay.sample(self._random)
+        while self._link.loss and self._random.random() < self._link.loss:
+            if not self._reliable:
+                self._lose()
+                return
+            delay += RETRANSMIT
+        arrival = now + round(delay * SECOND)
+        if not self._reliable and self._link.reorder and self._random.random() < self._link.reorder:
+            arrival += round((self._random.uniform(0, 2) * delay + RETRANSMIT) * SECOND)
+        else:
+            arrival = self._last = max(arrival, self._last)
+        self._scheduler.at(arrival, partial(self._arrive, deliver), Kind.MESSAGE)
+
+    def _arrive(self, deliver: Callable[[], object]) -> None:
+        """A message is there, unless a partition began while it was on its way."""
+        if not self._cut(self._scheduler.now, deliver):
+            deliver()
+
+    def _cut(self, now: int, deliver: Callable[[], object]) -> bool:
+        """Whether a partition cuts the way: then hold the message back, or lose it."""
+        cut = self._network.partition(self._pair, now)
+        if cut is None:
+            return False
+        long = cut.end - cut.start > self._network.config.lease
+        if not self._reliable or (long and not self._latched):
+            self._lose()
+            return True
+        if not self._held:
+            self._scheduler.at(round(cut.end * SECOND), self._release, Kind.MESSAGE)
+        elif len(self._held) == self._held.maxlen:
+            self._lose()  # the oldest is pushed out
+        self._held.append(deliver)
+        return True
+
+    def _release(self) -> None:
+        """The partition is over: send what was held back."""
+        held, self._held = list(self._held), deque(maxlen=self._held.maxlen)
+        for deliver in held:
+            self.send(deliver)
+
+    def _lose(self) -> None:
+        self._network.lost[*self._pair, self._topic] += 1
+
+
+class NetworkedSubscription:
+    """A subscription at the other end of the network, in the place of one that is matched directly."""
+
+    subscription: LocalSubscription
+
+    def __init__(self, subscription: LocalSubscription, channel: Channel) -> None:
+        self.subscription, self._channel = subscription, channel
+
+    def enqueue(self, message: Message) -> None:
+        """Send a message to it."""
+        self._channel.send(partial(self._deliver, message))
+
+    def _deliver(self, message: Message) -> None:
+        if self.subscription.is_open:
+            self.subscription.enqueue(message)
+
+
+def matched_end(
+    network: Network | None, publisher: LocalPublisher, subscription: LocalSubscription
+) -> LocalSubscription | NetworkedSubscription:
+    """What a publisher is to send to for a subscription that it matches."""
+    if network is None:
+        return subscription
+    sender, receiver = publisher.node.namespace, subscription.node.namespace
+    channel = network.channel(sender, receiver, publisher.topic, publisher.qos)
+    return subscription if channel is None else NetworkedSubscription(subscription, channel)
+
+
+def names(config: NetworkConfig) -> Sequence[str]:
+    """The robots that a network names, each once."""
+    pairs = (*(link.between for link in config.links), *(cut.between for cut in config.partitions))
+    return list(dict.fromkeys(name for pair in pairs for name in pair))
