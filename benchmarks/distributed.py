@@ -1,18 +1,22 @@
-"""What engines in processes of their own cost and how fast they are, over DDS on loopback: a table, or JSON.
+"""What engines in processes of their own cost and how fast they are, on loopback: a table, or JSON.
 
 round trip    throw -> the other robot's catch -> throw -> catch, between two engine processes; beside it a ping-pong of
-              bare Cyclone (and of rclpy, where it is installed) with the same message, in turns, so that all meet the
-              same noise. Of the engines every round is counted whole: with the gateway and the script of the loop.
+              bare Cyclone or Zenoh (and of rclpy, where it is installed) with the same message, in turns, so that all
+              meet the same noise. Of the engines every round is counted whole: with the gateway and the script of the
+              loop.
 start         of one engine, until it is there: processor time, memory
 deployment    from the first word to the last robot's "started", by two phases; the first one of engines apart
 twenty        engines started at once: until all have been found, and until all run their process; beside it how much
-              else the machine had to do
+              else the machine had to do, and what went over loopback
+hundred       the same with a hundred, only if it is asked for
+messages      how many messages a second go from one process to another
 idle          an engine whose process waits: share of a core, memory
 redeployed    the same engine after 10 and after 1000 new processes: memory, threads, files, DDS entities
 
 Engines find their bytecode, as installed ones do: the first start writes it, in a folder that goes with the run.
 
-Run as ``python benchmarks/distributed.py [--json] [CASE ...]``. Nothing else should run meanwhile.
+Run as ``python benchmarks/distributed.py [--json] [--middleware dds|zenoh] [CASE ...]``. Nothing else should
+run meanwhile.
 """
 
 from __future__ import annotations
@@ -40,9 +44,9 @@ from fame.bpmn.library import Library
 from fame.bpmn.reader import read, read_text
 from fame.clock import SECOND
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
-from fame.middleware.dds import DdsMiddleware, DdsScheduler
+from fame.middleware.interface import QoS
 from fame.middleware.messages import create
-from fame.scenario.process import PARENT
+from fame.scenario.process import PARENT, connect, scheduler_for
 
 ROOT = Path(__file__).resolve().parents[1]
 DOMAIN = 1 + os.getpid() % 90
@@ -50,6 +54,7 @@ ROUNDS, TRIPS = 6, 1000
 PATIENCE = 60.0
 REST = 5.0  # s after which engines have loaded what they will need
 BYTECODE: dict[str, str] = {}
+MIDDLEWARE = ["dds"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +117,9 @@ class Field:
     """Engines in processes of their own, and a participant that deploys to them and hears them."""
 
     def __init__(self, domain: int, *robots: str) -> None:
-        self.scheduler = DdsScheduler()
-        self.middleware = DdsMiddleware(self.scheduler, domain=domain)
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        self.scheduler = scheduler_for(MIDDLEWARE[0])
+        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler)
         self.node = self.middleware.node("benchmark")
         self.last: dict[str, Report] = {}
         for robot in robots:
@@ -123,7 +129,10 @@ class Field:
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         self.began = time.monotonic()
         self.engines = {
-            robot: subprocess.Popen([sys.executable, "-m", "fame", "engine", robot, *_kind(robot)], env=environment)
+            robot: subprocess.Popen(
+                [sys.executable, "-m", "fame", "engine", robot, "--middleware", MIDDLEWARE[0], *_kind(robot)],
+                env=environment,
+            )
             for robot in robots
         }
         self.until(lambda: len(self.last) == len(robots))
@@ -193,15 +202,18 @@ def field(*robots: str) -> Iterator[Field]:
 
 
 def round_trip() -> Iterator[Row]:
-    """Engines, bare Cyclone and rclpy in turns."""
-    echo = subprocess.Popen([sys.executable, dds.__file__, "bare", str(dds.DOMAIN)])
+    """Engines, the bare middleware and rclpy in turns."""
+    if MIDDLEWARE == ["zenoh"]:
+        import zenoh_trips as plain
+
+        name = "bare Zenoh"
+    else:
+        plain, name = dds, "bare Cyclone"
+    echo = subprocess.Popen([sys.executable, plain.__file__, "bare", str(plain.DOMAIN)])
     try:
         with field("A", "B") as team:
             team.deploy(read_text(PING_PONG, file="ping_pong.bpmn"))
-            trips: dict[str, Callable[[int], list[int]]] = {
-                "bare Cyclone": dds.bare(),
-                "engines": partial(_trips, team),
-            }
+            trips: dict[str, Callable[[int], list[int]]] = {name: plain.bare(), "engines": partial(_trips, team)}
             if find_spec("rclpy") is not None:
                 trips["rclpy"] = rclpy_trips()
             time.sleep(1)
@@ -218,8 +230,8 @@ def round_trip() -> Iterator[Row]:
         tail = sorted(taken)[len(taken) * 99 // 100] / 1000
         yield Row(f"round trip, {kind}: median", round(medians[kind]), "us")
         yield Row(f"round trip, {kind}: 99 of 100", round(tail), "us")
-    ratio = medians["engines"] / medians["bare Cyclone"]
-    yield Row("round trip, engines / bare Cyclone", round(ratio, 2), "", goal="<= 2")
+    ratio = medians["engines"] / medians[name]
+    yield Row(f"round trip, engines / {name}", round(ratio, 2), "", goal="<= 2")
     if "rclpy" in medians:
         ratio = medians["engines"] / medians["rclpy"]
         yield Row("round trip, engines / rclpy", round(ratio, 2), "", goal="< 1")
@@ -318,19 +330,81 @@ def deployment() -> Iterator[Row]:
 
 
 def twenty() -> Iterator[Row]:
-    """All started at once."""
-    robots = [f"R_{number}" for number in range(1, 21)]
+    """Twenty engines, all started at once."""
+    yield from _many(20, found=10, running=10)
+
+
+def hundred() -> Iterator[Row]:
+    """A hundred."""
+    yield from _many(100, found=15, running=30)
+
+
+def _many(number: int, found: int, running: int) -> Iterator[Row]:
+    robots = [f"R_{number}" for number in range(1, number + 1)]
     yield Row("load of the machine before", round(os.getloadavg()[0], 1))
+    before = _loopback_bytes()
     with field(*robots) as team:
-        yield Row("twenty engines, until all are found", round(team.found, 1), "s", goal="< 10")
+        sent = (_loopback_bytes() - before) / number
+        yield Row(f"{number} engines, until all are found", round(team.found, 1), "s", goal=f"< {found}")
         used = sum(_cpu(engine.pid) for engine in team.engines.values())
-        yield Row("twenty engines, processor time until then", round(used, 1), "s")
-        yield Row("twenty engines, processor time of each", round(used / len(robots), 2), "s")
-        took = team.deploy(read_text(_waiting("here", "R"), file="twenty.bpmn"))
+        yield Row(f"{number} engines, processor time of each until then", round(used / number, 2), "s")
+        yield Row(f"{number} engines, discovery traffic of each", round(sent / 1000), "kB")
+        took = team.deploy(read_text(_waiting("here", "R"), file="many.bpmn"))
         team.until(lambda: all(report.instances for report in team.last.values()))
         total = time.monotonic() - team.began
-        yield Row("twenty engines, deployment to all", round(took * 1e3), "ms")
-        yield Row("twenty engines, until all run their process", round(total, 1), "s", goal="< 10")
+        held = sum(_memory(engine.pid) for engine in team.engines.values())
+        yield Row(f"{number} engines, deployment to all", round(took * 1e3), "ms")
+        yield Row(f"{number} engines, until all run their process", round(total, 1), "s", goal=f"< {running}")
+        yield Row(f"{number} engines, memory of each", round(held / number / 1e6, 1), "MB")
+
+
+def _loopback_bytes() -> int:
+    """What has gone over loopback since the machine, or this network namespace, began."""
+    return int(Path("/sys/class/net/lo/statistics/tx_bytes").read_text())
+
+
+def messages() -> Iterator[Row]:
+    """From this process to another one, as fast as it takes them."""
+    number, domain = 20_000, DOMAIN + 60
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    scheduler, taken = scheduler_for(MIDDLEWARE[0]), list[str]()
+    middleware: Any = connect(MIDDLEWARE[0], scheduler)
+    node = middleware.node("sender")
+    publisher = node.publisher("/many", STRING, QoS(history="keep_all", depth=1))
+    node.subscription("/taken", STRING, lambda message: (taken.append(message.data), scheduler.stop()))
+    child = subprocess.Popen([sys.executable, __file__, "count", MIDDLEWARE[0], str(number)])
+    try:
+        middleware.wait_matched(["/many", "/taken"], PATIENCE)
+        time.sleep(1)
+        message = create(STRING, dds.PAYLOAD)
+        for _ in range(number):
+            publisher.publish(message)
+        scheduler.run(scheduler.now + 30 * SECOND)
+    finally:
+        child.kill()
+        child.wait()
+        middleware.close()
+    seconds, count = json.loads(taken[0]) if taken else (30.0, 0)
+    yield Row("messages, taken a second", round(count / seconds), "1/s")
+    yield Row("messages, lost", number - count)
+
+
+def count(middleware: str, number: int) -> None:
+    """The other process: it counts messages until no more come."""
+    scheduler = scheduler_for(middleware)
+    node = connect(middleware, scheduler).node("counter")
+    times: list[float] = []
+    node.subscription("/many", STRING, lambda _: times.append(time.monotonic()), QoS(history="keep_all", depth=1))
+    out = node.publisher("/taken", STRING)
+
+    def look(last: int) -> None:
+        if times and (len(times) >= number or len(times) == last):
+            out.publish(create(STRING, json.dumps([times[-1] - times[0], len(times)])))
+        else:
+            scheduler.after(SECOND, partial(look, len(times)))
+
+    look(0)
+    scheduler.run()
 
 
 def idle() -> Iterator[Row]:
@@ -361,23 +435,19 @@ def redeployed() -> Iterator[Row]:
                 time.sleep(3)
                 team.scheduler.run(team.scheduler.now + SECOND // 10)
                 measured.append(_holdings(team, pid))
-        for what, unit in (("memory", "MB"), ("threads", ""), ("files", ""), ("DDS entities", "")):
+        for what, unit in (("memory", "MB"), ("threads", ""), ("files", ""), ("endpoints", "")):
             after_10, after_1000 = (held[what] for held in measured)
             yield Row(f"redeployed, {what} after 10", after_10, unit)
             yield Row(f"redeployed, {what} after 1000", after_1000, unit, goal="the same")
 
 
 def _holdings(team: Field, pid: int) -> dict[str, float]:
-    owner = [
-        nodes
-        for nodes in team.middleware.participant.discovery.nodes.values()
-        if any("fame_engine" in n.name for n in nodes)
-    ]
+    ends = [name for info in team.middleware.graph() for name in (*info.publishers, *info.subscribers)]
     return {
         "memory": round(_memory(pid) / 1e6, 1),
         "threads": len(os.listdir(f"/proc/{pid}/task")),
         "files": len(os.listdir(f"/proc/{pid}/fd")),
-        "DDS entities": sum(len(node.gids) for nodes in owner for node in nodes),
+        "endpoints": sum("fame_engine" in name for name in ends),
     }
 
 
@@ -403,13 +473,23 @@ CASES: dict[str, Callable[[], Iterator[Row]]] = {
     "start": start,
     "deployment": deployment,
     "twenty": twenty,
+    "messages": messages,
     "idle": idle,
     "redeployed": redeployed,
+    "hundred": hundred,
 }
+ON_REQUEST = ("hundred",)
 
 
 def main() -> None:
     words = [word for word in sys.argv[1:] if word != "--json"]
+    if words[:1] == ["count"]:
+        count(words[1], int(words[2]))
+        return
+    if "--middleware" in words:
+        place = words.index("--middleware")
+        MIDDLEWARE[:] = words[place + 1 : place + 2]
+        del words[place : place + 2]
     if words == ["rclpy-echo"]:
         rclpy_echo()
         return
@@ -421,7 +501,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         BYTECODE["PYTHONPYCACHEPREFIX"] = folder
         write_bytecode()
-        for name in words or CASES:
+        for name in words or [case for case in CASES if case not in ON_REQUEST]:
             for row in CASES[name]():
                 rows.append(row)
                 if "--json" not in sys.argv:

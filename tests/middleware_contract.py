@@ -18,6 +18,7 @@ import pytest
 from domains import DOMAIN
 
 from fame.clock import SECOND, Scheduler, WallScheduler
+from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.interface import Middleware, Node
 from fame.middleware.local import LocalMiddleware
 
@@ -162,7 +163,8 @@ def ros_world(*, apart: bool) -> WallWorld:
 def zenoh_world(*, apart: bool) -> WallWorld:
     from fame.middleware.zenoh import ZenohMiddleware
 
-    return WallWorld(WallScheduler(), partial(ZenohMiddleware, domain=DOMAIN), apart=apart)
+    scheduler = WallScheduler() if apart else DataScheduler()
+    return WallWorld(scheduler, partial(ZenohMiddleware, domain=DOMAIN), apart=apart)
 
 
 def middlewares(world: World) -> Iterable[Any]:

@@ -12,6 +12,7 @@
     dds               the backend between processes and machines: Cyclone DDS, on the wire of ROS 2
     zenoh             the backend between processes and machines: Eclipse Zenoh, in the words of rmw_zenoh
     ros               the backend inside a ROS 2 system: rclpy
+    data_scheduler    the wall clock that waits for data itself
     wire_base         base classes of the backends between processes
     self_echo_filter  drops the messages that come back to the node that sent them
 

@@ -47,10 +47,10 @@ class Component(Protocol):
 
 def scheduler_for(backend: str) -> WallScheduler:
     """Return the wall-clock scheduler of a backend: that of DDS waits for data itself. Raises UnavailableError."""
-    if backend == "dds":
-        from fame.middleware.dds import DdsScheduler
+    if backend in ("dds", "zenoh"):
+        from fame.middleware.data_scheduler import DataScheduler
 
-        return DdsScheduler()
+        return DataScheduler()
     return WallScheduler()
 
 

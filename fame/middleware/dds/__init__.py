@@ -9,7 +9,7 @@ the package raises UnavailableError where Cyclone is not installed.
     endpoints    publishers, subscriptions, services and clients
     participant  the participant: discovery, warnings, waiting for data
     discovery    who is there: endpoints, and the nodes that they belong to
-    waitset      waiting for data; the wall clock that does so itself
+    waitset      waiting for data
     wire         writers and readers: names, types and quality of service as ROS 2 writes them in DDS
     domain       which domain and network interface; sockets bound to loopback
 """
@@ -24,7 +24,7 @@ except ImportError:
     text = "DDS needs Eclipse Cyclone DDS: pip install 'fame-robots[dds]' (or use ROS 2's: --middleware ros)"
     raise UnavailableError(text) from None
 
+from fame.middleware.data_scheduler import DataScheduler as DdsScheduler
 from fame.middleware.dds.middleware import DdsMiddleware
-from fame.middleware.dds.waitset import DdsScheduler
 
 __all__ = ["DdsMiddleware", "DdsScheduler"]

@@ -1,7 +1,7 @@
 """The participant of a DDS domain: its entities, its discovery, and how it waits for data.
 
 Threads. A thread of the participant updates the tables of discovery, and announces its nodes. Data are waited for by
-the scheduler, if it is a `DdsScheduler` that has no participant yet, else by that thread too, which only enters
+the scheduler, if it is a `DataScheduler` that has no participant yet, else by that thread too, which only enters
 callbacks in the scheduler. Cyclone's own threads never run Python.
 
 Endpoints that do not match, because of quality of service or type, are found by comparing endpoints as they are
@@ -22,10 +22,11 @@ from cyclonedds.sub import DataReader
 
 from fame.clock import Scheduler
 from fame.errors import ConfigError
+from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.dds import wire
 from fame.middleware.dds.discovery import Discovery, Endpoint, NodeEntry
 from fame.middleware.dds.domain import confined, open_domain
-from fame.middleware.dds.waitset import DataWaiter, DdsScheduler, delete
+from fame.middleware.dds.waitset import DataWaiter, delete
 from fame.middleware.dds.wire import Entities
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, QoS
@@ -62,7 +63,7 @@ class Participant:
             raise ConfigError(f"cannot join DDS domain {domain} on {network or 'loopback'}: {error}") from None
         self.entities: Entities = Entities(self._participant, domain)
         self._thread = self.data = DataWaiter(self._participant, self._announce)
-        if isinstance(scheduler, DdsScheduler) and scheduler.waiter is None:
+        if isinstance(scheduler, DataScheduler) and scheduler.waiter is None:
             self.data = scheduler.waiter = DataWaiter(self._participant)
         self.discovery: Discovery = Discovery(self.entities, self._thread, self.refresh)
         self.announce(())
@@ -72,7 +73,7 @@ class Participant:
         """Leave the domain; others see it at once."""
         self._closed = True
         self._thread.close()
-        if isinstance(self.scheduler, DdsScheduler) and self.scheduler.waiter is self.data:
+        if isinstance(self.scheduler, DataScheduler) and self.scheduler.waiter is self.data:
             self.scheduler.waiter = None
             self.data.close()
         self.discovery.close()

@@ -1,11 +1,7 @@
-"""Waiting for data: in a thread of its own, or in that of the scheduler.
+"""Waiting for data: in a thread of its own, or in that of a `DataScheduler`.
 
 A `DataWaiter` never takes a sample: it calls the action that was added with the reader. Samples stay in Cyclone,
 bounded by the quality of service of the reader, until their subscription takes them.
-
-With a plain `WallScheduler` a thread of the middleware waits for data and wakes the scheduler up, which costs about 30
-microseconds per message. `DdsScheduler` is the wall clock that waits for data itself while nothing is due, and polls
-for them while there is much to do: a message is taken by the thread that handles it.
 """
 
 from __future__ import annotations
@@ -20,13 +16,6 @@ from cyclonedds.core import DDSException, DDSStatus, Entity, GuardCondition, Wai
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.internal import dds_infinity
 
-from fame.clock import SECOND, Action, Entry, Kind, WallScheduler
-
-_MAX_WAIT = SECOND // 10
-"""Longest single wait (ns): Python handles signals only between waits."""
-
-_POLL = SECOND // 1000
-"""How long work that is due keeps data waiting (ns)."""
 _MAX_REPORTED = 64
 """How many readers one wait reports at most; the next reports the others."""
 
@@ -108,56 +97,3 @@ class DataWaiter:
 def delete(entity: Entity) -> None:
     """Delete a DDS entity now."""
     entity.__del__()  # the only way that cyclonedds offers
-
-
-class DdsScheduler(WallScheduler):
-    """A `WallScheduler` for one `DdsMiddleware`; without one it is a plain `WallScheduler`.
-
-    `waiter` is that of the middleware's readers, None before it is made and after it is closed.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.waiter: DataWaiter | None = None
-        self._polled = 0
-        self._runner = 0
-
-    def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:
-        entry = super().at(time, action, kind)
-        self._wake()
-        return entry
-
-    def stop(self) -> None:
-        super().stop()
-        self._wake()
-
-    def run(self, until: int | None = None) -> None:
-        self._runner = threading.get_ident()
-        super().run(until)
-
-    def _wait(self, until: int | None) -> Action | None:
-        while (waiter := self.waiter) is not None:
-            now = self.now
-            if now - self._polled > _POLL:
-                self._wait_for_data(waiter, 0)
-            with self._changed:
-                if self._stopping:
-                    return None
-                due, now = self.next_time(), self.now
-                end = min((moment for moment in (due, until) if moment is not None), default=now + _MAX_WAIT)
-                if end <= now:
-                    if end != due:
-                        return None
-                    if action := self._take():
-                        return action
-                    continue
-            self._wait_for_data(waiter, min(end - now, _MAX_WAIT))
-        return super()._wait(until)
-
-    def _wake(self) -> None:
-        if self.waiter is not None and threading.get_ident() != self._runner:
-            self.waiter.wake()
-
-    def _wait_for_data(self, waiter: DataWaiter, time: int) -> None:
-        waiter.wait(time)
-        self._polled = self.now
