@@ -406,7 +406,7 @@ def test_timers_run_in_their_order_while_it_waits_for_data(resting: WallWorld) -
 
 
 def test_other_threads_wake_it(resting: WallWorld, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fame.middleware.dds.waitset._MAX_WAIT", 60 * SECOND)
+    monkeypatch.setattr("fame.middleware.data_scheduler._MAX_WAIT", 60 * SECOND)
     scheduler, seen = resting.scheduler, list[int]()
     began = time.monotonic()
     threading.Timer(0.02, lambda: scheduler.soon(lambda: seen.append(1))).start()
