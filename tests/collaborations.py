@@ -239,29 +239,32 @@ def _lend(fork: int, first: int, second: int) -> Steps:
 
 
 def generated(seed: int, *, size: int = 3) -> dict[str, Steps]:
-    """A collaboration made at random: two or three robots, three signals, a few steps each."""
+    """A collaboration made at random: two or three robots, three signals, one variable each, a few steps."""
     random = Random(seed)
     signals = ["a", "b", "c"]
+    simple = ["throw", "throw", "catch", "work", "work", "queue", "timer", "set", "count"]
 
     def steps(depth: int) -> Steps:
-        found: list[Step] = []
-        for _ in range(random.randint(1, size)):
-            kind = random.choice(
-                ["throw", "throw", "catch", "work", "timer", "queue", "and", "or", "race"][: 9 - 3 * (depth > 1)]
-            )
-            if kind in ("throw", "catch", "queue"):
-                found.append(f"{kind} {random.choice(signals)}")
-            elif kind == "timer":
-                found.append("timer PT5S")
-            elif kind == "and":
-                found.append(("and", steps(depth + 1), steps(depth + 1)))
-            elif kind == "or":
-                found.append(("or", steps(depth + 1), steps(depth + 1)))
-            elif kind == "race":
-                first = random.choice(signals)
-                found.append(("race", [f"catch {first}", *steps(depth + 1)], ["timer PT9S"]))
-            else:
-                found.append("work")
-        return found
+        return [step(depth) for _ in range(random.randint(1, size))]
 
-    return {f"R{n}": steps(0) for n in range(random.randint(2, 3))}
+    def step(depth: int) -> Step:
+        kind = random.choice(simple if depth > 1 else [*simple, "and", "or", "race", "if"])
+        match kind:
+            case "throw" | "catch" | "queue":
+                return f"{kind} {random.choice(signals)}"
+            case "timer":
+                return "timer PT5S"
+            case "set":
+                return f"run n = {random.randint(0, 1)}"
+            case "count":
+                return "run n = (n + 1) % 3"
+            case "and" | "or":
+                return (kind, steps(depth + 1), steps(depth + 1))
+            case "if":
+                return ("if", "n == 1", steps(depth + 1), steps(depth + 1))
+            case "race":
+                return ("race", [f"catch {random.choice(signals)}", *steps(depth + 1)], ["timer PT9S"])
+            case _:
+                return "work"
+
+    return {f"R{n}": ["run n = 0", *steps(0)] for n in range(random.randint(2, 3))}

@@ -61,6 +61,7 @@ class Outcome:
     flags: list[Flag] = field(default_factory=list)
     over: list[Instance] = field(default_factory=list)
     begun: bool = False
+    quiet: bool = True
     choices: list[tuple[str, int, int]] = field(default_factory=list)  # element, chosen, ways
 
 
@@ -224,12 +225,14 @@ class ExplorationHost:
     # ---- messages ------------------------------------------------------------------------------------
 
     def publish(self, topic: str, value: Any) -> Any:
+        self.outcome.quiet = False
         number, message = self._message(topic, value)
         if topic[0] == "/":
             self.outcome.sent.append((topic, number, ""))
         return message
 
     def send(self, topic: str, value: Any, robot: Any) -> None:
+        self.outcome.quiet = False
         number, _ = self._message(topic, value)
         if isinstance(robot, str):
             receiver = next((name for name in self.robots if name.casefold() == robot.casefold()), None)

@@ -40,25 +40,30 @@ MOST_WAYS = 300
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One way that a step may go: the new state, what was sent, what is to be reported, whether an instance begins."""
+    """One way that a step may go: the new state, what was sent, what is to be reported, whether an instance begins.
+
+    `quiet`: nothing was published, not even for the robot itself.
+    """
 
     state: int
     sent: tuple[Send, ...]
     flags: tuple[Flag, ...]
     begins: bool
+    quiet: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class View:
     """What the product needs to know of a local state.
 
-    own        stimuli that may come at any time
+    own        stimuli that may come at any time, and the `elements` that they are for ("": for a topic)
     listens    topics that it takes now
     instances  how many instances run
     waiting    (element, topic or "") of each token
     """
 
     own: tuple[Stimulus, ...]
+    elements: tuple[str, ...]
     listens: frozenset[str]
     instances: int
     waiting: tuple[tuple[str, str], ...]
@@ -76,12 +81,12 @@ class Local:
                  ordered: bool) -> None:  # fmt: skip
         self.robot, self.process, self.values = robot, process, values
         self.host = ExplorationHost(robot, model.types, values, model.steps, model.matters, fields, robots, ordered)
-        self._kept = kept
+        self.kept = kept
         self.host.kept = kept.__contains__
         host: Host = self.host
-        self.program = compile_program(
-            model.process(definitions, process), host=host, library=model.find, file=definitions.file
-        )
+        explored = model.process(definitions, process)
+        self.body = explored.body
+        self.program = compile_program(explored, host=host, library=model.find, file=definitions.file)
         catches = [node.catch for node in self.program.nodes if node.catch is not None]
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
@@ -177,7 +182,7 @@ class Local:
             number = self._number(engine)
             if number is None:
                 continue
-            way = Way(number, tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags)), outcome.begun)
+            way = Way(number, tuple(outcome.sent), tuple(dict.fromkeys(outcome.flags)), outcome.begun, outcome.quiet)
             found[way] = None
             if keep is not None:
                 keep(way, outcome)
@@ -227,7 +232,7 @@ class Local:
         if code is None:
             host.end_step(step, wait.scope.variables)
         variable = getattr(wait.node.spec, "variable", "")
-        if variable and self._kept and variable in self._kept:
+        if variable in self.kept:
             wait.scope.variables[variable] = self.values.unknown
         engine.script_ended(key, None if code is None else BpmnError(code))
 
@@ -289,15 +294,17 @@ class Local:
     def _view(self, engine: Engine, keys: Keys) -> View:
         """What can happen in the state that an engine is in, by the keys that one revived from it has."""
         found = stimuli(engine)
-        own: list[Stimulus] = []
+        own: dict[Stimulus, str] = {}
         for key in sorted(found.scripts, key=keys.__getitem__):
-            own += [("end", keys[key], code) for code in (None, *self._step_of(engine, key).codes)]
-        own += [("timer", key, None) for key in sorted(keys[key] for key in self._next_timers(set(found.timers)))]
-        own += [("person", element, None) for element in dict.fromkeys(wait.node.id for wait in found.people)]
-        own += [("offer", element, None) for element in found.offers]
-        own += [("outside", topic, self.host.blank(topic)) for topic in self.outside if topic in found.topics]
+            for code in (None, *self._step_of(engine, key).codes):
+                own["end", keys[key], code] = found.scripts[key].node.id
+        for key in sorted(self._next_timers(set(found.timers)), key=keys.__getitem__):
+            own["timer", keys[key], None] = found.timers[key].id
+        own |= {("person", wait.node.id, None): wait.node.id for wait in found.people}
+        own |= {("offer", element, None): element for element in found.offers}
+        own |= {("outside", topic, self.host.blank(topic)): "" for topic in self.outside if topic in found.topics}
         topics = self._topic_sets.setdefault(found.topics, found.topics)
-        return View(tuple(own), topics, len(engine.instances), tuple(waiting_elements(engine)))
+        return View(tuple(own), tuple(own.values()), topics, len(engine.instances), tuple(waiting_elements(engine)))
 
     def _next_timers(self, alive: set[int]) -> list[int]:
         """The timers that may fire now: of each group the earliest."""
@@ -311,12 +318,9 @@ class Local:
 
     def element(self, state: int, stimulus: Stimulus) -> str:
         """The id of the element that an own stimulus is for; "" for one of a topic."""
-        kind, what, _ = stimulus
-        if kind in ("person", "offer"):
-            return str(what)
-        if kind in ("end", "block", "timer"):
-            return self._revived(state).timed(what).id
-        return ""
+        view = self.views[state]
+        kind = "end" if stimulus[0] == "block" else stimulus[0]
+        return next(one for own, one in zip(view.own, view.elements, strict=True) if own[:2] == (kind, stimulus[1]))
 
 
 def _ranked(form: Any, keys: Keys) -> Keys:

@@ -69,6 +69,9 @@ class Runs:
     explored: Explored
     places: dict[str, Place] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        self.product.reduction = None  # which depends on the states that were known at the time
+
     def place(self, element: str) -> Place:
         """Where an element is."""
         return self.places.get(element) or Place(element)
