@@ -43,6 +43,14 @@ def add(commands: Commands) -> None:
     add_network(recording)
     add_types(recording)
 
+    converting = command(
+        parts, "convert", convert,
+        examples=("fame log convert run.mcap -o run.xes", "fame log convert run.mcap -o run.ocel.json"),
+        help="convert a recording to .jsonl, .csv, .xes (process mining, IEEE 1849) or .ocel.json (OCEL 2.0)",
+    )  # fmt: skip
+    converting.add_argument("recording", type=Path, metavar="RUN.mcap")
+    _add_output(converting, "FILE", "the log, in place of an old one; the end of its name selects the form")
+
 
 def _add_output(parser: Parser, metavar: str, help: str) -> None:
     parser.add_argument("-o", "--output", required=True, type=Path, metavar=metavar, help=help)
@@ -91,4 +99,18 @@ def record(arguments: Namespace) -> int:
         lost = "".join(f"; {count} batches of {robot} were lost" for robot, count in recorder.team.gaps.items())
         robots = ", ".join(recording.robots)
         note(f"{arguments.output}: {recording.duration:.1f} s of {robots}{lost}")
+    return 0
+
+
+def convert(arguments: Namespace) -> int:
+    """Convert a recording."""
+    from fame.cli.output import progress_line
+    from fame.log.conversion import convert as convert_recording
+
+    with progress_line(sys.stderr) as line:
+        convert_recording(
+            arguments.recording,
+            arguments.output,
+            lambda done: line.say(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
+        )
     return 0

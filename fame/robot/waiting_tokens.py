@@ -22,6 +22,7 @@ from fame.engine.state import Wait, joins_reached
 from fame.middleware.interface import UNKNOWN_NODE, Middleware, Node, resolve
 from fame.robot.mission import Mission
 from fame.scripting import Runner, script_names
+from fame.scripting.requests import Act, Call
 
 SOMEBODY = "somebody to complete it"
 """What user and manual tasks wait for."""
@@ -150,6 +151,11 @@ class WaitingTokens:
             found["topics"] = list(topics)
         if wait.paused:
             found["suspended"] = True
+        request = self._runner.request(wait.key)
+        if isinstance(request, Act):
+            found["action"] = resolve(request.action, self._node.namespace)
+        elif isinstance(request, Call):
+            found["service"] = resolve(request.service, self._node.namespace)
         parts = [(node.file, node.id) for node in (wait.node, *catch.parts)]
         conditions = [condition for part in parts if (condition := self._conditions.get(part)) is not None]
         if conditions:

@@ -1,0 +1,123 @@
+"""Recordings are converted to the logs that a run writes itself, and to OCEL 2.0."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fame.cli import main
+from fame.log import logging_to
+from fame.robot.events import combine_observers
+from fame.scenario import Scenario
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the logs and the recording of one run of the agriculture example."""
+    folder = tmp_path_factory.mktemp("run")
+    scenario = Scenario.load(EXAMPLES / "agriculture.yaml", duration=40)
+    files = scenario.closures()
+    with (
+        logging_to(folder / "run.mcap", files) as mcap,
+        logging_to(folder / "run.jsonl", files) as jsonl,
+        logging_to(folder / "run.csv", files) as csv,
+        logging_to(folder / "run.xes", files) as xes,
+    ):
+        scenario.run(observer=combine_observers([mcap, jsonl, csv, xes]))
+    return folder
+
+
+def converted(run: Path, suffix: str) -> Path:
+    target = run / f"converted{suffix}"
+    assert main(["log", "convert", str(run / "run.mcap"), "-o", str(target)]) == 0
+    return target
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
+def test_every_line_is_that_of_the_runs_own_log(run: Path, suffix: str) -> None:
+    # Within one instant a recording has the events robot by robot.
+    written, own = converted(run, suffix).read_text(), (run / f"run{suffix}").read_text()
+    assert sorted(written.splitlines()) == sorted(own.splitlines())
+
+
+def test_the_traces_are_those_of_the_runs_own_log(run: Path) -> None:
+    written, own = converted(run, ".xes").read_text(), (run / "run.xes").read_text()
+    assert sorted(written.split("<trace>")) == sorted(own.split("<trace>"))
+
+
+def test_ocel_follows_the_published_schema(run: Path) -> None:
+    log = json.loads(converted(run, ".ocel.json").read_text())
+    assert log.keys() == {"objectTypes", "eventTypes", "objects", "events"}
+    declared: dict[str, dict[str, dict[str, str]]] = {}
+    for kind in ("objectTypes", "eventTypes"):
+        declared[kind] = {}
+        for each in log[kind]:
+            assert each.keys() == {"name", "attributes"}
+            declared[kind][each["name"]] = {one["name"]: one["type"] for one in each["attributes"]}
+            assert {one["type"] for one in each["attributes"]} <= {"string", "time", "integer", "float", "boolean"}
+        assert len(declared[kind]) == len(log[kind])
+    ids = {each["id"] for each in log["objects"]}
+    assert len(ids) == len(log["objects"])
+    assert len({each["id"] for each in log["events"]}) == len(log["events"])
+    for each in log["objects"]:
+        check(each, declared["objectTypes"], ids, {"id", "type", "attributes", "relationships"})
+        for attribute in each["attributes"]:
+            assert datetime.fromisoformat(attribute["time"]).tzinfo is not None
+    for each in log["events"]:
+        check(each, declared["eventTypes"], ids, {"id", "type", "time", "attributes", "relationships"})
+        assert datetime.fromisoformat(each["time"]).tzinfo is not None
+        assert each["relationships"]
+
+
+def check(each: dict[str, Any], types: dict[str, dict[str, str]], ids: set[str], keys: set[str]) -> None:
+    """The rules that objects and events share."""
+    assert each.keys() == keys
+    assert isinstance(each["id"], str)
+    assert each["type"] in types
+    for attribute in each["attributes"]:
+        assert attribute["name"] in types[each["type"]]
+        assert isinstance(attribute["value"], str)
+    for related in each["relationships"]:
+        assert related.keys() == {"objectId", "qualifier"}
+        assert related["objectId"] in ids
+
+
+def test_signals_relate_the_robots_that_sent_and_received_them(run: Path) -> None:
+    log = json.loads(converted(run, ".ocel.json").read_text())
+    roles: dict[str, set[tuple[str, str]]] = {}
+    for event in log["events"]:
+        if event["type"] in ("signal sent", "signal received"):
+            signal = next(one["objectId"] for one in event["relationships"] if one["qualifier"] == "signal")
+            roles.setdefault(signal, set()).update(
+                (one["qualifier"], one["objectId"]) for one in event["relationships"]
+            )
+    of_weeds = [found for signal, found in roles.items() if "/weed_position#" in signal]
+    assert of_weeds
+    assert all(("sender", "robot:Drone") in found for found in of_weeds)
+    types = {each["id"]: each["type"] for each in log["objects"]}
+    assert {"robot", "instance", "signal"} <= set(types.values())
+
+
+def test_pm4py_opens_it(run: Path) -> None:
+    pm4py = pytest.importorskip("pm4py")
+    log = pm4py.read_ocel2_json(str(converted(run, ".ocel.json")))
+    expected = json.loads((run / "converted.ocel.json").read_text())
+    assert len(log.events) == len(expected["events"])
+    assert set(pm4py.ocel_get_object_types(log)) >= {"robot", "instance", "signal"}
+
+
+def test_other_ends_are_refused_in_one_line(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["log", "convert", str(run / "run.mcap"), "-o", str(run / "x.txt")]) == 2
+    assert (
+        "expected a file name that ends in one of .jsonl, .csv, .xes, .ocel.json, got 'x.txt'"
+        in capsys.readouterr().err
+    )
+    assert main(["log", "convert", str(run / "run.jsonl"), "-o", str(run / "y.csv")]) == 2
+    assert "is not an MCAP file" in capsys.readouterr().err
+    assert not (run / "y.csv").exists()
