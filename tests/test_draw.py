@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from bpmn_text import document, process
 from gallery import gallery
 from lxml import etree
 
-from fame.bpmn import read_text
+from fame.bpmn import read, read_text
+from fame.bpmn.draw import diagram
 from fame.bpmn.draw.diagram import draw
 from fame.bpmn.draw.style import STYLES
 from fame.bpmn.draw.svg import arrow, fitted, middle, overlap, polyline, text_width, wrap
 from fame.bpmn.model import Bounds
 from fame.errors import ModelError
 
+ROOT = Path(__file__).parent.parent
 SVG = "{http://www.w3.org/2000/svg}"
 GALLERY = read_text(gallery(), file="gallery.bpmn")
 
@@ -206,6 +209,29 @@ def test_of_several_outcomes_a_failure_gives_the_colour_and_each_has_its_number(
     root = etree.fromstring(draw(GALLERY, {"task": {"completed": 4, "failed": 1}}).encode())
     assert group(root, "task").find(f"{SVG}rect").get("stroke") == STYLES["failed"].stroke  # type: ignore[union-attr]
     assert [words(one.getparent()) for one in root.iter(f"{SVG}title")] == ["completed 4", "failed 1"]
+
+
+def test_numbers_of_a_run_cover_no_name_of_the_missions() -> None:
+    for name in ("agriculture", "ground_vehicles"):
+        definitions = read(ROOT / "models" / f"{name}.bpmn")
+        ids = [*(shape.element for shape in definitions.shapes), *(edge.element for edge in definitions.edges)]
+        root = etree.fromstring(draw(definitions, dict.fromkeys(ids, 12)).encode())
+        pills = [box_of(one) for one in root.iter(f"{SVG}rect") if one.get("rx") == "8" and one.get("height") == "16"]
+        picture = diagram._picture(definitions, {})
+        (content,) = diagram._content(definitions, picture)
+        names = [label.box for label in picture.labels.values()]
+        assert len(pills) > 15
+        for x, y, width, height in pills:
+            for box in names:
+                across = min(x + width, box.x + box.width) - max(x, box.x)
+                down = min(y + height, box.y + box.height) - max(y, box.y)
+                assert min(across, down) <= 4, (name, x, y, box)
+
+
+def box_of(rect: etree._Element) -> tuple[float, float, float, float]:
+    """The place and size of a rectangle in the frame of its diagram."""
+    x, y, width, height = (float(rect.get(key, "0")) for key in ("x", "y", "width", "height"))
+    return x, y, width, height
 
 
 def test_colours_of_the_modeler_are_kept() -> None:

@@ -21,6 +21,7 @@ from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import COLUMNS, logging_to, outcomes, visits
 from fame.log.elements import element_info, tag_of
+from fame.log.reading import run_outcomes
 from fame.robot import Event
 from fame.scenario import Scenario
 
@@ -51,7 +52,7 @@ def logged(path: Path, text: str = SMALL, robot: str = "REX", until: float | Non
     definitions = read_text(text, file="patrol.bpmn")
     with logging_to(path, [definitions]) as write:
         fame.Simulation(definitions, observer=write, robot=robot).run(until)
-    return path.read_text(encoding="utf-8")
+    return path.read_bytes().decode(errors="replace")
 
 
 def test_a_json_line_tells_one_event(tmp_path: Path) -> None:
@@ -231,14 +232,14 @@ def test_of_equal_ids_in_several_files_the_first_counts() -> None:
 # ---- reading ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ending", ["jsonl", "csv"])
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])
 def test_visits_tell_where_the_run_went(ending: str, tmp_path: Path) -> None:
     logged(tmp_path / f"run.{ending}")
     went = {"s": 1, "f1": 1, "look": 1, "f2": 1, "search": 1, "s2": 1, "f4": 1, "ask": 1, "late": 1, "f3": 1, "e": 1}
     assert visits(tmp_path / f"run.{ending}") == went
 
 
-@pytest.mark.parametrize("ending", ["jsonl", "csv"])
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])
 def test_outcomes_tell_what_was_completed_and_cancelled(ending: str, tmp_path: Path) -> None:
     logged(tmp_path / f"run.{ending}")
     came = outcomes(tmp_path / f"run.{ending}", read_text(SMALL, file="patrol.bpmn"))
@@ -260,6 +261,18 @@ def test_a_task_that_raises_an_error_has_failed(tmp_path: Path) -> None:
     with logging_to(tmp_path / "run.jsonl", [definitions]) as write:
         fame.Simulation(definitions, observer=write).run()
     assert outcomes(tmp_path / "run.jsonl", definitions)["look"] == {"failed": 1}
+
+
+@pytest.mark.parametrize("ending", ["jsonl", "csv", "mcap"])
+def test_the_notes_below_a_drawing_tell_the_time_and_what_failed(ending: str, tmp_path: Path) -> None:
+    text = SMALL.replace("await sleep(1.5)", "await sleep(1.5); 1 / 0")
+    definitions = read_text(text, file="patrol.bpmn")
+    with logging_to(tmp_path / f"run.{ending}", [definitions]) as write:
+        fame.Simulation(definitions, observer=write, robot="REX").run()
+    run = run_outcomes(tmp_path / f"run.{ending}", definitions, robots=["REX"])
+    assert run.notes(definitions) == ["REX: 0.0 s to 1.5 s", 'REX failed at 1.5 s: "Look" (look): script']
+    with pytest.raises(ConfigError, match="unknown robot 'RAX'; did you mean 'REX'"):
+        run_outcomes(tmp_path / f"run.{ending}", definitions, robots=["RAX"])
 
 
 def test_an_end_event_that_raises_an_error_has_failed_once(tmp_path: Path) -> None:

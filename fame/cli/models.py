@@ -90,7 +90,7 @@ def run_convert(arguments: Namespace) -> int:
 
 _DRAW_EXAMPLES = (
     "fame draw models/ground_vehicles.bpmn -o out/mission.svg",
-    "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.jsonl",
+    "fame draw models/ground_vehicles.bpmn -o out/path.svg --log out/run.mcap --robot REX",
 )
 
 
@@ -106,7 +106,10 @@ def add_draw(commands: Commands) -> None:
         "--log",
         type=Path,
         metavar="FILE",
-        help="the .jsonl or .csv log of a run: what was completed, failed, cancelled, or still waits",
+        help="recording (.mcap) or log (.jsonl, .csv) of a run: what was completed, failed, cancelled, or still waits",
+    )
+    parser.add_argument(
+        "--robot", action="append", default=[], metavar="NAME", help="the path of this robot alone; repeatable"
     )
     add_json(parser)
 
@@ -121,9 +124,12 @@ def run_draw(arguments: Namespace) -> int:
         raise ConfigError(f"expected a file with the ending .svg, got {output.suffix!r}", file=str(output))
     definitions = read(arguments.model)
     if arguments.log is not None:
-        from fame.log import outcomes
+        from fame.log.reading import run_outcomes
 
-        drawing = draw(definitions, outcomes(arguments.log, definitions))
+        run = run_outcomes(arguments.log, definitions, robots=arguments.robot)
+        drawing = draw(definitions, run.tallies, notes=run.notes(definitions))
+    elif arguments.robot:
+        raise ConfigError("--robot needs --log: without it, no path is drawn")
     else:
         drawing = draw(definitions)
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,11 @@ from typing import Any, TextIO
 
 from fame.bpmn.draw.style import Outcome
 from fame.bpmn.model import Definitions
-from fame.errors import ConfigError
+from fame.clock import SECOND
+from fame.errors import ConfigError, display_name
+from fame.log.elements import element_info
+from fame.log.recording import Recording
+from fame.text import suggestion
 
 _Row = Mapping[str, Any]
 _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
@@ -21,7 +25,7 @@ _MOVES = frozenset(("start", "enter", "leave", "take", "cancel", "fail", "end"))
 
 
 def visits(path: str | Path) -> Counter[str]:
-    """How often a token reached each element and each flow, from a .jsonl or .csv log.
+    """How often a token reached each element and each flow, from a .jsonl or .csv log, or a recording.
 
     Raises ConfigError if the file is not such a log.
     """
@@ -29,25 +33,73 @@ def visits(path: str | Path) -> Counter[str]:
         return Counter(row["element"] for row in rows if row["what"] in ("enter", "take"))
 
 
-def outcomes(path: str | Path, definitions: Definitions) -> dict[str, Counter[Outcome]]:
-    """How often each element of a model had each outcome, from a .jsonl or .csv log. Flows are completed.
+def outcomes(
+    path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()
+) -> dict[str, Counter[Outcome]]:
+    """How often each element of a model had each outcome, from a log or recording. Flows are completed.
 
-    An execution is waiting if it had not ended when the log ended, and cancelled if its process ended first. Raises
-    ConfigError if the file is not such a log, or belongs to another model.
+    `robots`: of these alone. An execution is waiting if it had not ended when the log ended, and cancelled if its
+    process ended first. Raises ConfigError if the file is not such a log, belongs to another model, or lacks a robot.
     """
+    return run_outcomes(path, definitions, robots=robots).tallies
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcomes:
+    """The path of a run: outcomes by element, the robots (of those wanted), its first and last second, and errors.
+
+    `failures`: second, robot, element and error code of each instance that failed, where it began to fail.
+    """
+
+    tallies: dict[str, Counter[Outcome]]
+    robots: Sequence[str]
+    start: float
+    end: float
+    failures: Sequence[tuple[float, str, str, str]]
+
+    def notes(self, definitions: Definitions) -> list[str]:
+        """What to write below a drawing: whose path it is, how long it took, and what failed."""
+        names = element_info([definitions])
+        lines = [f"{', '.join(self.robots)}: {self.start:.1f} s to {self.end:.1f} s"] if self.robots else []
+        for second, robot, element, code in self.failures:
+            info = names.get(element)
+            shown = display_name(element, info.name if info is not None else "")
+            lines.append(f"{robot} failed at {second:.1f} s: {shown}" + (f": {code}" if code else ""))
+        return lines
+
+
+def run_outcomes(path: str | Path, definitions: Definitions, *, robots: Collection[str] = ()) -> RunOutcomes:
+    """The path of a run through a model. See `outcomes`."""
     instances: dict[tuple[str, str], _Instance] = {}
+    seconds: list[float] = []
     with _rows_of(path) as rows:
         for row in rows:
             if row["what"] not in _MOVES:
                 continue
             key = str(row.get("robot", "")), str(row["instance"])
-            instances.setdefault(key, _Instance()).add(str(row["scope"]), row["element"], row["what"])
-    _check_same_model(instances.values(), definitions, str(path))
+            if not seconds or not robots or key[0] in robots:
+                seconds = [*seconds[:1], float(row["time"])]
+            instances.setdefault(key, _Instance()).add(
+                str(row["scope"]), row["element"], row["what"], float(row["time"]), str(row.get("detail") or "")
+            )
+    there = sorted({robot for robot, _ in instances})
+    for robot in robots:
+        if robot not in there:
+            raise ConfigError(f"unknown robot {robot!r}; {suggestion(robot, there)}", file=str(path))
+    chosen = {key: instance for key, instance in instances.items() if not robots or key[0] in robots}
+    _check_same_model(chosen.values(), definitions, str(path))
     found: defaultdict[str, Counter[Outcome]] = defaultdict(Counter)
-    for instance in instances.values():
+    for instance in chosen.values():
         for element, counts in instance.counts.items():
             found[element] += instance.tally(counts)
-    return {element: tally for element, tally in found.items() if tally}
+    failed = [(key[0], instance.failure) for key, instance in chosen.items() if instance.failure is not None]
+    return RunOutcomes(
+        tallies={element: tally for element, tally in found.items() if tally},
+        robots=[robot for robot in there if not robots or robot in robots],
+        start=seconds[0] if seconds else 0.0,
+        end=seconds[-1] if seconds else 0.0,
+        failures=[(second, robot, element, code) for robot, (second, element, code) in failed],
+    )
 
 
 @dataclass(slots=True)
@@ -59,12 +111,18 @@ class _Instance:
     ended: bool = False
     counts: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     own: set[str] = field(default_factory=set)
+    failing: list[tuple[float, str, str]] = field(default_factory=list)
+    failure: tuple[float, str, str] | None = None
 
-    def add(self, scope: str, element: str, what: str) -> None:
+    def add(self, scope: str, element: str, what: str, second: float, detail: str) -> None:
+        if what == "fail" and not (self.failing and self.failing[-1][0] == second):
+            self.failing.append((second, element, detail))  # where it began: it climbs within the instant
         if what == "start":
             self.process, self.root = element, scope
         elif what == "end":
             self.ended = True
+            if detail == "failed":
+                self.failure = self.failing[-1] if self.failing else (second, self.process, "")
         else:
             self.counts[element][what] += 1
             if scope == self.root:
@@ -105,11 +163,14 @@ def _check_same_model(instances: Iterable[_Instance], definitions: Definitions, 
 def _rows_of(path: str | Path) -> Iterator[Iterable[_Row]]:
     """The rows of a log. Raises ConfigError if the file cannot be read, or if the block fails on malformed rows."""
     path = Path(path)
+    if path.suffix.lower() == ".mcap":
+        with Recording(path) as recording:
+            yield ({**event._asdict(), "time": event.time / SECOND} for event in recording.events())
+        return
     rows = _ROWS.get(path.suffix.lower())
     if rows is None:
-        raise ConfigError(
-            f"expected a file name that ends in {' or '.join(_ROWS)}, got {path.suffix!r}", file=str(path)
-        )
+        known = ", ".join((*_ROWS, ".mcap"))
+        raise ConfigError(f"expected a file name that ends in one of {known}, got {path.suffix!r}", file=str(path))
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             yield rows(stream)

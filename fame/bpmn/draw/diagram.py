@@ -23,6 +23,7 @@ from fame.bpmn.draw.style import (
     Tally,
     badge,
     badges,
+    badges_width,
     is_visited,
     legend,
 )
@@ -30,15 +31,16 @@ from fame.bpmn.draw.svg import (
     FONT,
     Label,
     Point,
+    along,
     arrow,
     corners,
-    middle,
     number,
     place_labels,
     point_towards,
     polyline,
     tag,
     text_lines,
+    text_width,
     translated,
 )
 from fame.bpmn.model import Activity, Bounds, Definitions, Edge, Element, Gateway, SequenceFlow, Shape, SubProcess
@@ -47,6 +49,8 @@ from fame.errors import ModelError
 Box = tuple[float, float, float, float]
 
 MARGIN = 12.0
+_PARTS = (0.5, 0.35, 0.65, 0.25, 0.75, 0.15, 0.85)
+"""Where on a flow its number may be, the best place first."""
 BADGE = 10.0
 """How far badges extend beyond the corner of their shape (px)."""
 
@@ -56,12 +60,14 @@ def draw(
     visited: Iterable[str] | Mapping[str, int] | Mapping[str, Tally] = (),
     *,
     words: Mapping[Outcome, str] = MappingProxyType({}),
+    notes: Sequence[str] = (),
 ) -> str:
     """The diagrams of a file as one SVG document.
 
     `visited` shows a run: ids of elements and flows, once for each completion; id -> number of completions; or id ->
     number of executions with each outcome (`fame.log.outcomes`). Each outcome is shown by a colour, a symbol and a
-    number. `words` name outcomes in the legend. Raises ModelError if the file has no diagram.
+    number. `words` name outcomes in the legend; `notes` are lines of text below it. Raises ModelError if the file has
+    no diagram.
     """
     picture = _picture(definitions, _tallies(visited))
     parts: list[str] = []
@@ -79,6 +85,9 @@ def draw(
     if present:
         parts.append(legend({outcome: words.get(outcome, outcome) for outcome in present}, MARGIN, top))
         top += 2 * MARGIN
+    for note in notes:
+        parts.append(text_lines([note], MARGIN, top - 7, size=11, fill=INK, anchor="start"))
+        width, top = max(width, text_width(note, 11)), top + 1.5 * MARGIN
     return _document(width + 2 * MARGIN, top - MARGIN, parts)
 
 
@@ -213,11 +222,24 @@ def _is_frame(shape: Shape) -> bool:
 
 
 def _counts(picture: Picture, shape: Shape) -> str:
-    """The number of executions with each outcome, at the upper right corner."""
+    """The number of executions with each outcome, at the corner where they cover no name; the upper right one first."""
     tally = picture.visits.get(shape.element, {})
-    if shape.kind in ("participant", "lane"):
+    if shape.kind in ("participant", "lane") or not any(tally.values()):
         return ""
-    return badges(tally, shape.bounds.x + shape.bounds.width + BADGE, shape.bounds.y)
+    box, width = shape.bounds, badges_width(tally)
+    rights = (box.x + box.width + BADGE, box.x - BADGE + width)
+    spots = [(right, y) for y in (box.y, box.y + box.height) for right in rights]
+    right, y = min(spots, key=lambda spot: _covered(picture, Bounds(spot[0] - width, spot[1] - 8, width, 16)))
+    return badges(tally, right, y)
+
+
+def _covered(picture: Picture, box: Bounds) -> float:
+    """How much of the names beside shapes and flows a box covers (square px)."""
+    return sum(
+        max(0.0, min(box.x + box.width, name.x + name.width) - max(box.x, name.x))
+        * max(0.0, min(box.y + box.height, name.y + name.height) - max(box.y, name.y))
+        for name in (label.box for label in picture.labels.values())
+    )
 
 
 def draw_edge(picture: Picture, edge: Edge) -> str:
@@ -271,4 +293,9 @@ def _message_flow(edge: Edge, ink: Ink, style: Mapping[str, str]) -> str:
 def draw_edge_label(picture: Picture, edge: Edge) -> str:
     """The name of an edge, and how often it was taken, if more than once."""
     visits = picture.visits.get(edge.element, {}).get("completed", 0)
-    return (badge(str(visits), *middle(edge.waypoints)) if visits > 1 else "") + picture.label(edge.element)
+    if visits < 2:
+        return picture.label(edge.element)
+    width = badges_width({"completed": visits})
+    spots = [along(edge.waypoints, part) for part in _PARTS]
+    x, y = min(spots, key=lambda spot: _covered(picture, Bounds(spot[0] - width / 2, spot[1] - 8, width, 16)))
+    return badge(str(visits), x, y) + picture.label(edge.element)

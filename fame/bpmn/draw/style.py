@@ -250,6 +250,11 @@ def badges(tally: Tally, right: float, y: float) -> str:
     return drawn
 
 
+def badges_width(tally: Tally) -> float:
+    """How wide the badges of these outcomes are, side by side (px)."""
+    return sum(_width(str(count), symbol=True) + 1 for count in tally.values() if count)
+
+
 def legend(present: Mapping[Outcome, str], x: float, y: float) -> str:
     """The symbols of the given outcomes with their names, starting at (x, y)."""
     drawn = ""

@@ -94,7 +94,12 @@ def corners(points: Iterable[Point]) -> str:
 
 def middle(points: Sequence[Point]) -> Point:
     """The point half way along a line."""
-    left = sum(math.dist(start, end) for start, end in pairwise(points)) / 2
+    return along(points, 0.5)
+
+
+def along(points: Sequence[Point], part: float) -> Point:
+    """The point at a part (0 to 1) of the length of a line."""
+    left = sum(math.dist(start, end) for start, end in pairwise(points)) * part
     for start, end in pairwise(points):
         length = math.dist(start, end)
         if length >= left:
