@@ -10,9 +10,11 @@ import pytest
 from deployment_field import Field, definitions, patrol, process
 
 from fame.bpmn.reader import read_text
-from fame.deploy import EngineNode
+from fame.deploy import STRING, EngineNode
 from fame.deploy.late_joiners import LateJoiners
+from fame.deploy.requests import TaskRequest
 from fame.errors import ConfigError
+from fame.middleware import messages
 from fame.robot.journal import StateDirectory
 
 POOL = '<collaboration id="C"><participant id="A" name="A" processRef="p"/></collaboration>'
@@ -313,8 +315,71 @@ def test_messages_that_come_while_it_is_loading_are_taken_afterwards(field: Dura
     field.scheduler.run(field.scheduler.now)  # loaded, and its endpoints are there
     other = field.middleware.node("other")
     publisher = other.publisher("/go", "std_msgs/msg/Empty")
-    from fame.middleware import messages
 
     publisher.publish(messages.create("std_msgs/msg/Empty"))
     field.pass_time(1)
     assert field.engine.running.instances[0].waiting == ["u"]
+
+
+FAILING = definitions(
+    POOL,
+    process(
+        "p",
+        '<startEvent id="s"/><scriptTask id="a"><script>y = 10 / x</script></scriptTask><userTask id="u"/>',
+        ("s", "a"),
+        ("a", "u"),
+    )
+    .replace('<scriptTask id="a">', '<scriptTask id="z"><script>x = 0</script></scriptTask><scriptTask id="a">', 1)
+    .replace('targetRef="a"', 'targetRef="z"', 1)
+    .replace("</process>", '<sequenceFlow id="za" sourceRef="z" targetRef="a"/></process>'),
+)
+
+
+@pytest.fixture
+def holding(tmp_path: Path) -> Iterator[Durable]:
+    made = Durable(tmp_path / "state", hold_errors=True)
+    made.deploy(FAILING)
+    yield made
+    for engine in made.engines.values():
+        engine.close()
+
+
+def request(field: Durable, **parts: Any) -> None:
+    """Somebody asks the robot for something on ``bpmn_task``."""
+    text = TaskRequest(id=f"task-{field.scheduler.now}-{len(field.said)}", **{"element": "", **parts}).to_json()
+    field.person.publisher("/A/bpmn_task", STRING).publish(messages.create(STRING, text))
+    field.pass_time(1)
+
+
+def test_an_incident_is_in_the_status_and_survives_a_crash(holding: Durable) -> None:
+    report = holding.said[-1]
+    assert report.state == "incident"
+    assert report.incidents == [{"element": "a", "code": "script", "text": "ZeroDivisionError: division by zero"}]
+    holding.crash()
+    holding.start()
+    holding.pass_time(2)
+    assert holding.said[-1].incidents == report.incidents
+    request(holding, act="retry", element="a", values={"x": 5}, who="ann@desk")
+    assert (holding.said[-1].state, holding.variables("A")["y"]) == ("running", 2)
+
+
+def test_repairs_are_in_the_journal_and_the_log_with_who_asked(holding: Durable) -> None:
+    request(holding, act="set", values={"x": 2}, who="ann@desk")
+    assert holding.said[-1].state == "incident"
+    request(holding, act="retry", element="a", who="ann@desk")
+    request(holding, act="move", element="u", to="a", who="bob@field")
+    text = holding.engine._keeper.directory.segments()[-1].read_text()
+    for note in ("set x=2 by ann@desk (unverified)", "a: retried by ann@desk (unverified)"):
+        assert note in text
+        assert any(note.removeprefix("a: ") in said for said in holding.notes)
+    assert "u: moved to a by bob@field (unverified)" in text
+    assert holding.engine.running.instances[0].visits["a"] == 2
+
+
+def test_repairs_that_are_not_possible_are_refused(holding: Durable) -> None:
+    request(holding, act="retry", element="u")
+    assert "u: has no incident; incidents are at: a" in {report.reason for report in holding.said}
+    request(holding, act="move", element="a", to="nowhere")
+    assert any("nowhere: is not in the scope of a" in report.reason for report in holding.said)
+    request(holding, act="fly", element="a")
+    assert any(report.answer == "refused" and "no task: expected" in report.reason for report in holding.said)

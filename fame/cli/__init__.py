@@ -37,7 +37,7 @@ _DECLARATIONS: Mapping[str, str] = {
     "router": "network.add_router",
     "status": "robots.add_status",
     "log": "logs.add",
-    **dict.fromkeys(("complete", "activate", "abort"), "robots.add_requests"),
+    **dict.fromkeys(("complete", "activate", "abort", "retry", "set", "move"), "robots.add_requests"),
     "world": "worlds.add_world",
     **dict.fromkeys(("pause", "resume"), "worlds.add_time"),
     "keys": "deployment.add_keys",

@@ -72,6 +72,11 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--fresh", action="store_true", help="with --state: start over, and set the old state aside in DIR/old-N"
     )
+    parser.add_argument(
+        "--on-error", choices=("fail", "hold"), default="fail",
+        help="what an error does that nothing catches: it fails the mission, or the robot holds in its safe state "
+        "until somebody repairs it (fame retry, set, move)",
+    )  # fmt: skip
     add_network(parser)
     add_library(parser)
 
@@ -150,6 +155,7 @@ def _serve(arguments: Namespace) -> None:
             files=arguments.files,
             epoch=arguments.epoch or _epoch(scheduler, simulated=time is not None),
             state=state,
+            hold_errors=arguments.on_error == "hold",
         )
         if time is not None:
             time.on_jump = engine.warn

@@ -1,4 +1,4 @@
-"""Commands for running robots: ``fame status``, ``complete``, ``activate`` and ``abort``."""
+"""Commands for running robots: ``fame status``, ``complete``, ``activate``, ``retry``, ``set``, ``move``, ``abort``."""
 
 from __future__ import annotations
 
@@ -102,6 +102,10 @@ def rows(robot: str, report: Report) -> Iterator[tuple[str, ...]]:
     if report.state == "holding":
         yield (*head, "", "", f"its sender and the others for {report.candidate}; fame abort {robot} ends that", "")
         head = ("", "", "", "")
+    for incident in report.incidents:
+        text = f"incident: {incident.get('text', '')}; fame retry {robot} {incident.get('element', '')}"
+        yield (*head, incident.get("element", ""), "", text, "")
+        head = ("", "", "", "")
     if report.offers:
         yield (*head, "", "", f"fame activate {robot}: {', '.join(report.offers)}", "")
     elif head[0]:
@@ -135,8 +139,39 @@ def add_requests(commands: Commands) -> None:
         help="abort the deployment that a robot holds (fame status: holding); it keeps the process that it had",
     )  # fmt: skip
     aborting.add_argument("robot", metavar="ROBOT")
-    for parser in (completing, activating, aborting):
+    for parser in (completing, activating, aborting, *_add_repairs(commands)):
         _add_common(parser)
+
+
+def _add_repairs(commands: Commands) -> tuple[Parser, ...]:
+    """Declare the commands that repair a running robot."""
+    retrying = command(
+        commands, "retry", retry, examples=("fame retry REX Task_Grip", "fame retry REX Task_Grip --set force=12"),
+        help="execute an element of a running robot again that has failed (fame engine --on-error hold)",
+    )  # fmt: skip
+    retrying.add_argument("robot", metavar="ROBOT")
+    retrying.add_argument("element", metavar="ELEMENT", help="id of the element; fame status shows the incidents")
+    retrying.add_argument(
+        "--set", action="append", default=[], type=value, dest="value", metavar="NAME=VALUE",
+        help="set a variable before; repeatable",
+    )  # fmt: skip
+    setting = command(
+        commands, "set", set_variables,
+        examples=("fame set REX speed=0.5", "fame set REX home='[1, 2]' --key team.key"),
+        help="set variables of a running robot's mission",
+    )  # fmt: skip
+    setting.add_argument("robot", metavar="ROBOT")
+    setting.add_argument(
+        "value", nargs="+", type=value, metavar="NAME=VALUE", help="a number, text, true, false, a list"
+    )
+    moving = command(
+        commands, "move", move, examples=("fame move REX Task_Grip Task_Ask",),
+        help="take a token of a running robot from one element to another of the same scope",
+    )  # fmt: skip
+    moving.add_argument("robot", metavar="ROBOT")
+    moving.add_argument("element", metavar="FROM", help="id of the element with the token; it is cancelled")
+    moving.add_argument("to", metavar="TO", help="id of the element that begins instead")
+    return retrying, setting, moving
 
 
 def _add_common(parser: Parser) -> None:
@@ -174,10 +209,26 @@ def activate(arguments: Namespace) -> int:
     return _request(arguments, "activate", {})
 
 
-def _request(arguments: Namespace, act: str, values: Mapping[str, Any]) -> int:
+def retry(arguments: Namespace) -> int:
+    """Execute an element that has failed again, and print the robot's answer."""
+    return _request(arguments, "retry", dict(arguments.value))
+
+
+def set_variables(arguments: Namespace) -> int:
+    """Set variables of the robot's mission, and print its answer."""
+    arguments.element = ""
+    return _request(arguments, "set", dict(arguments.value))
+
+
+def move(arguments: Namespace) -> int:
+    """Move a token of the robot, and print its answer."""
+    return _request(arguments, "move", {}, to=arguments.to)
+
+
+def _request(arguments: Namespace, act: str, values: Mapping[str, Any], to: str = "") -> int:
     """Ask a robot to do something (`fame.deploy.requests.TaskRequest`), and print its answer."""
     with connected(arguments) as (scheduler, middleware):
-        report = _answer(arguments, act, values, scheduler, middleware)
+        report = _answer(arguments, act, values, to, scheduler, middleware)
     done = report.answer != "refused"
     if arguments.json:
         print_json(
@@ -189,15 +240,24 @@ def _request(arguments: Namespace, act: str, values: Mapping[str, Any]) -> int:
             }
         )
     else:
-        print(f"{arguments.robot}: {report.answer}: {printable(report.reason or arguments.element)}")
+        print(
+            f"{arguments.robot}: {report.answer}: {printable(report.reason or arguments.element or ', '.join(values))}"
+        )
     return 0 if done else 1
 
 
 def _answer(
-    arguments: Namespace, act: str, values: Mapping[str, Any], scheduler: WallScheduler, middleware: Middleware
+    arguments: Namespace,
+    act: str,
+    values: Mapping[str, Any],
+    to: str,
+    scheduler: WallScheduler,
+    middleware: Middleware,
 ) -> Report:
     """The robot's answer. Raises DeploymentError if there is none."""
+    import getpass
     import os
+    import socket
     import time
 
     from fame.clock import SECOND
@@ -214,7 +274,14 @@ def _answer(
             there = ", ".join(engines(middleware)) or "none"
             raise DeploymentError(f"no engine of a robot named {robot}; there are {there}")
         scheduler.run(scheduler.now + SECOND // 20)
-    done = TaskRequest(id=f"task-{os.getpid()}-{time.time_ns()}", element=arguments.element, values=values, act=act)
+    done = TaskRequest(
+        id=f"task-{os.getpid()}-{time.time_ns()}",
+        element=arguments.element,
+        values=values,
+        act=act,
+        to=to,
+        who=f"{getpass.getuser()}@{socket.gethostname()}",
+    )
     asking = TaskClient(
         robot, done, node=middleware.node(f"fame_{act}"), scheduler=scheduler, answered=answers.append, key=key
     )

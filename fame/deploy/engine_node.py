@@ -55,7 +55,7 @@ from fame.deploy.robot_protocol import (
     resumed,
     step,
 )
-from fame.deploy.signing import Identity, verify, verify_signature
+from fame.deploy.signing import Identity, signer, verify, verify_signature
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
 from fame.errors import ConfigError, DeploymentError, FameError
@@ -73,9 +73,9 @@ if TYPE_CHECKING:
 class EngineNode:
     """A robot's engine: receive a process, run it, replace it by the next one.
 
-    `observer`, `safe_state` and others: as of `fame.robot.RobotNode`. With `trusted` public keys it takes only what one
-    of them signed, and signs its reports with the key of its `identity`, or one made now; with `unsigned_tasks`
-    requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that
+    `observer`, `safe_state`, `hold_errors` and others: as of `fame.robot.RobotNode`. With `trusted` public keys it
+    takes only what one of them signed, and signs its reports with the key of its `identity`, or one made now; with
+    `unsigned_tasks` requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that
     is not `scheduler`: one of simulated time, and `epoch` the date of its second 0. In the directory `state`
     the mission is kept on disk: what was running when the engine before ended goes on.
 
@@ -108,6 +108,7 @@ class EngineNode:
         time: Scheduler | None = None,
         epoch: datetime = EPOCH,
         state: StateDirectory | None = None,
+        hold_errors: bool = False,
         files: Path | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
@@ -124,6 +125,7 @@ class EngineNode:
             "safe_suspended": safe_suspended,
             "epoch": epoch,
             "durable": state is not None,
+            "hold_errors": hold_errors,
             "files": files,
             "on_end": lambda instance: self.status.publish(),
         }
@@ -258,12 +260,16 @@ class EngineNode:
         ):
             raise DeploymentError("asks about another deployment than was signed", cause="signature")
 
-    def _verify_task(self, request: TaskRequest) -> None:
-        """Raise DeploymentError for a person's request if keys are used and it was not signed for this robot."""
+    def _verify_task(self, request: TaskRequest) -> str:
+        """Give the fingerprint of the key that signed a request.
+
+        Raises DeploymentError for a person's request if keys are used and it was not signed for this robot.
+        """
         if self._task_signers:
             verify(asdict(request), self._task_signers, self._wall_time(), self.born)
             if request.robot != self.robot:
                 raise DeploymentError(f"meant for robot {request.robot!r}, not for {self.robot!r}", cause="robot")
+        return signer(asdict(request), self._trusted) if request.signature and self._trusted else ""
 
     # ---- what it does ----------------------------------------------------------------------------------------------
 

@@ -101,19 +101,20 @@ class Report:
     """The status of a robot, perhaps with an answer to a deployment.
 
     state   ``waiting`` (for its first process), ``loading``, ``ready``, ``holding`` (ready, its sender is
-            silent), ``running``, ``idle`` (no instance), ``failed``
+            silent), ``running``, ``incident`` (holds until somebody repairs it), ``idle`` (no instance), ``failed``
     instances, started, completed, failed      of this process: how many run now, have started, completed, failed
     deployed   the deployment that its process came with, `hash` the model
     candidate  the deployment that is to replace it, while it is loading, ready or holding
     sequence   of the newest that it has loaded: the next one has to be above it, older ones are ``stale``
     answer     ``ready``, ``started``, ``refused``, ``superseded``, ``aborted``, ``stale``, ``left`` (the engine ended),
                ``asking`` (the other robots what became of it), to `deployment`; or empty.
-               On ``bpmn_task`` (`fame.deploy.requests`): ``completed``, ``activated``, ``refused``, to that request
+               On ``bpmn_task`` (`fame.deploy.requests`): what was done (``completed`` ...) or ``refused``
     problem    of a model that was refused: a `Problem`, which `reason` has in one sentence
     elements   how many elements have been completed
     ahead      what timers of start events will still start: nothing, ``endless`` (cycles without end), ``due``
     waits      tokens that wait: `element`, `for` (in words), `since` (s), `topics` (each with the number of publishers)
     offers     the elements of open ad-hoc sub-processes that can be activated
+    incidents  elements that have failed and wait for somebody: `element`, `code`, `text`
     errors     of the last instances that have failed: `code`, `element`, `name`, `file`, `line`, `text`
     warnings   of the middleware, of lost messages and of clocks that jump, the latest last
     absent     robots of its team that have no engine any more, and for how long (s)
@@ -145,6 +146,7 @@ class Report:
     warnings: Sequence[str] = ()
     error: str = ""
     errors: Sequence[Mapping[str, Any]] = ()
+    incidents: Sequence[Mapping[str, str]] = ()
     now: float = 0.0
     born: int = 0
     time: float = 0.0
@@ -203,7 +205,7 @@ _ERROR: dict[str, fields.Check] = {
 _PROBLEM = {name: check for name, check in _ERROR.items() if name != "code"}
 _REPORT: dict[str, fields.Check] = {
     "robot": fields.robot,
-    "state": fields.among("waiting", "loading", "ready", "holding", "running", "idle", "failed"),
+    "state": fields.among("waiting", "loading", "ready", "holding", "running", "incident", "idle", "failed"),
     "hash": fields.text(64),
     "deployed": _NAME,
     "candidate": _NAME,
@@ -217,6 +219,7 @@ _REPORT: dict[str, fields.Check] = {
     "elements": fields.integer(),
     "ahead": fields.among("", "endless", "due"),
     "errors": fields.sequence(fields.record(_ERROR)),
+    "incidents": fields.sequence(fields.record({"element": _TEXT, "code": _TEXT, "text": _TEXT})),
     "completed": fields.integer(),
     "failed": fields.integer(),
     "waits": fields.sequence(fields.record(_WAIT)),

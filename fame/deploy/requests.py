@@ -1,7 +1,8 @@
-"""Requests of people to one robot: complete a task, activate an element, abort a deployment.
+"""Requests of people to one robot: complete a task, activate an element, repair what runs, abort a deployment.
 
-A `TaskRequest` goes to ``bpmn_task``: a task that waits for somebody is completed, or an element of an open ad-hoc
-sub-process activated. An abort goes to ``bpmn_process``, as a sender's would. The answer is on ``bpmn_status``.
+A `TaskRequest` goes to ``bpmn_task``: a task that waits for somebody is completed, an element of an open ad-hoc
+sub-process activated, an incident retried, a variable set, a token moved. An abort goes to ``bpmn_process``, as a
+sender's would. The answer is on ``bpmn_status``.
 
 The same request again has no effect but the answer, so a client repeats it until it gets one. Where keys are used
 requests are signed, as an envelope is: for one run of one robot's engine, and for `fame.deploy.signing.FRESH` s.
@@ -23,6 +24,7 @@ from fame.deploy.signing import sign
 from fame.errors import DeploymentError, FameError
 from fame.middleware import messages
 from fame.middleware.interface import Node
+from fame.text import printable
 
 if TYPE_CHECKING:
     from fame.robot import RobotNode
@@ -31,6 +33,7 @@ SETTLE, REPEAT = 0.02, 0.3
 """Before the first request, and between two (s): see `fame.deploy.sender_protocol`."""
 SIZE, _NAME = 1_000_000, 1000
 """The longest request, and its longest id, of itself and of an element (characters): both are kept for a while."""
+_DONE = {"complete": "completed", "activate": "activated", "retry": "retried", "set": "set", "move": "moved"}
 _ANSWERS = 100
 """How many answers a robot remembers."""
 
@@ -39,7 +42,9 @@ _ANSWERS = 100
 class TaskRequest:
     """Complete a task (`element`) with `values` for its variables; `id` names the request.
 
-    `act` is ``complete``; or ``activate``, where `element` is one of an ad-hoc sub-process and there are no values.
+    `act` is ``complete``; ``activate``, where `element` is one of an ad-hoc sub-process and there are no values;
+    ``retry`` of an element with an incident; ``set``, where there is no element; ``move`` of a token at `element` to
+    the element `to`. `who` says whose request it is: what keys prove counts more.
     `robot`, `born`, `issued` and `signature` are there where keys are used: as of `Envelope`.
     """
 
@@ -47,6 +52,8 @@ class TaskRequest:
     element: str
     values: Mapping[str, Any] = field(default_factory=dict)
     act: str = "complete"
+    to: str = ""
+    who: str = ""
     robot: str = ""
     born: int = 0
     issued: float = 0.0
@@ -66,7 +73,9 @@ _REQUEST: dict[str, fields.Check] = {
     "id": fields.text(_NAME),
     "element": fields.text(_NAME),
     "values": lambda value: isinstance(value, dict),
-    "act": fields.among("complete", "activate"),
+    "act": fields.among("complete", "activate", "retry", "set", "move"),
+    "to": fields.text(_NAME),
+    "who": fields.text(_NAME),
     "robot": fields.text(_NAME),
     "born": fields.integer(0, 2**63),
     "issued": fields.number,
@@ -96,7 +105,8 @@ class TaskServer:
     """The robot's end. `running` gives its node, `report` publishes (answer, id of the request, reason,
     and the cause of a refusal by keyword).
 
-    `check` raises DeploymentError for a request that is not from somebody who is trusted.
+    `check` raises DeploymentError for a request that is not from somebody who is trusted, and gives the fingerprint of
+    the key that signed it, if it was signed.
     """
 
     def __init__(
@@ -104,7 +114,7 @@ class TaskServer:
         node: Node,
         running: Callable[[], RobotNode | None],
         report: Callable[..., object],
-        check: Callable[[TaskRequest], object] = lambda request: None,
+        check: Callable[[TaskRequest], str] = lambda request: "",
     ) -> None:
         self._running, self._report, self._check = running, report, check
         self._answers: dict[str, tuple[str, str]] = {}
@@ -123,29 +133,37 @@ class TaskServer:
             self._report("refused", "", str(error), cause=error.cause)
             return
         try:
-            self._check(request)
+            signer = self._check(request)
         except DeploymentError as error:
             self._report("refused", request.id, str(error), cause=error.cause)
             return
         if request.id not in self._answers:
-            self._answers[request.id] = self._act(request)
+            self._answers[request.id] = self._act(request, signer)
             if len(self._answers) > _ANSWERS:
                 del self._answers[next(iter(self._answers))]
         answer, reason = self._answers[request.id]
         self._report(answer, request.id, reason)
 
-    def _act(self, request: TaskRequest) -> tuple[str, str]:
+    def _act(self, request: TaskRequest, signer: str) -> tuple[str, str]:
         node = self._running()
         if node is None:
             return "refused", f"{request.element}: the robot has no process yet"
+        who = signer or f"{printable(request.who) or 'somebody'} (unverified)"
         try:
-            if request.act == "activate":
-                node.activate(request.element)
-            else:
-                node.complete(request.element, request.values)
+            match request.act:
+                case "activate":
+                    node.activate(request.element)
+                case "retry":
+                    node.retry(request.element, request.values, who=who)
+                case "set":
+                    node.set_variables(request.values, who=who)
+                case "move":
+                    node.move(request.element, request.to, who=who)
+                case _:
+                    node.complete(request.element, request.values)
         except FameError as error:
             return "refused", str(error)
-        return ("activated" if request.act == "activate" else "completed"), ""
+        return _DONE[request.act], ""
 
 
 class TaskClient:

@@ -12,7 +12,9 @@ import json
 import os
 import stat
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,6 +164,17 @@ def verify_signature(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey
         except InvalidSignature:
             continue
     raise DeploymentError("not signed by a key that this robot trusts", cause="signature")
+
+
+def signer(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey]) -> str:
+    """The fingerprint of the trusted key that signed it; empty if none did."""
+    _, serialization = _cryptography()
+    raw = serialization.Encoding.Raw, serialization.PublicFormat.Raw
+    for key in trusted:
+        with suppress(DeploymentError):
+            verify_signature(said, [key])
+            return f"key {sha256(key.public_bytes(*raw)).hexdigest()[:16]}"
+    return ""
 
 
 def verify(said: Mapping[str, Any], trusted: Sequence[Ed25519PublicKey], now: float, born: int = 0) -> None:

@@ -226,6 +226,8 @@ def state_of(process: RobotNode | None) -> str:
     """The `Report.state` of a process."""
     if process is None:
         return "waiting"
+    if process.engine.incidents:
+        return "incident"
     if any(instance.status == "failed" for instance in process.instances[-1:]):
         return "failed"
     return "running" if process.engine.instances else "idle"
@@ -249,6 +251,7 @@ def progress(process: RobotNode | None) -> dict[str, Any]:
         ],
         "offers": process.offers(),
         "error": str(last) if last is not None else "",
+        "incidents": [{"element": id, "code": code, "text": text} for id, code, text in process.incidents],
         "errors": [
             {**instance.error.to_json(), "name": instance.error.name}
             for instance in process.instances

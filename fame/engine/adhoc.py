@@ -97,7 +97,7 @@ def begin(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     try:
         entries = chosen_of(how_of(scope), scope.variables)
     except BaseException as error:
-        faults.fail(engine, scope, node, error)
+        faults.fail(engine, scope, node, error, again=False)
         return None
     if not entries:
         scopes.end_token(engine, scope)
@@ -150,7 +150,7 @@ def completed(engine: EngineState, scope: Scope, node: Node) -> Node | None:
     try:
         enough = how.condition is not None and bool(how.condition(scope.variables))
     except BaseException as error:
-        faults.fail(engine, scope, node, error)
+        faults.fail(engine, scope, node, error, again=False)
         return None
     if enough:
         conclude(engine, scope, how)

@@ -128,7 +128,7 @@ def cancel(engine: EngineState, scope: Scope, node: Node) -> None:
     if place.parent is not None and around is not None and isinstance(around.spec, LoopInstance):
         place = _whole_of(place.parent)
     if place.node is None or place.node.boundary is None or not place.node.boundary.cancels:
-        faults.fail(engine, scope, node, BpmnError("cancel", "no cancel boundary event is around it"))
+        faults.fail(engine, scope, node, BpmnError("cancel", "no cancel boundary event is around it"), again=False)
     else:
         scopes.proceed(engine, ROLL_BACK, *scopes.replace(engine, place, place.handles))
 

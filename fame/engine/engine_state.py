@@ -36,6 +36,8 @@ class EngineState:
     gathered        triggers of parallel multiple start events
     armed_starts    start events with a timer, by key
     held            all scopes and waits, if the host holds them
+    incidents       tokens at elements that have failed, with code and text (`fame.engine.repair`)
+    on_incident     called with such a token; without it an uncaught error fails its instance
     new_variables   gives the dict that an instance, or a call with variables of its own, starts with
     parameters      variables that every instance starts with
     at_once         whether the host observes each mark by itself
@@ -61,6 +63,8 @@ class EngineState:
         self.gathered: dict[Node, list[Gathered]] = {}
         self.armed_starts: dict[int, Node] = {}
         self.held: tuple[list[Scope], list[Wait]] | None = None
+        self.incidents: dict[Wait, tuple[str, str]] = {}
+        self.on_incident: Callable[[Wait], object] | None = None
         self.counter: int = 0
         self.at_once = False
         self.settled: Callable[[], object] | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from fame.bpmn.model import SubProcess
-from fame.engine import handlers, scopes, waiting
+from fame.engine import handlers, repair, scopes, waiting
 from fame.engine.engine_state import EngineState
 from fame.engine.host import BpmnError, is_from_outside
 from fame.engine.program import FaultCatch, Handler, Node
@@ -18,8 +18,11 @@ from fame.engine.state import Instance, Scope, Wait, scopes_of
 from fame.errors import MissionError
 
 
-def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException) -> None:
-    """An element failed: find what catches it, else the instance fails."""
+def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException, *, again: bool = True) -> None:
+    """An element failed: find what catches it, else the instance fails, or an incident is kept.
+
+    `again`: its token has left the node, which can be executed again.
+    """
     if isinstance(error, KeyboardInterrupt) and is_from_outside(error):
         raise error
     code = error.code if isinstance(error, BpmnError) else "script"
@@ -44,7 +47,11 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException) ->
             break
         inner, failing, place = _outside(place)
     else:
-        abandon(engine, scope.instance, node, _describe(error, code) + _called_at(scope, node), code, error)
+        description = _describe(error, code) + _called_at(scope, node)
+        if again and engine.on_incident is not None:
+            repair.keep_failed(engine, scope, node, description, code)
+        else:
+            abandon(engine, scope.instance, node, description, code, error)
     if engine.conditions:
         waiting.check_conditions(engine)
 
@@ -52,14 +59,14 @@ def fail(engine: EngineState, scope: Scope, node: Node, error: BaseException) ->
 def give_up(engine: EngineState, wait: Wait, error: BaseException) -> None:
     """What a token waits for, or the message that came, could not be evaluated: the token leaves as an error."""
     waiting.withdraw(engine, wait)
-    fail(engine, wait.scope, wait.node, error)
+    fail(engine, wait.scope, wait.node, error, again=wait.token)
 
 
 def give_up_part(engine: EngineState, wait: Wait, error: BaseException) -> None:
     """The same of an alternative, or of one of several triggers: the event or gateway that it is part of gives up."""
     assert isinstance(wait.owner, Wait)
     waiting.withdraw(engine, wait.owner)
-    fail(engine, wait.scope, wait.node, error)
+    fail(engine, wait.scope, wait.node, error, again=False)
 
 
 def abandon(
@@ -93,7 +100,7 @@ def fail_without_token(engine: EngineState, variables: dict[str, Any], element: 
         real = next(node for node in engine.program.nodes if node.id == element)
         no_token = Node(element, element, real.step, line=real.line, file=real.file)  # without boundary events
         no_token.plain_step = real.plain_step
-        fail(engine, inside[-1] if inside else places[0], no_token, error)
+        fail(engine, inside[-1] if inside else places[0], no_token, error, again=False)
 
 
 def _body_of(engine: EngineState, element: str) -> str:
@@ -115,7 +122,7 @@ def escalate(engine: EngineState, scope: Scope, node: Node, code: str | None) ->
             try:
                 handlers.begin_handler(engine, place, handler, handler.spec)
             except RecursionError as error:
-                fail(engine, place, handler, error)
+                fail(engine, place, handler, error, again=False)
             break
         inner, activity, place = _outside(place)
         boundary = activity.boundary if activity is not None else None

@@ -191,7 +191,7 @@ def _activate(engine: EngineState, scope: Scope, join: Node) -> Node | None:
     try:
         passes = bool(filled) and spec.activation(Variables(scope.variables, known))
     except BaseException as error:
-        faults.fail(engine, scope, join, error)
+        faults.fail(engine, scope, join, error, again=False)
         return None
     if not passes:
         return None
@@ -225,7 +225,7 @@ def _reset(engine: EngineState, scope: Scope, join: Node) -> None:
     try:
         chosen = [target for condition, target in spec.resets if condition is not None and condition(variables)]
     except BaseException as error:
-        faults.fail(engine, scope, join, error)
+        faults.fail(engine, scope, join, error, again=False)
         return
     engine.ready.extend((target, scope) for target in chosen)
     scope.tokens += len(chosen) - len(late)

@@ -11,7 +11,7 @@ from itertools import repeat
 from operator import attrgetter
 from typing import Any
 
-from fame.engine import adhoc, faults, gateways, handlers, scopes, starts, steps, tasks, waiting
+from fame.engine import adhoc, faults, gateways, handlers, repair, scopes, starts, steps, tasks, waiting
 from fame.engine.data import correlates
 from fame.engine.engine_state import EngineState
 from fame.engine.host import Host
@@ -143,6 +143,28 @@ class Engine(EngineState):
     def offers(self) -> list[str]:
         """The ids of what `activate` could let begin now."""
         return adhoc.offers(self)
+
+    def retry(self, element: str, values: dict[str, Any] | None = None) -> None:
+        """Set variables, and execute an element at which there is an incident again. Raises MissionError."""
+        repair.retry(self, element, values or {})
+        self.stepped()
+
+    def keep_script(self, key: int, text: str, code: str) -> None:
+        """Cancel a script that waits, and keep its token as an incident."""
+        wait = self.waits.get(key)
+        if wait is not None and wait.started:
+            repair.keep_script(self, wait, text, code)
+            self.run()
+
+    def set_variables(self, values: dict[str, Any], instance: int | None = None) -> None:
+        """Set variables of the instances that run. Raises MissionError if none runs."""
+        repair.set_variables(self, values, instance)
+        self.stepped()
+
+    def move(self, source: str, target: str) -> None:
+        """Take a token from one element to another of the same scope. Raises MissionError."""
+        repair.move(self, source, target)
+        self.run()
 
     def restart(self) -> None:
         """Once, after `fame.engine.restore`: start scripts again, and let go on what waited for scripts to leave."""

@@ -146,7 +146,7 @@ def end_instance(engine: EngineState, whole: Scope, instance: Scope) -> None:
             items["out"][instance.items - 1] = None if value is UNDEFINED else value
         enough = loop.completion is not None and bool(loop.completion(instance.variables))
     except BaseException as error:
-        faults.fail(engine, whole, loop.instance, error)
+        faults.fail(engine, whole, loop.instance, error, again=False)
         return
     if enough and whole.tokens:
         scopes.proceed(engine, steps.FINISH, *scopes.replace(engine, whole, ()))
@@ -166,7 +166,7 @@ def go_round(engine: EngineState, whole: Scope, node: Node, first: bool) -> None
         try:
             again = bool(loop.condition(Variables(whole.variables, {"loopCounter": done})))
         except BaseException as error:
-            faults.fail(engine, whole, loop.instance, error)
+            faults.fail(engine, whole, loop.instance, error, again=False)
             return
     whole.tokens = 0
     if again:

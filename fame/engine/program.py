@@ -192,6 +192,7 @@ class Start:
 class Body:
     """What a scope runs.
 
+    entries      where tokens come in, by element
     opening      the node that arms what listens as long as the scope lives, and leads to its start
     armed        starts of event sub-processes that wait for a stimulus
     errors       starts of error event sub-processes; `escalations` likewise
@@ -200,11 +201,23 @@ class Body:
     adhoc        of an ad-hoc sub-process: how it is carried out (`fame.engine.adhoc`)
     """
 
-    __slots__ = ("adhoc", "armed", "compensation", "errors", "escalations", "id", "opening", "queued", "transaction")
+    __slots__ = (
+        "adhoc",
+        "armed",
+        "compensation",
+        "entries",
+        "errors",
+        "escalations",
+        "id",
+        "opening",
+        "queued",
+        "transaction",
+    )
 
     def __init__(self, id: str) -> None:
         self.id: str = id
         self.opening: Node
+        self.entries: dict[str, Node] = {}
         self.armed: tuple[Node, ...] = ()
         self.errors: tuple[Node, ...] = ()
         self.escalations: tuple[Node, ...] = ()

@@ -182,6 +182,7 @@ class ScopeCompiler:
         for finish in self.when_linked:
             finish()
         body, handlers = self.body, self.handlers
+        body.entries = {id: node for id, node in self.entries.items() if is_reached(self.model[id])}
         body.armed, body.errors, body.escalations = (
             _armed(handlers),
             _of("error", handlers),

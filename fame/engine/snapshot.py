@@ -23,6 +23,7 @@ from fame.engine.faults import FAILED
 from fame.engine.host import Host
 from fame.engine.interpreter import Engine
 from fame.engine.program import Body, Node, Program
+from fame.engine.repair import AT_INCIDENT
 from fame.engine.state import Continuation, Gathered, Instance, Mailbox, Record, Scope, Wait, scopes_of
 from fame.engine.steps import FINISH
 from fame.errors import MissionError
@@ -68,6 +69,7 @@ def snapshot(engine: Engine, *, dump: Convert = no_data, dicts: VariableTable | 
         "conditions": [wait.key for wait in engine.conditions],
         "named": list(engine.waits),
         "inclusive": [scope.key for scope in engine.inclusive],
+        "incidents": [[wait.key, *found] for wait, found in engine.incidents.items()],
         "held": None if engine.held is None else _keys_alive(*engine.held),
         "continuations": [_continuation(item) for item in dict.fromkeys(engine.cancelling.values())],
         "starts": {str(key): node.key for key, node in engine.armed_starts.items()},
@@ -358,6 +360,9 @@ class _Restoring:
         engine.conditions = {self.waits[key]: None for key in data["conditions"]}
         engine.waits = {key: self.waits[key] for key in data["named"]}
         engine.inclusive = {self.scopes[key]: None for key in data["inclusive"]}
+        for key, code, text in data["incidents"]:
+            self.waits[key].catch = AT_INCIDENT
+            engine.incidents[self.waits[key]] = code, text
         if data["held"] is not None:
             scopes, waits = data["held"]
             engine.held = [self.scopes[key] for key in scopes], [self.waits[key] for key in waits]

@@ -102,7 +102,7 @@ def fire_handler(engine: EngineState, wait: Wait) -> None:
     try:
         handlers.begin_handler(engine, wait.scope, wait.node, wait.catch)
     except RecursionError as error:
-        faults.fail(engine, wait.scope, wait.node, error)
+        faults.fail(engine, wait.scope, wait.node, error, again=False)
 
 
 def end_handler(engine: EngineState, scope: Scope, handler: Scope) -> Scope | None:

@@ -32,7 +32,7 @@ from fame.errors import ConfigError, FameError, MissionError
 from fame.middleware import messages
 from fame.middleware.interface import Publisher
 from fame.robot.journal import Contents, Journal, Record, write_segment
-from fame.robot.node import RobotNode
+from fame.robot.node import INCIDENT, RobotNode
 from fame.robot.state_tables import StateTables, Tables, fold, instance_data, instance_of, restore_engine
 from fame.robot.stored_values import Loader
 from fame.robot.timers import Missed
@@ -94,6 +94,7 @@ class Recorder:
         self._made: dict[Wait, int] = {}
         self._ended: dict[str, Any] = {}
         self._has_ended = False
+        self._note = ""
         self._before: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
         self._trouble = ""
@@ -156,6 +157,8 @@ class Recorder:
         if whole or self._has_ended:
             more["ended"], self._has_ended = self._ended, False
         change = self._tables.changes(more, whole=whole)
+        if self._note:
+            change["note"], self._note = self._note, ""
         return {"time": self.now, **change} if change else {}
 
     @property
@@ -168,6 +171,10 @@ class Recorder:
         self._ended[str(instance.key)], self._has_ended = instance_data(instance), True
         for key in list(self._ended)[:-_ENDED]:
             del self._ended[key]
+
+    def note(self, text: str) -> None:
+        """Add a line for people to the next record."""
+        self._note = text
 
     def close(self) -> None:
         """Record and send what is to leave now, and stop. The journal stays open."""
@@ -263,10 +270,15 @@ class Recorder:
         fail: Callable[[BaseException], object],
     ) -> None:
         """The fate of a request of before is unknown."""
-        if self._settings.retry(wait.node.id) == "safe":
+        retry = self._settings.retry(wait.node.id)
+        text = f"{request}: it was made before the engine ended, and its fate is unknown"
+        if retry == "safe":
             self._ask(wait, number, request, begin)
+        elif retry == "ask" and self.node.engine.on_incident is not None:
+            keep = partial(self.node.engine.keep_script, wait.key, text, "lost")
+            self.node.scheduler.soon(keep, Kind.RESUMPTION)
         else:
-            fail(BpmnError("lost", f"{request}: it was made before the engine ended, and its fate is unknown"))
+            fail(BpmnError("lost", text))
 
     def _goal(self, id: str) -> bytes:
         """The id of a goal: the same after every resumption."""
@@ -408,7 +420,10 @@ def set_timers(node: RobotNode, tables: Tables, settings: Settings) -> list[Wait
 
 def go_on(node: RobotNode) -> None:
     """Let a restored engine go on: scripts start again, and messages are taken."""
-    node.engine.release()
+    if node.engine.incidents:
+        node.hold(INCIDENT)
+    else:
+        node.engine.release()
     node.engine.restart()
     node.go_on()
 

@@ -63,6 +63,9 @@ class Recorder(Protocol):
     def instance_ended(self, instance: Instance) -> None:
         """An instance is over."""
 
+    def note(self, text: str) -> None:
+        """Somebody is about to change what runs."""
+
 
 class EngineHost:
     """The host of one engine. `engine` is to be set before the first stimulus; `recorder` takes its effects, if set."""

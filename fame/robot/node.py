@@ -12,6 +12,7 @@ import difflib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -40,6 +41,15 @@ _EARLY = 1000
 """How many messages are kept between `load` and `start`."""
 
 
+INCIDENT = "incident"
+"""Why a robot holds while there are incidents."""
+
+
+def _given(values: Mapping[str, Any] | None) -> str:
+    """The variables that somebody sets, as text."""
+    return "".join(f" {name}={value!r}" for name, value in (values or {}).items())
+
+
 class RobotNode:
     """A robot's engine. `load` makes it ready, `start` starts its process; `close` ends it.
 
@@ -54,6 +64,7 @@ class RobotNode:
     on_end     called with each instance that has ended
     built_in_services  services that run as long as their service task, by name (`fame.robot.services`)
     files      folder that built-in services take names of files from; default: that of the model
+    hold_errors  an uncaught error does not fail its instance: the token stays as an incident, and the robot holds
     compiled   False leaves compiling to the caller: `compile_process`, in any thread, then `assemble`
 
     Raises ModelError for a process that cannot be compiled.
@@ -82,8 +93,11 @@ class RobotNode:
         on_end: Callable[[Instance], object] = lambda instance: None,
         built_in_services: Mapping[str, BuiltInService] = MappingProxyType({}),
         files: Path | None = None,
+        hold_errors: bool = False,
         compiled: bool = True,
     ) -> None:
+        self._hold_errors = hold_errors
+        self._holds: set[str] = set()
         self.name: str = name
         self.namespace: str = name if namespace is None else namespace
         self.mission, self.scheduler, self.middleware = mission, scheduler, middleware
@@ -147,6 +161,7 @@ class RobotNode:
     def attach(self, engine: Engine) -> None:
         """Drive this engine from now on: a new one, or one restored from a snapshot of the last."""
         self.engine = self.host.engine = self.host.scripts.engine = engine
+        engine.on_incident = self._on_incident if self._hold_errors else None
         self.instances[:] = [engine.instances.get(instance.key, instance) for instance in self.instances]
 
     def load(self) -> None:
@@ -174,15 +189,19 @@ class RobotNode:
         for topic, message in early:
             self._on_message(topic, message)
 
-    def hold(self) -> None:
-        """Suspend everything, in the safe state, until `release`. Does nothing the second time."""
+    def hold(self, reason: str = "") -> None:
+        """Suspend everything, in the safe state, until `release` for each reason."""
+        self._holds.add(reason)
         self.engine.hold()
         self.runner.poll()
 
-    def release(self) -> None:
-        """Go on after `hold`, as soon as its scripts have ended. Does nothing without `hold`."""
+    def release(self, reason: str = "") -> None:
+        """Go on after `hold`, as soon as its scripts have ended, unless there is another reason to hold."""
+        self._holds.discard(reason)
+        if self._holds:
+            return
         if self.engine.held is not None and self.leaving:
-            self.scheduler.after(_POLL, self.release, Kind.RESUMPTION)
+            self.scheduler.after(_POLL, partial(self.release, reason), Kind.RESUMPTION)
         elif self.engine.held is not None:
             self.engine.release()
             self.runner.poll()
@@ -272,6 +291,47 @@ class RobotNode:
         """Start an element of an open ad-hoc sub-process. Raises MissionError if it is not in one."""
         self.engine.activate(element)
         self.runner.poll()
+
+    # ---- repair ------------------------------------------------------------------------------------------------------
+
+    @property
+    def incidents(self) -> list[tuple[str, str, str]]:
+        """Elements that have failed and wait for somebody: id, code of the error, text."""
+        return [(wait.node.id, code, text) for wait, (code, text) in self.engine.incidents.items()]
+
+    def retry(self, element: str, values: Mapping[str, Any] | None = None, *, who: str = "") -> None:
+        """Set variables, and execute an element that has failed again. Raises MissionError if it has no incident."""
+        self._repair(element, f"retried{_given(values)}", who, lambda: self.engine.retry(element, dict(values or {})))
+
+    def set_variables(self, values: Mapping[str, Any], *, who: str = "") -> None:
+        """Set variables of the instances that run. Raises MissionError if none runs."""
+        self._repair("", f"set{_given(values)}", who, lambda: self.engine.set_variables(dict(values)))
+
+    def move(self, source: str, target: str, *, who: str = "") -> None:
+        """Take a token to another element of its scope. Raises MissionError if that is not possible."""
+        self._repair(source, f"moved to {target}", who, lambda: self.engine.move(source, target))
+
+    def _repair(self, element: str, text: str, who: str, act: Callable[[], object]) -> None:
+        """Do what somebody wants, with a note in journal and event log."""
+        note = f"{text} by {who}" if who else text
+        if self.host.recorder is not None:
+            self.host.recorder.note(f"{element}: {note}" if element else note)
+        act()
+        self.host.emit(Event(self.scheduler.now, self.name, 0, 0, element, "report", note))
+        if not self.engine.incidents:
+            self.release(INCIDENT)
+        self.runner.poll()
+
+    def _on_incident(self, wait: Wait) -> None:
+        """An element has failed: hold the robot, as soon as this stimulus is over."""
+        self.host.make_safe("suspended")
+        _, text = self.engine.incidents[wait]
+        self.host.emit(Event(self.scheduler.now, self.name, 0, 0, wait.node.id, "report", f"incident: {text}"))
+        self.scheduler.soon(self._hold_for_incident, Kind.RESUMPTION)
+
+    def _hold_for_incident(self) -> None:
+        if self.engine.incidents:
+            self.hold(INCIDENT)
 
     def deliver(self, topic: str, value: Any) -> None:
         """Deliver a message from outside, as if it had come over the middleware.

@@ -1,0 +1,96 @@
+"""Repair of what runs: incidents, and what people do to tokens and variables.
+
+An *incident* is a token at an element whose error nothing has caught. If the host wants incidents
+(`EngineState.on_incident`), such an error does not fail its instance: the token stays, as a wait that nothing but a
+person wakes. `retry` executes the element again, `move` takes a token from one element of a scope to another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fame.engine import scopes, waiting
+from fame.engine.engine_state import EngineState
+from fame.engine.program import Catch, Node, Trigger, nothing
+from fame.engine.state import Instance, Scope, Wait, scopes_of
+from fame.errors import MissionError
+
+
+def _forget(engine: EngineState, wait: Wait) -> None:
+    """An incident is over."""
+    engine.incidents.pop(wait, None)
+
+
+INCIDENT = Trigger("incident", arm=nothing, disarm=_forget, suspend=nothing, resume=nothing)
+AT_INCIDENT = Catch(INCIDENT, nothing, lambda engine, wait, error: None)
+"""What a token at an incident waits for."""
+
+
+def keep_failed(engine: EngineState, scope: Scope, node: Node, text: str, code: str) -> None:
+    """Keep the token of an element that has failed."""
+    wait = Wait(engine.new_key(), node, scope, True)
+    wait.catch = AT_INCIDENT
+    scope.children[wait] = None
+    engine.incidents[wait] = (code, text)
+    assert engine.on_incident is not None
+    engine.on_incident(wait)
+
+
+def keep_script(engine: EngineState, wait: Wait, text: str, code: str) -> None:
+    """Cancel the script of a wait, and keep its token."""
+    scopes.cancel_script(engine, wait)
+    waiting.withdraw(engine, wait)
+    keep_failed(engine, wait.scope, wait.node, text, code)
+
+
+def retry(engine: EngineState, element: str, values: Mapping[str, Any]) -> None:
+    """Set variables, and execute an element at which there is an incident again. Raises MissionError."""
+    wait = next((wait for wait in engine.incidents if wait.node.id == element), None)
+    if wait is None:
+        there = ", ".join(wait.node.id for wait in engine.incidents) or "none"
+        raise MissionError(f"has no incident; incidents are at: {there}", element=element)
+    for name, value in values.items():
+        wait.scope.variables[name] = value
+    waiting.withdraw(engine, wait)
+    engine.ready.append((wait.node, wait.scope))
+
+
+def set_variables(engine: EngineState, values: Mapping[str, Any], instance: int | None = None) -> None:
+    """Set variables of the instances that run. Raises MissionError if none runs."""
+    found = [each for each in engine.instances.values() if instance in (None, each.key)]
+    if not found:
+        raise MissionError("no instance is running, so there are no variables to set", element=engine.program.process)
+    for each in found:
+        for name, value in values.items():
+            each.root.variables[name] = value
+
+
+def move(engine: EngineState, source: str, target: str) -> None:
+    """Cancel what a token does at an element, and let it begin another of the same scope. Raises MissionError."""
+    token = _token_at(engine, source)
+    scope = token.scope if isinstance(token, Wait) else token.parent
+    assert scope is not None
+    entry = scope.body.entries.get(target) if scope.body is not None else None
+    if entry is None:
+        there = ", ".join(sorted(scope.body.entries)) if scope.body is not None else "none"
+        raise MissionError(f"is not in the scope of {source}; elements there are: {there}", element=target)
+    scope.children.pop(token, None)
+    cancelling = scopes.cancel_wait(engine, token) if isinstance(token, Wait) else scopes.kill(engine, token)
+    scopes.proceed(engine, entry, scope, cancelling)
+
+
+def _token_at(engine: EngineState, element: str) -> Wait | Scope:
+    """The first token at an element: one that waits, or the scope of an activity. Raises MissionError."""
+    found = [token for instance in engine.instances.values() for token in _tokens(instance)]
+    for token in found:
+        if token.node is not None and token.node.id == element:
+            return token
+    there = sorted({token.node.id for token in found if token.node is not None})
+    raise MissionError(f"has no token; tokens are at: {', '.join(there) or 'none'}", element=element)
+
+
+def _tokens(instance: Instance) -> list[Wait | Scope]:
+    """Everything in an instance that holds a token of the scope around it."""
+    inside = [child for scope in scopes_of(instance.root) for child in scope.children]
+    return [child for child in inside if isinstance(child, Scope) or child.token]
