@@ -75,9 +75,9 @@ class EngineNode:
 
     `observer`, `safe_state`, `hold_errors` and others: as of `fame.robot.RobotNode`. With `trusted` public keys it
     takes only what one of them signed, and signs its reports with the key of its `identity`, or one made now; with
-    `unsigned_tasks` requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler of the mission if that
-    is not `scheduler`: one of simulated time, and `epoch` the date of its second 0. In the directory `state`
-    the mission is kept on disk: what was running when the engine before ended goes on.
+    `unsigned_tasks` requests on tasks need not be signed. `wall_time` gives s since 1970. `time` is the scheduler
+    of the mission if that is not `scheduler`: one of simulated time, and `epoch` the date of its second 0. In the
+    directory `state` the mission is kept on disk: what was running when the engine before ended goes on.
 
     Raises FameError, from the scheduler's `run`, if an older engine of the same robot reports before this one has a
     process.
