@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fame.cli.arguments import Commands, add_json, add_library, command, epoch, natural, positive
 from fame.cli.output import coloured, live_table, note, print_json, progress_line, table, table_within
+from fame.cli.view import add_page, viewed, wait_for_interrupt
 from fame.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def add(commands: Commands) -> None:
         "--speed",
         type=positive,
         metavar="F",
-        help="in many processes: simulated seconds per second (1)",
+        help="with --view, or in many processes: simulated seconds per second (1)",
     )
     parser.add_argument(
         "--lockstep", action="store_true",
@@ -110,6 +111,11 @@ def add(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the world and the ways of the robots")
     parser.add_argument("--animate", type=Path, metavar="FILE.gif|mp4", help="make a film of the run")
+    parser.add_argument(
+        "--view", action="store_true",
+        help="show the run in the browser, at --speed (1), and control it there; the page is served until Ctrl-C",
+    )  # fmt: skip
+    add_page(parser)
     add_library(parser)
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="print nothing if all goes well")
@@ -193,6 +199,48 @@ def _network(arguments: Namespace) -> NetworkConfig | None:
 def run(arguments: Namespace) -> int:
     """Run it and say how it went."""
     from fame.robot.events import combine_observers
+
+    scenario = scenario_of(arguments)
+    if not scenario.cast:
+        raise ConfigError("expected at least one robot to run, got none", file=scenario.file)
+    if arguments.middleware != "local":
+        return _run_team(arguments, scenario)
+    if arguments.speed is not None and not arguments.view:
+        raise ConfigError("--speed needs --view, or --middleware dds, zenoh or ros: one process runs as fast as it can")
+    if arguments.lockstep:
+        raise ConfigError("--lockstep needs --middleware dds or zenoh: one process is in step with itself")
+    if arguments.real_time and arguments.view:
+        raise ConfigError(
+            "--real-time does not go with --view: a run that is watched is at wall-clock speed, or --speed"
+        )
+    _check_drawings(arguments, scenario)
+    quiet = arguments.quiet or arguments.json
+    with (
+        _logs(arguments.log, scenario, arguments.log_topics) as writes,
+        progress_line(sys.stderr, wanted=not quiet) as line,
+        viewed(arguments, scenario) as page,
+    ):
+        result = scenario.run(
+            real_time=arguments.real_time,
+            observer=combine_observers([*writes, *([page.observer] if page is not None else [])]),
+            progress=line.show if line is not None else None,
+            record=arguments.picture is not None or arguments.animate is not None,
+            strict=arguments.strict,
+            on_interrupt=_say_stopping,
+            pace=page,
+        )
+        if page is not None:
+            page.finish(result.status)
+        _draw(arguments, result, line)
+        if page is not None:
+            code = _said(arguments, result)
+            wait_for_interrupt()
+            return code
+    return _said(arguments, result)
+
+
+def scenario_of(arguments: Namespace) -> Scenario:
+    """The scenario of a command line."""
     from fame.scenario import Completion, Fault, Scenario
 
     variables: dict[str, dict[str, Any]] = {}
@@ -200,7 +248,7 @@ def run(arguments: Namespace) -> int:
         variables.setdefault(robot, {})[name] = setting
     if variables and arguments.middleware != "local":
         raise ConfigError("--set needs --middleware local: deployed processes have the values of the model")
-    scenario = Scenario.load(
+    return Scenario.load(
         arguments.scenario,
         seed=arguments.seed,
         duration=arguments.duration,
@@ -213,32 +261,6 @@ def run(arguments: Namespace) -> int:
         network=_network(arguments),
         variables=variables,
     )
-    if not scenario.cast:
-        raise ConfigError("expected at least one robot to run, got none", file=scenario.file)
-    if arguments.middleware != "local":
-        return _run_team(arguments, scenario)
-    if arguments.speed is not None:
-        raise ConfigError(
-            "--speed needs --middleware dds, zenoh or ros: one process is as fast as it can, or as --real-time"
-        )
-    if arguments.lockstep:
-        raise ConfigError("--lockstep needs --middleware dds or zenoh: one process is in step with itself")
-    _check_drawings(arguments, scenario)
-    quiet = arguments.quiet or arguments.json
-    with (
-        _logs(arguments.log, scenario, arguments.log_topics) as writes,
-        progress_line(sys.stderr, wanted=not quiet) as line,
-    ):
-        result = scenario.run(
-            real_time=arguments.real_time,
-            observer=combine_observers(writes),
-            progress=line.show if line is not None else None,
-            record=arguments.picture is not None or arguments.animate is not None,
-            strict=arguments.strict,
-            on_interrupt=_say_stopping,
-        )
-        _draw(arguments, result, line)
-    return _said(arguments, result)
 
 
 def _said(arguments: Namespace, result: Result, *, reports: bool = True) -> int:

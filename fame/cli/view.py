@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import atexit
+import shlex
+import subprocess
+import sys
+import threading
 from argparse import ArgumentTypeError, Namespace
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from subprocess import PIPE
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, command
-from fame.errors import ConfigError
+from fame.cli.arguments import Commands, Parser, command, positive
+from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
-    from fame.view import Server
+    from fame.log import Recording
+    from fame.scenario import Scenario
+    from fame.view import LiveRun, Server, Source
+
+SECOND = 1_000_000_000
 
 _EXAMPLES = (
     "fame view run.mcap",
     "fame view run.mcap --port 8080 --no-open",
+    "fame view run.mcap --branch 12.5",
 )
 
 
@@ -25,17 +39,20 @@ def add(commands: Commands) -> None:
         help="show a mission in the browser: a recording",
     )  # fmt: skip
     parser.add_argument("subject", type=Path, metavar="RUN.mcap", help="what to show")
+    parser.add_argument(
+        "--branch", type=positive, metavar="S",
+        help="run the recorded run again to simulated second S, stop there, and go on from there in the browser",
+    )  # fmt: skip
     add_page(parser)
 
 
-def add_page(parser: object) -> None:
+def add_page(parser: Parser) -> None:
     """``--port``, ``--host``, ``--no-open``."""
-    add_argument = parser.add_argument  # type: ignore[attr-defined]
-    add_argument("--port", type=_port, default=0, metavar="N", help="port of the page (any free one)")
-    add_argument(
-        "--host", default="127.0.0.1", metavar="ADDRESS", help="address to serve on (127.0.0.1: this machine only)"
+    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page (any free one)")
+    parser.add_argument(
+        "--host", default="127.0.0.1", metavar="ADDRESS", help="address of the page (127.0.0.1: from this machine only)"
     )
-    add_argument("--no-open", action="store_true", help="do not open the browser")
+    parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
 def _port(text: str) -> int:
@@ -46,30 +63,123 @@ def _port(text: str) -> int:
 
 def run(arguments: Namespace) -> int:
     """Serve the page until Ctrl-C."""
-
-    from fame.view import Replay, Server
-
     path = arguments.subject
     if path.suffix.lower() != ".mcap":
         raise ConfigError(f"expected a recording (.mcap), got {path.suffix!r}", file=str(path))
-    source = Replay(path)
+    if arguments.branch is not None:
+        return _branch(arguments)
+    from fame.view import Replay, Server
+
+    source = Replay(path, branch=partial(_in_a_process, arguments))
     for notice in source.notices:
-        print(f"fame: {notice}", flush=True)
-    serve(Server(source, host=arguments.host, port=arguments.port), arguments)
-    return 0
-
-
-def serve(server: Server, arguments: Namespace) -> None:
-    """Print the address, open the browser, and serve until Ctrl-C."""
+        print(f"fame: {notice}", file=sys.stderr, flush=True)
+    server = Server(source, host=arguments.host, port=arguments.port)
     announce(server, arguments)
     server.run()
+    return 0
 
 
 def announce(server: Server, arguments: Namespace) -> None:
     """Print the address of a page, and open it in the browser unless told not to."""
     print(server.address, flush=True)
     if not arguments.no_open:
-        import threading
         import webbrowser
 
         threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
+
+
+# ---- a run that lasts ------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def viewed(arguments: Namespace, scenario: Scenario) -> Iterator[LiveRun | None]:
+    """The page of a run, served while the block lasts; None without ``--view``."""
+    if not arguments.view:
+        yield None
+        return
+    from fame.view import LiveRun, RunControl
+
+    live = LiveRun(scenario, RunControl(speed=arguments.speed or 1.0))
+    with _serving(live, arguments):
+        yield live
+
+
+@contextmanager
+def _serving(source: Source, arguments: Namespace) -> Iterator[None]:
+    """Serve the page of a source in a thread of its own."""
+    from fame.view import Server
+
+    server = Server(source, host=arguments.host, port=arguments.port)
+    thread = threading.Thread(target=server.run, name="fame view", daemon=True)
+    thread.start()
+    announce(server, arguments)
+    try:
+        yield
+    finally:
+        server.stop()
+        thread.join(5)
+
+
+def wait_for_interrupt() -> None:
+    """Wait until Ctrl-C."""
+    print("The run is over. The page is served until Ctrl-C.", file=sys.stderr, flush=True)
+    with suppress(KeyboardInterrupt):
+        threading.Event().wait()
+
+
+# ---- branches --------------------------------------------------------------------------------------------------------
+
+
+def _in_a_process(arguments: Namespace, time: int) -> str:
+    """Start a branch of the recording at a time (ns) in a process of its own; gives the address of its page."""
+    words = ["view", str(arguments.subject), "--branch", repr(time / SECOND), "--no-open", "--host", arguments.host]
+    process = subprocess.Popen([sys.executable, "-m", "fame", *words], stdout=PIPE, stderr=PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    address = process.stdout.readline().strip()
+    if not address.startswith("http"):
+        said = [line for line in process.communicate()[1].splitlines() if line]
+        raise FameError(said[-1].removeprefix("fame: error: ") if said else "the branch has ended")
+    atexit.register(process.terminate)
+    return address
+
+
+def _branch(arguments: Namespace) -> int:
+    """Run a recorded run again to a time, stop there, and hand it over to the page."""
+    from fame.log import Recording
+    from fame.view import LiveRun, RunControl, SameRun
+
+    with Recording(arguments.subject) as recording:
+        again, scenario = _recorded_run(recording)
+        time = round(arguments.branch * SECOND)
+        live = LiveRun(
+            scenario, RunControl(pause_at=time), title=f"{Path(scenario.file).stem} from {time / SECOND:g} s"
+        )
+        same = SameRun(recording, time, live)
+        served = ExitStack()
+
+        def start() -> None:
+            """The run has come to the time, and is the recorded one so far."""
+            served.enter_context(_serving(live, arguments))
+
+        same.on_reached = start
+        with served:
+            result = scenario.run(observer=live.observer, strict=again.strict, on_interrupt=None, pace=same)
+            live.finish(result.status)
+            if result.status != "interrupted":
+                wait_for_interrupt()
+    return 0
+
+
+def _recorded_run(recording: Recording) -> tuple[Namespace, Scenario]:
+    """The command line of a recorded run, and its scenario. Raises ConfigError for what cannot be run again."""
+    from fame.cli import parser
+    from fame.cli.run import scenario_of
+
+    command = shlex.split(recording.metadata.get("command", ""))
+    if command[:2] != ["fame", "run"]:
+        raise ConfigError("cannot be run again: it was not recorded by fame run", file=recording.file)
+    again = parser("run").parse_args(command[1:])
+    if again.middleware != "local" or again.real_time:
+        raise ConfigError("cannot be run again: only simulated runs in one process repeat exactly", file=recording.file)
+    return again, scenario_of(again)

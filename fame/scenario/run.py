@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from fame.bpmn.pools import pools_of, shared_topics
 from fame.check.gate import refuse_literals
@@ -35,8 +35,18 @@ _THRESHOLDS = 100_000, 20, 100
 """Garbage collection thresholds: the youngest generation holds all messages in flight at an instant."""
 
 
+class Pace(Protocol):
+    """Who decides when a run goes on: `fame view` lets people pause it, step through it and change its speed."""
+
+    def advance(self, run: Run, until: int) -> None:
+        """Run the scheduler until `until` (ns), or less. Called until the run is over."""
+
+
 class Run:
-    """One run of a scenario. `services` gives each robot the Python functions of its service tasks, by name."""
+    """One run of a scenario. `services` gives each robot the Python functions of its service tasks, by name.
+
+    `pace` decides when it goes on; without one it runs as fast as its scheduler does.
+    """
 
     def __init__(
         self,
@@ -48,7 +58,9 @@ class Run:
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
         services: Callable[[str], Mapping[str, Service]] | None = None,
+        pace: Pace | None = None,
     ) -> None:
+        self._pace = pace
         self.scenario, self.progress, self.on_interrupt = scenario, progress, on_interrupt
         self._services = services or (lambda robot: {})
         refuse_literals(scenario.definitions, scenario.processes(), scenario.library, strict=strict)
@@ -127,10 +139,11 @@ class Run:
             from sim2d.scene import SceneRecorder
 
             watch_world(partial(SceneRecorder, world))
-        world.watchers.append(lambda _: self.scheduler.stop() if self._over() else None)
+        world.watchers.append(lambda _: self.scheduler.stop() if self.over else None)
         return world, recorder
 
-    def _over(self) -> bool:
+    @property
+    def over(self) -> bool:
         """Whether a process has run, none is running, and no timer will start one."""
         return any(node.started for node in self.nodes) and not any(
             node.engine.instances or node.pending_starts for node in self.nodes
@@ -218,16 +231,22 @@ class Run:
         end, reported = round(self.scenario.duration * SECOND), begun
         going = True
         while going:
-            if self.world is None and self.scheduler.next_time() is None:
+            if self.world is None and self.scheduler.next_time() is None and self._pace is None:
                 self._stuck = True
                 break
-            self.scheduler.run(min(end, self._next_check()))
+            self._advance(min(end, self._next_check()))
             if self.progress is not None and (now := time.monotonic()) - reported >= _PROGRESS:
                 reported = now
                 self._report_progress()
-            going = self.scheduler.now < end and not self._over() and not self.interrupted
+            going = self.scheduler.now < end and not self.over and not self.interrupted
         if self.progress is not None:
             self._report_progress()
+
+    def _advance(self, until: int) -> None:
+        if self._pace is None:
+            self.scheduler.run(until)
+        else:
+            self._pace.advance(self, until)
 
     def _next_check(self) -> int:
         """The next time (ns) to check whether the mission is over.

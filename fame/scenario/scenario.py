@@ -19,7 +19,7 @@ from fame.errors import ConfigError, FameError, ModelError, UnavailableError, ex
 from fame.robot import Event
 from fame.scenario.plan import Completion, Fault, Plan, ScenarioFile, read_scenario
 from fame.scenario.result import Progress, Result
-from fame.scenario.run import Run
+from fame.scenario.run import Pace, Run
 from fame.scenario.settings import check_network, with_parameters
 
 if TYPE_CHECKING:
@@ -114,16 +114,18 @@ class Scenario(Plan):
         record: bool = False,
         strict: bool = False,
         on_interrupt: Callable[[], object] | None = None,
+        pace: Pace | None = None,
     ) -> Result:
         """Run the scenario, in simulated time unless `real_time`.
 
         `observer` is called with every event; `record` keeps what pictures and animations need. The first Ctrl-C calls
-        `on_interrupt` and ends the run after the current step; the second ends it at once.
+        `on_interrupt` and ends the run after the current step; the second ends it at once. `pace` decides when the run
+        goes on.
 
         Raises ModelError, MessageError and ConfigError for errors before the mission begins; later errors are in the
         result.
         """
-        return Run(self, real_time, observer, progress, record, strict, on_interrupt).result()
+        return Run(self, real_time, observer, progress, record, strict, on_interrupt, pace=pace).result()
 
 
 def _joined(own: NetworkConfig | None, added: NetworkConfig | None) -> NetworkConfig | None:

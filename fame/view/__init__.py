@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 from fame.imports import attach
 
 if TYPE_CHECKING:
+    from fame.view.control import RunControl as RunControl
+    from fame.view.live import LiveRun as LiveRun, SameRun as SameRun
     from fame.view.replay import Replay as Replay
     from fame.view.server import Server as Server, Source as Source
 
-__getattr__, __dir__, __all__ = attach(__name__, {"replay": ["Replay"], "server": ["Server", "Source"]})
+__getattr__, __dir__, __all__ = attach(
+    __name__,
+    {
+        "control": ["RunControl"],
+        "live": ["LiveRun", "SameRun"],
+        "replay": ["Replay"],
+        "server": ["Server", "Source"],
+    },
+)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
 from fame.log.channels import EVENTS, GROUND, VARIABLES, WAITING, WORLD
+from fame.robot.plain_values import json_text
 from fame.view.catalogue import NOWHERE, Catalogue
 
 WHATS: tuple[str, ...] = ("start", "enter", "leave", "take", "cancel", "fail", "end", "log", "report", "answer")
@@ -163,6 +164,7 @@ class Block:
         """Everything in it, fit for JSON, or what has come since `sent`."""
         first, lists = (0, dict.fromkeys(LISTS, 0)) if sent is None else sent
         found: dict[str, Any] = {"number": self.number, "start": self.start, "end": self.end, "first": first}
+        found["at"] = dict(lists)
         if sent is None:
             found["key"] = self.key
         found |= {name: values[first:] for name, values in self.columns.items()}
@@ -288,9 +290,9 @@ class Packer:
         known.update((token["key"], token) for token in shown)
         self._block(time).lists["waits"].append([time, number, shown, list(gone)])
 
-    def message(self, time: int, topic: str, sender: str, text: str) -> None:
-        """A message was published."""
-        self._block(time).lists["messages"].append([time, topic, sender, text])
+    def message(self, time: int, topic: str, sender: str, content: Any) -> None:
+        """A message was published. Large values are cut."""
+        self._block(time).lists["messages"].append([time, topic, sender, json.loads(json_text(content))])
 
     def pose(self, time: int, robot: str, pose: Mapping[str, Any]) -> None:
         """How a robot of the simulated world looks: its ``appearance`` (docs/recordings.md)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from fame.bpmn.reader import read
 from fame.clock import SECOND
 from fame.errors import FameError, ModelError
 from fame.log import Recording
-from fame.log.channels import EVENTS, GROUND, VARIABLES, WAITING, WORLD
+from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
+from fame.log.recording import Message
 from fame.view.blocks import Packer
 from fame.view.catalogue import Catalogue
 from fame.view.mission import Chip, mission_json
@@ -21,9 +22,13 @@ _OWN = (EVENTS, VARIABLES, WAITING, WORLD, GROUND)
 
 
 class Replay:
-    """The source of a page that shows a recording. Raises ConfigError for a file that cannot be shown."""
+    """The source of a page that shows a recording. Raises ConfigError for a file that cannot be shown.
 
-    def __init__(self, path: str | Path) -> None:
+    `branch` starts a run again to a time (ns) and gives the address of its page; it raises FameError.
+    """
+
+    def __init__(self, path: str | Path, *, branch: Callable[[int], str] | None = None) -> None:
+        self._branch = branch
         self._recording = Recording(path)
         self._path = Path(path)
         self.notices = list(self._recording.warnings)
@@ -31,6 +36,7 @@ class Replay:
         self._offset = self._recording.start if self._recording.start > _LONGEST else 0
         self._packer = Packer(self.catalogue, self._robots())
         self._elements = len(self.catalogue.elements)
+        self._topics = [topic for topic in self._recording.topics if topic != KEY]
         self._done = 0
         self._reading = 0.0
         self._lock = threading.Lock()
@@ -66,10 +72,13 @@ class Replay:
         recording, packer, first = self._recording, self._packer, self._offset
         length = max(recording.end - recording.start, 1)
         try:
-            for number, message in enumerate(recording.messages(_OWN)):
+            for number, message in enumerate(recording.messages(self._topics)):
                 if self._closed:
                     return
-                packer.put(message.topic, message.time - first, message.json())
+                if message.topic in _OWN:
+                    packer.put(message.topic, message.time - first, message.json())
+                else:
+                    self._message(message)
                 if number % 256 == 0:
                     with self._lock:
                         self._done, self._reading = len(packer.blocks) - 1, (message.time - recording.start) / length
@@ -77,6 +86,15 @@ class Replay:
             self.notices.append(f"the rest of the recording cannot be shown: {error}")
         with self._lock:
             self._done, self._reading = len(packer.blocks), 1.0
+
+    def _message(self, message: Message) -> None:
+        """A message of the mission."""
+        try:
+            content = self._recording.decode(message)
+        except FameError as error:
+            content = {"$cut": f"cannot be read: {error}"}
+        sender = message.node.strip("/").partition("/")[0]
+        self._packer.message(message.time - self._offset, message.topic, sender, content)
 
     # ---- for the page ------------------------------------------------------------------------------------------------
 
@@ -94,6 +112,8 @@ class Replay:
             blocks=self._index(done),
             end=recording.end - self._offset,
             reading=reading,
+            control=["branch"] if self._can_branch else [],
+            messages=not {*self._topics} <= {*_OWN},
         )
 
     def _title(self) -> str:
@@ -139,7 +159,14 @@ class Replay:
         return now, [news]
 
     def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        raise FameError("a recording is only shown: it cannot be controlled")
+        if command.get("do") != "branch" or not self._can_branch:
+            raise FameError("a recording is only shown: it cannot be controlled")
+        assert self._branch is not None
+        return {"address": self._branch(int(command["time"])), "said": "The run is at the cursor, in another page."}
+
+    @property
+    def _can_branch(self) -> bool:
+        return self._branch is not None and "seed" in self._recording.metadata
 
 
 _LONGEST = 365 * 24 * 3600 * SECOND

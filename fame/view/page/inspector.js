@@ -137,7 +137,8 @@ export class Inspector {
   /** The last message on a topic, and why it did not move the token. */
   whyTopic(topic, wait, time) {
     const last = this.lastMessage(topic, time);
-    if (last === null) return this.app.mission.messages ? h("div", { cls: "why" }, `no message on ${topic} so far`) : null;
+    const own = this.app.mission.robots.some((robot) => topic.startsWith(`/${robot.name}/`)); // sensors are not recorded by default
+    if (last === null) return this.app.mission.messages && !own ? h("div", { cls: "why" }, `no message on ${topic} so far`) : null;
     const early = last[0] < wait.since;
     return h("div", { cls: "why" }, `last message `, this.instant(last[0]), last[2] ? ` from ${last[2]}` : "", early ? ", before this token waited: it does not count" : "");
   }

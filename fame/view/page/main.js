@@ -135,8 +135,10 @@ class App {
       this.mission.reading = news.reading;
       if (news.elements) this.mission.elements.push(...news.elements.slice(Math.max(0, this.mission.elements.length - news.from)));
       this.prefetch();
+      this.store.version += 1;
     } else if (news.type === "data") this.store.add(news.block);
     else if (news.type === "run") this.run(news);
+    else if (news.type === "reload") this.fetch("mission.json").then((mission) => this.load(mission)).then(() => this.prefetch());
     this.redraw();
   }
 

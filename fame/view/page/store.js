@@ -180,8 +180,12 @@ export class Store {
       if (known.data !== null && known.data.columns.t.length >= data.t.length && known.data.columns.t.length > 0) return;
       known.data = prepared(data);
       if (this.cursor?.block.number === data.number) this.cursor = null;
-    } else if (known.data !== null) extend(known.data, data);
-    else return;
+    } else if (known.data === null) return;
+    else if (!extend(known.data, data)) {
+      known.data = null;
+      this.want(known.number);
+      return;
+    }
     known.end = Math.max(known.end, data.end);
     known.events = known.data.columns.t.length;
     this.end = Math.max(this.end, known.end);
@@ -245,17 +249,21 @@ function prepared(data) {
   return block;
 }
 
+/** Add what is new. False if something between is missing: then the block has to be loaded again. */
 function extend(block, data) {
-  if (data.first !== block.columns.t.length) return; // it came twice
-  for (const name of COLUMNS) for (const value of data[name]) block.columns[name].push(value);
-  for (const name of LISTS) for (const row of data[name]) block[name].push(row);
+  const skip = block.columns.t.length - data.first;
+  if (skip < 0 || LISTS.some((name) => block[name].length < data.at[name]) || block.scopes.length < data.at.scopes) return false;
+  for (const name of COLUMNS) for (const value of data[name].slice(skip)) block.columns[name].push(value);
+  for (const name of LISTS) for (const row of data[name].slice(block[name].length - data.at[name])) block[name].push(row);
   for (const [at, detail] of Object.entries(data.d)) block.details.set(Number(at), detail);
-  for (const [r, s, i, parent, opener, depth] of data.scopes) {
-    block.scopes.push([r, s]);
+  for (const row of data.scopes.slice(block.scopes.length - data.at.scopes)) {
+    const [r, s, i, parent, opener, depth] = row;
+    block.scopes.push(row);
     block.scopeIndex.set(`${r}/${s}`, { r, s, i, parent, opener, depth });
   }
   block.end = Math.max(block.end, data.end);
   block.spans = null;
+  return true;
 }
 
 /** The executions in a block: bars of the timeline. Each is clipped to the block but knows when it began. */

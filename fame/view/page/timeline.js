@@ -156,7 +156,7 @@ export class Timeline {
   // ---- drawing -----------------------------------------------------------------------------------
 
   update(time) {
-    const { store, mission } = this.app, end = Math.max(store.end, 1e9);
+    const { store, mission } = this.app, end = this.whole && this.app.isLive() ? this.roomy(store.end) : Math.max(store.end, 1e9);
     if (this.whole) {
       this.from = 0;
       this.until = end;
@@ -180,6 +180,13 @@ export class Timeline {
     const x = this.x(time), visible = x >= -1 && x <= this.width + 1;
     this.cursor.hidden = !visible;
     this.cursor.style.transform = `translateX(${GUTTER + x}px)`;
+  }
+
+  /** The span of a run that lasts: it grows in steps, so that the axis does not creep. */
+  roomy(end) {
+    let span = 10e9;
+    while (span < end) span *= 1.5;
+    return span;
   }
 
   label(lanes, plotsTop, time) {

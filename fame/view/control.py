@@ -1,0 +1,266 @@
+"""Control of a simulated run from a page: pause, step, breakpoints, speed, tasks, signals, variables, faults.
+
+The run itself carries out what the page asks, between two steps of its scheduler: a `Pace` is called instead of the
+scheduler's `run`, and lets simulated time follow the wall clock at some speed.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
+from typing import Any
+
+from fame.bpmn.topics import EMPTY_TYPE
+from fame.clock import SECOND
+from fame.errors import FameError, MessageError, MissionError
+from fame.middleware import messages
+from fame.middleware.interface import resolve
+from fame.robot import Event, RobotNode
+from fame.scenario import Fault
+from fame.scenario.run import Run
+
+COMMANDS = ("pause", "resume", "step", "speed", "breakpoint", "complete", "signal", "set", "fault")
+AT_ONCE = 0.0
+"""The speed of a run that does not follow the wall clock."""
+_SLICE = 0.02
+"""Seconds on the wall after which commands are looked at."""
+_BUSY = SECOND // 5
+"""Simulated ns after which they are, at a run that does not follow the wall clock."""
+
+Command = Mapping[str, Any]
+
+
+class RunControl:
+    """A `fame.scenario.run.Pace` that does what pages ask for. Commands come from any thread.
+
+    pause_at     pause at this time (ns), which is reached as fast as possible
+    breakpoints  numbers of elements: the run pauses when a token comes to one
+    """
+
+    def __init__(self, *, speed: float = 1.0, pause_at: int | None = None) -> None:
+        self.speed, self.paused = speed, False
+        self.breakpoints: set[int] = set()
+        self.stopped = ""
+        self.over = False
+        self._pause_at = pause_at
+        self._stepping = False
+        self._commands: list[tuple[Command, Future[str]]] = []
+        self._changed = threading.Condition()
+        self._origin: tuple[float, int] | None = None
+        self._run: Run | None = None
+
+    # ---- the run -----------------------------------------------------------------------------------------------------
+
+    def advance(self, run: Run, until: int) -> None:
+        """Let the run go on as far as it may, and carry out commands."""
+        self._run = run
+        self._carry_out(run)
+        now = run.scheduler.now
+        if self.paused and not self._stepping:
+            self._origin = None
+            with self._changed:
+                if not self._commands:
+                    self._changed.wait(_SLICE * 5)
+        elif self._pause_at is not None:
+            self._run_to_pause(run, until)
+        elif self._stepping:
+            self._step(run, until)
+        elif self.speed == AT_ONCE:
+            run.scheduler.run(min(until, now + _BUSY))
+        else:
+            self._follow_the_wall(run, until)
+
+    def _run_to_pause(self, run: Run, until: int) -> None:
+        assert self._pause_at is not None
+        run.scheduler.run(min(until, self._pause_at))
+        if run.scheduler.now >= self._pause_at:
+            self._pause_at = None
+            self.pause(f"Stopped at {run.scheduler.now / SECOND:g} s: go on from here.")
+
+    def _step(self, run: Run, until: int) -> None:
+        """To the next instant at which a token moves: `on_events` ends the step."""
+        due = run.scheduler.next_time()
+        run.scheduler.run(until if due is None else min(until, due))
+
+    def _follow_the_wall(self, run: Run, until: int) -> None:
+        wall, now = time.monotonic(), run.scheduler.now
+        if self._origin is None:
+            self._origin = wall, now
+        target = self._origin[1] + round((wall - self._origin[0]) * self.speed * SECOND)
+        if target > now + SECOND * max(self.speed, 1.0):  # the machine is too slow: do not catch up
+            self._origin, target = (wall, now), now + round(_SLICE * self.speed * SECOND)
+        run.scheduler.run(max(now, min(until, target)))
+        with self._changed:
+            if not self._commands:
+                self._changed.wait(_SLICE)
+
+    def finish(self) -> None:
+        """The run is over: refuse further commands."""
+        self.over = True
+        with self._changed:
+            waiting, self._commands = self._commands, []
+        for _, future in waiting:
+            _fail(future, FameError("the run is over"))
+
+    # ---- what the run says -------------------------------------------------------------------------------------------
+
+    def on_events(self, entered: set[int], moved: bool) -> None:
+        """Tokens came to elements (by number), or moved in another way: a step ends, a breakpoint may be reached."""
+        reached = entered & self.breakpoints
+        if self._stepping and moved:
+            self._stepping = False
+        if reached and self._pause_at is None:
+            self.pause("Breakpoint reached.")
+            if self._run is not None:
+                self._run.scheduler.stop()
+
+    def pause(self, why: str = "") -> None:
+        """Stop simulated time."""
+        self.paused, self.stopped = True, why
+
+    # ---- what pages ask ----------------------------------------------------------------------------------------------
+
+    def ask(self, command: Command) -> str:
+        """Carry out a command, and say so. Raises FameError."""
+        if command.get("do") not in COMMANDS:
+            raise FameError(f"unknown command {command.get('do')!r}; commands are: {', '.join(COMMANDS)}")
+        if self.over:
+            raise FameError("the run is over")
+        future: Future[str] = Future()
+        with self._changed:
+            self._commands.append((command, future))
+            self._changed.notify()
+        try:
+            return future.result(timeout=10)
+        except TimeoutError:
+            raise FameError("the run has not answered within 10 s: a script may be at work") from None
+
+    def _carry_out(self, run: Run) -> None:
+        with self._changed:
+            waiting, self._commands = self._commands, []
+        for command, future in waiting:
+            try:
+                said = _DO[command["do"]](self, run, command)
+            except FameError as error:
+                _fail(future, error)
+            except (KeyError, TypeError, ValueError):
+                _fail(future, FameError(f"expected the parts of the command {command['do']!r}, got {dict(command)!r}"))
+            else:
+                run.scheduler.run(run.scheduler.now)  # what follows at this instant, also while time stands still
+                with suppress(InvalidStateError):
+                    future.set_result(said)
+
+    def _do_pause(self, run: Run, command: Command) -> str:
+        self.paused, self.stopped = True, ""
+        return ""
+
+    def _do_resume(self, run: Run, command: Command) -> str:
+        self.paused = self._stepping = False
+        self.stopped, self._origin = "", None
+        return ""
+
+    def _do_step(self, run: Run, command: Command) -> str:
+        self.paused, self._stepping, self.stopped = True, True, ""
+        return ""
+
+    def _do_speed(self, run: Run, command: Command) -> str:
+        speed = float(command["speed"])
+        if not 0 <= speed <= 1e6:
+            raise FameError(f"expected a speed from 0 (at once) to 1e6, got {speed:g}")
+        self.speed, self._origin = speed, None
+        return ""
+
+    def _do_breakpoint(self, run: Run, command: Command) -> str:
+        number = int(command["element"])
+        if command["on"]:
+            self.breakpoints.add(number)
+        else:
+            self.breakpoints.discard(number)
+        return ""
+
+    def _do_complete(self, run: Run, command: Command) -> str:
+        node, values = _node(run, command["robot"]), _json(command.get("value", "") or "{}")
+        if not isinstance(values, dict):
+            raise FameError('expected results as a JSON object, as {"approved": true}')
+        element = str(command["element"])
+        node.complete(element, values)
+        _tell(run, node, f"completed by a person: {element}")
+        return f"{element} is completed."
+
+    def _do_signal(self, run: Run, command: Command) -> str:
+        topic = str(command["topic"])
+        node = _node(run, command["robot"]) if topic.startswith("~") else run.nodes[0]
+        full = resolve(topic, node.namespace)
+        type = next((info.types[0] for info in run.middleware.graph() if info.name == full and info.types), EMPTY_TYPE)
+        text = str(command.get("value", "")).strip()
+        message = messages.create(type, _json(text) if text else None)
+        publisher = run.middleware.node("outside").publisher(full, type)
+        publisher.publish(message)
+        return f"{full} is sent."
+
+    def _do_set(self, run: Run, command: Command) -> str:
+        node, name, value = _node(run, command["robot"]), str(command["name"]), _json(str(command["value"]))
+        if not name.isidentifier():
+            raise FameError(f"expected the name of a variable, got {name!r}")
+        if not node.engine.instances:
+            raise MissionError(f"no instance of {node.name} is running", robot=node.name)
+        for instance in node.engine.instances.values():
+            instance.root.variables[name] = value
+        node.engine.stepped()
+        node.runner.poll()
+        _tell(run, node, f"set by a person: {name} = {json.dumps(value)}")
+        return f"{name} is set."
+
+    def _do_fault(self, run: Run, command: Command) -> str:
+        robot, kind = str(command["robot"]), str(command["kind"])
+        if (robot, kind) not in faults_of(run):
+            raise FameError(f"{robot} has no {kind} to break")
+        run.inject(Fault(robot, run.scheduler.now / SECOND, kind))
+        return f"{kind} of {robot} is broken."
+
+
+_DO: Mapping[str, Callable[[RunControl, Run, Command], str]] = {
+    name: getattr(RunControl, f"_do_{name}") for name in COMMANDS
+}
+
+
+def faults_of(run: Run) -> list[tuple[str, str]]:
+    """What can break: robot and kind."""
+    bodies = run.world.robots if run.world is not None else {}
+    return [
+        (node.name, kind)
+        for node in run.nodes
+        for kind in ("engine", *(bodies[node.name].FAULTS if node.name in bodies else ()))
+    ]
+
+
+def _node(run: Run, robot: str) -> RobotNode:
+    found = next((node for node in run.nodes if node.name == robot), None)
+    if found is None or robot in run.dead:
+        known = ", ".join(node.name for node in run.nodes if node.name not in run.dead)
+        raise FameError(f"unknown robot {robot!r}; robots are: {known}")
+    return found
+
+
+def _tell(run: Run, node: RobotNode, text: str) -> None:
+    """Put what a person did into the record of the run."""
+    event = Event(run.scheduler.now, node.name, 0, 0, "", "report", text)
+    run.reports.append(event)
+    if run.observer is not None:
+        run.observer(event)
+
+
+def _json(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise MessageError(f"expected a value as JSON, got {text!r}: {error}") from None
+
+
+def _fail(future: Future[str], error: FameError) -> None:
+    with suppress(InvalidStateError):
+        future.set_exception(error)

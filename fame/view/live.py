@@ -1,0 +1,251 @@
+"""The page of a run in this process while it lasts, and after it: what a recording would get, as blocks."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Mapping
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fame.clock import SECOND
+from fame.errors import ConfigError, FameError
+from fame.log import Recording
+from fame.log.channels import EVENTS
+from fame.log.recorder import Recorder, RecordingFile
+from fame.middleware import codec, messages
+from fame.scenario import Scenario
+from fame.scenario.run import Run
+from fame.view.blocks import Mark, Packer
+from fame.view.catalogue import Catalogue
+from fame.view.control import COMMANDS, RunControl, faults_of
+from fame.view.mission import Chip, mission_json
+
+_MOVES = frozenset(("enter", "leave", "cancel", "fail", "start", "end"))
+_TICK = SECOND // 10
+
+
+class Known(NamedTuple):
+    """What a page knows: blocks, how much of the last one, elements, and the status of the run."""
+
+    block: int
+    mark: Mark
+    elements: int
+    status: str
+    mission: int
+
+
+class _Sink(RecordingFile):
+    """Takes the messages of a recording; the file is the page."""
+
+    def __init__(self, live: LiveRun) -> None:
+        self._live = live
+        self._topics: list[tuple[str, str, str]] = []
+
+    def put(self, topic: str, time: int, text: str) -> None:
+        self._live.put(topic, time, json.loads(text))
+
+    def message_channel(self, topic: str, type: str, publisher: str) -> int:
+        self._topics.append((topic, type, publisher))
+        return len(self._topics) - 1
+
+    def write(self, channel: int, time: int, data: bytes) -> None:
+        topic, type, publisher = self._topics[channel]
+        self._live.message(time, topic, publisher, messages.to_mapping(codec.deserialize(data, type)))
+
+    def finish(self) -> None:
+        pass
+
+
+class LiveRun:
+    """The source of a page that shows a run. `observer` and `control` are for `Scenario.run`."""
+
+    def __init__(self, scenario: Scenario, control: RunControl, *, title: str = "") -> None:
+        self.control_of_run = control
+        self._title = title or Path(scenario.file).stem
+        self._scenario = scenario
+        self.catalogue = Catalogue(scenario.closures())
+        self._packer = Packer(self.catalogue, scenario.cast)
+        self._lock = threading.Lock()
+        self._ended = ""
+        self._missions = 0
+        self._time = 0
+        self.observer = Recorder(lambda: _Sink(self))
+        self._run: Run | None = None
+        self.listen: Callable[[int, Mapping[str, Any]], object] | None = None
+
+    # ---- the run -----------------------------------------------------------------------------------------------------
+
+    def advance(self, run: Run, until: int) -> None:
+        """As `fame.scenario.run.Pace` says: `control` decides."""
+        self._run = run
+        self.control_of_run.advance(run, until)
+        self._time = run.scheduler.now
+
+    def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
+        """A message of one of the channels of a recording."""
+        with self._lock:
+            self._packer.put(topic, time, data)
+        self._time = max(self._time, time)
+        if topic == EVENTS:
+            if self.listen is not None:
+                self.listen(time, data)
+            self._on_events(data)
+
+    def message(self, time: int, topic: str, publisher: str, content: Any) -> None:
+        """A message of the mission."""
+        with self._lock:
+            self._packer.message(time, topic, publisher.strip("/").partition("/")[0], content)
+
+    def _on_events(self, data: Mapping[str, Any]) -> None:
+        marks = [mark for group in data["events"] for mark in group["marks"]]
+        entered = {number for mark in marks if mark[1] == "enter" for number in self.catalogue.candidates(mark[0])}
+        self.control_of_run.on_events(entered, any(mark[1] in _MOVES for mark in marks))
+
+    def finish(self, status: str) -> None:
+        """The run is over, with a status."""
+        if self.observer.begun:
+            self.observer.finish()
+        self._ended = status
+        self._missions += 1
+        self.control_of_run.finish()
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def mission(self) -> Mapping[str, Any]:
+        with self._lock:
+            return mission_json(
+                "live",
+                self._title,
+                self.catalogue,
+                self._packer.robots,
+                chips=self._chips(),
+                blocks=self._index(),
+                end=max(self._packer.end, self._time),
+                control=[] if self._ended else list(COMMANDS),
+                faults=faults_of(self._run) if self._run is not None else [],
+                messages=True,
+            )
+
+    def _chips(self) -> list[Chip]:
+        state: Chip = (
+            (self._ended, self._ended, "how the run ended") if self._ended else ("live", "live", "the run lasts")
+        )
+        return [state, (f"seed {self._scenario.seed}", "", "seed of all noise")]
+
+    def _index(self, first: int = 0) -> list[list[int]]:
+        return [[block.number, block.start, block.end, block.events] for block in self._packer.blocks[first:]]
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        if not 0 <= number < len(self.catalogue.drawings):
+            raise LookupError(number)
+        return self.catalogue.plane_json(number)
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        with self._lock:
+            if not 0 <= number < len(self._packer.blocks):
+                raise LookupError(number)
+            return self._packer.blocks[number].to_json()
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        with self._lock:
+            return self._news(known)
+
+    def _news(self, known: Known | None) -> tuple[Known, list[Mapping[str, Any]]]:
+        blocks, elements = self._packer.blocks, len(self.catalogue.elements)
+        status = self._status()
+        text = json.dumps(status)
+        last = blocks[-1]
+        now = Known(last.number, last.mark(), elements, text, self._missions)
+        if known == now:
+            return now, []
+        news: list[Mapping[str, Any]] = []
+        if known is None or known.mission != now.mission:
+            news.append({"type": "reload"})
+        if known is None or known.elements != elements or known.block != now.block:
+            first, start = (known.elements, known.block) if known is not None else (0, 0)
+            index = {"type": "index", "blocks": self._index(start), "end": self._packer.end, "reading": 1}
+            news.append(index | {"from": first, "elements": self.catalogue.elements_json(first)})
+        for block in blocks[known.block if known is not None else last.number :]:
+            mark = known.mark if known is not None and block.number == known.block else None
+            if mark != block.mark():
+                news.append({"type": "data", "block": block.to_json(mark)})
+        if known is None or known.status != text:
+            news.append(status)
+        return now, news
+
+    def _status(self) -> dict[str, Any]:
+        control = self.control_of_run
+        return {
+            "type": "run",
+            "time": self._time // _TICK * _TICK if not control.paused and not self._ended else self._time,
+            "paused": control.paused,
+            "speed": control.speed,
+            "over": bool(self._ended),
+            "stopped": control.stopped,
+            "breakpoints": sorted(control.breakpoints),
+        }
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        if self._ended:
+            raise FameError("the run is over")
+        return {"said": self.control_of_run.ask(command)}
+
+
+class SameRun:
+    """Lets a recorded run go on again to a time (ns), and compares it with what was recorded until then.
+
+    `on_reached` is called there, if they are the same. It is a `fame.scenario.run.Pace`, and raises ConfigError with
+    the first difference.
+    """
+
+    def __init__(self, recording: Recording, time: int, live: LiveRun) -> None:
+        self.on_reached: Callable[[], object] = lambda: None
+        self._file, self._time, self._live, self._reached = recording.file, time, live, False
+        self._recorded = recording.messages((EVENTS,), end=time)
+        self._run: Run | None = None
+        live.listen = self._compare
+
+    def advance(self, run: Run, until: int) -> None:
+        """Go on; once the time has come, as `live` says."""
+        self._run = run
+        self._live.advance(run, until)
+        if not self._reached and (run.scheduler.now >= self._time or run.over):
+            missing = next(self._recorded, None)
+            if missing is not None:
+                raise self._difference(missing.time, missing.json(), None)
+            self._reached, self._live.listen = True, None
+            self.on_reached()
+
+    def _compare(self, time: int, data: Mapping[str, Any]) -> None:
+        if time > self._time or self._run is None or self._run.interrupted:
+            return
+        recorded = next(self._recorded, None)
+        if recorded is None:
+            raise self._difference(time, None, data)
+        there = recorded.json()
+        if (recorded.time, there) != (time, data):
+            raise self._difference(min(time, recorded.time), there, data)
+
+    def _difference(self, time: int, recorded: Any, now: Any) -> ConfigError:
+        told = _first_difference(recorded, now)
+        text = f"the run again is not the recorded one: at {time / SECOND:g} s {told}"
+        return ConfigError(text, file=self._file)
+
+
+def _first_difference(recorded: Any, now: Any) -> str:
+    """What one of two messages of events has and the other has not, in words."""
+    sides = [_marks(data) if data is not None else [] for data in (recorded, now)]
+    for was, found in zip_longest(*sides, fillvalue="nothing more"):
+        if was != found:
+            return f"expected {was}, got {found}"
+    return "expected other instances or scopes"
+
+
+def _marks(data: Mapping[str, Any]) -> list[str]:
+    return [
+        " ".join([str(data["robot"]), *(str(part) for part in mark if part)])
+        for group in data["events"]
+        for mark in group["marks"]
+    ]

@@ -1,0 +1,251 @@
+"""Control of a run from its page: the run itself does what is asked, at an instant; a branch is the same run again."""
+
+# ruff: noqa: E501 (a model as XML, and a table of commands)
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from view_page import browser, eventually, opened, until
+
+from fame.clock import SECOND
+from fame.errors import ConfigError, FameError
+from fame.log import About, Recording, logging_to
+from fame.scenario import Fault, Result, Scenario
+from fame.view import LiveRun, RunControl, SameRun
+from fame.view.blocks import WHATS
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+PORTER = """<?xml version="1.0" encoding="UTF-8"?>
+<bpmn:definitions xmlns:bpmn="http://www.omg.org/spec/BPMN/20100524/MODEL" id="d" targetNamespace="x">
+  <bpmn:signal id="Go" name="go"/>
+  <bpmn:process id="PORTER" isExecutable="true">
+    <bpmn:startEvent id="S"><bpmn:outgoing>a</bpmn:outgoing></bpmn:startEvent>
+    <bpmn:sequenceFlow id="a" sourceRef="S" targetRef="Sign"/>
+    <bpmn:userTask id="Sign" name="Sign"><bpmn:incoming>a</bpmn:incoming><bpmn:outgoing>b</bpmn:outgoing></bpmn:userTask>
+    <bpmn:sequenceFlow id="b" sourceRef="Sign" targetRef="Wait"/>
+    <bpmn:intermediateCatchEvent id="Wait"><bpmn:incoming>b</bpmn:incoming><bpmn:outgoing>c</bpmn:outgoing>
+      <bpmn:signalEventDefinition id="s" signalRef="Go"/></bpmn:intermediateCatchEvent>
+    <bpmn:sequenceFlow id="c" sourceRef="Wait" targetRef="Full"/>
+    <bpmn:intermediateCatchEvent id="Full"><bpmn:incoming>c</bpmn:incoming><bpmn:outgoing>f</bpmn:outgoing>
+      <bpmn:conditionalEventDefinition id="q"><bpmn:condition>load &gt; 3</bpmn:condition></bpmn:conditionalEventDefinition>
+    </bpmn:intermediateCatchEvent>
+    <bpmn:sequenceFlow id="f" sourceRef="Full" targetRef="E"/>
+    <bpmn:endEvent id="E"><bpmn:incoming>f</bpmn:incoming></bpmn:endEvent>
+  </bpmn:process>
+</bpmn:definitions>"""
+
+
+@contextmanager
+def running(scenario: Scenario, control: RunControl) -> Iterator[tuple[LiveRun, Callable[[], Result]]]:
+    """A run in a thread, and what waits for its result."""
+    live, results = LiveRun(scenario, control), []
+
+    def work() -> None:
+        results.append(scenario.run(observer=live.observer, pace=live))
+        live.finish(results[0].status)
+
+    thread = threading.Thread(target=work)
+
+    def result() -> Result:
+        thread.join(60)
+        assert results
+        return results[0]
+
+    thread.start()
+    try:
+        yield live, result
+    finally:
+        if thread.is_alive() and live._run is not None:
+            live._run.interrupted = True
+        thread.join(60)
+
+
+@pytest.fixture
+def porter(tmp_path: Path) -> Scenario:
+    model = tmp_path / "porter.bpmn"
+    model.write_text(PORTER, encoding="utf-8")
+    return Scenario.load(model, duration=3600)
+
+
+def waiting(live: LiveRun) -> list[str]:
+    return [token["element"] for tokens in live._packer.state.waits.values() for token in tokens.values()]
+
+
+def test_a_task_is_completed_a_signal_sent_a_variable_set(porter: Scenario) -> None:
+    with running(porter, RunControl()) as (live, result):
+        eventually(lambda: waiting(live) == ["Sign"])
+        live.control({"do": "pause"})
+        live.control({"do": "complete", "robot": "PORTER", "element": "Sign", "value": '{"approved": true}'})
+        assert waiting(live) == ["Wait"]
+        live.control({"do": "signal", "topic": "/go", "robot": "PORTER", "value": ""})
+        assert waiting(live) == ["Full"]
+        live.control({"do": "set", "robot": "PORTER", "name": "load", "value": "4"})
+        found = result()
+    assert found.status == "completed"
+    told = [str(event.detail) for event in found.reports]
+    assert told == ["completed by a person: Sign", "set by a person: load = 4"]
+
+
+def test_a_paused_run_stands_still_until_it_is_stepped() -> None:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=20)
+    with running(scenario, RunControl(pause_at=2 * SECOND)) as (live, _):
+        eventually(lambda: live.control_of_run.paused)
+        assert live._time == 2 * SECOND
+        events = live._packer.blocks[-1].events
+        live.control({"do": "step"})
+        eventually(lambda: live._packer.blocks[-1].events > events)
+        first = live._time
+        times = {time for time in live._packer.blocks[-1].columns["t"] if time > 2 * SECOND}
+        assert times == {first}
+
+
+def test_a_breakpoint_pauses_where_a_token_comes() -> None:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml")
+    control = RunControl(speed=0.0)
+    live = LiveRun(scenario, control)
+    element = next(
+        number for number, one in enumerate(live.catalogue.elements) if one.element.id == "Event_Turn_Odometry"
+    )
+    control.breakpoints.add(element)
+    with running(scenario, control) as (live, _):
+        eventually(lambda: control.paused)
+        block = live._packer.blocks[-1]
+        last = [place for place, what in enumerate(block.columns["w"]) if block.columns["e"][place] == element]
+        assert block.columns["w"][last[-1]] == WHATS.index("enter")
+        assert block.columns["t"][last[-1]] == live._run.scheduler.now  # type: ignore[union-attr]
+        assert control.stopped == "Breakpoint reached."
+
+
+def test_something_breaks_on_demand() -> None:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=5)
+    with running(scenario, RunControl(pause_at=SECOND)) as (live, result):
+        eventually(lambda: live.control_of_run.paused)
+        assert ["REX", "engine"] in [list(one) for one in live.mission()["faults"]]
+        live.control({"do": "fault", "robot": "REX", "kind": "engine"})
+        found = result()
+    assert found.robots[0].failed == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        ({}, "unknown command None; commands are: pause"),
+        ({"do": "explode"}, "unknown command 'explode'"),
+        ({"do": "complete"}, "expected the parts of the command 'complete'"),
+        ({"do": "complete", "robot": "NOBODY", "element": "Sign"}, "unknown robot 'NOBODY'; robots are: PORTER"),
+        ({"do": "complete", "robot": "PORTER", "element": "Sign", "value": "nonsense"}, "expected a value as JSON, got 'nonsense'"),
+        ({"do": "complete", "robot": "PORTER", "element": "Sign", "value": "[1]"}, "expected results as a JSON object"),
+        ({"do": "complete", "robot": "PORTER", "element": "E"}, "E: is not waiting; currently waiting: Sign"),
+        ({"do": "speed", "speed": -1}, "expected a speed from 0"),
+        ({"do": "speed", "speed": "fast"}, "expected the parts of the command 'speed'"),
+        ({"do": "set", "robot": "PORTER", "name": "not a name", "value": "1"}, "expected the name of a variable"),
+        ({"do": "set", "robot": "PORTER", "name": "x", "value": "{"}, "expected a value as JSON"),
+        ({"do": "fault", "robot": "PORTER", "kind": "wings"}, "PORTER has no wings to break"),
+        ({"do": "signal", "topic": "/go", "robot": "PORTER", "value": '{"x": 1}'}, "x"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused_and_the_run_goes_on(porter: Scenario, command: Any, text: str) -> None:
+    with running(porter, RunControl(speed=1.0)) as (live, _):
+        eventually(lambda: waiting(live) == ["Sign"])
+        with pytest.raises(FameError, match=re.escape(text)):
+            live.control(command)
+        assert live.control({"do": "pause"}) == {"said": ""}
+
+
+def test_a_run_that_is_over_takes_no_commands(porter: Scenario) -> None:
+    live = LiveRun(porter, RunControl())
+    live.finish("completed")
+    with pytest.raises(FameError, match="the run is over"):
+        live.control({"do": "pause"})
+
+
+# ---- branches --------------------------------------------------------------------------------------------------------
+
+
+def recorded(scenario: Scenario, path: Path) -> Path:
+    about = About(metadata={"seed": str(scenario.seed), "command": "fame run x"})
+    with logging_to(path, scenario.closures(), about) as log:
+        scenario.run(observer=log)
+    return path
+
+
+def branched(scenario: Scenario, recording: Recording, time: int) -> tuple[LiveRun, SameRun]:
+    live = LiveRun(scenario, RunControl(pause_at=time))
+    return live, SameRun(recording, time, live)
+
+
+def test_a_branch_is_the_recorded_run_until_there(tmp_path: Path) -> None:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15)
+    with Recording(recorded(scenario, tmp_path / "run.mcap")) as recording:
+        live, same = branched(scenario, recording, 10 * SECOND)
+        same.on_reached = lambda: setattr(live._run, "interrupted", True)
+        scenario.run(observer=live.observer, pace=same)
+        before = [event for event in recording.events(end=10 * SECOND) if event.element]
+    assert same._reached
+    shown = [time for block in live._packer.blocks for time in block.columns["t"] if time <= 10 * SECOND]
+    assert len(shown) >= len(before) > 100
+
+
+def test_a_branch_of_another_run_is_refused_with_the_first_difference(tmp_path: Path) -> None:
+    path = recorded(Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15), tmp_path / "run.mcap")
+    other = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=15, faults=[Fault("REX", 3.0, "engine")])
+    with Recording(path) as recording:
+        live, same = branched(other, recording, 14 * SECOND)
+        with pytest.raises(ConfigError, match=r"not the recorded one: at 3[\d.]* s expected REX .*, got "):
+            other.run(observer=live.observer, pace=same)
+
+
+# ---- in the browser --------------------------------------------------------------------------------------------------
+
+
+def test_the_page_follows_a_run_and_controls_it(porter: Scenario) -> None:
+    with browser() as chromium, running(porter, RunControl()) as (live, result), opened(chromium, live) as page:
+        until(page, "fame.player.following && fame.store.end > 0")
+        page.get_by_role("button", name="Complete").click()
+        page.get_by_role("textbox").fill('{"by": "Ada"}')
+        page.get_by_role("textbox").press("Enter")
+        until(page, "[...fame.state.waits.get(0).values()].some((one) => one.element === 'Wait')")
+        page.evaluate("fame.control.send({do: 'signal', topic: '/go', robot: 'PORTER', value: ''})")
+        until(page, "[...fame.state.waits.get(0).values()].some((one) => one.element === 'Full')")
+        until(page, "/load > 3.*not set/s.test(document.querySelector('#inspector').innerText)")
+        page.evaluate("fame.control.send({do: 'set', robot: 'PORTER', name: 'load', value: '9'})")
+        assert result().status == "completed"
+        until(page, "document.querySelector('.chip.completed') !== null")
+        assert page.get_by_role("button", name="Pause run").count() == 0
+
+
+def test_the_command_serves_the_page_of_a_run_until_it_is_interrupted(tmp_path: Path) -> None:
+    model = tmp_path / "porter.bpmn"
+    model.write_text(PORTER, encoding="utf-8")
+    words = [
+        sys.executable,
+        "-m",
+        "fame",
+        "run",
+        str(model),
+        "--view",
+        "--no-open",
+        "--duration",
+        "1",
+        "--speed",
+        "100",
+    ]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\S{24}/\n", process.stdout.readline())
+        while "The page is served until Ctrl-C" not in process.stderr.readline():
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 1
