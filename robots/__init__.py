@@ -2,12 +2,12 @@
 
 Each type is a class with the members of `sim2d.robot.SimulatedRobot`; a world file names it by `type:`.
 
-    vehicles   car and tractor
+    vehicles   car, tractor and carrier
     drone      a quadrotor
     arm        two arms, the MH5 and the UR5e
     planner    path planners of vehicles and drone
     nav2       the action servers of Nav2, for vehicles
     sensors    range sensor, camera, odometry
-    equipment  battery, blade, LED
+    equipment  battery, blade, tray, LED
     gazebo     topics that robots in Gazebo lack
 """

@@ -1,4 +1,4 @@
-"""Equipment besides sensors: a battery, a blade, an LED.
+"""Equipment besides sensors: a battery, a blade, a tray for parcels, an LED.
 
 A battery supplies a constant power (`idle`), a power per speed (`motion`), and the power of work (`work`: a tractor's
 blade, a drone's rotors). A charger recharges it. With an empty battery the equipment stops.
@@ -7,12 +7,12 @@ blade, a drone's rotors). A charger recharges it. With an empty battery the equi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fame.clock import SECOND
-from fame.config.values import parameter
+from fame.config.values import Point, parameter
 from fame.middleware import messages
 from fame.middleware.interface import Message, Node
 from robots.sensors import header_maker, maker
@@ -20,6 +20,7 @@ from sim2d.robot import MEASUREMENT, Pose
 
 if TYPE_CHECKING:
     from sim2d.ground import Weeds
+    from sim2d.warehouse import Parcel, Parcels
 
 
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -132,6 +133,43 @@ class Blade:
         for weed in above:
             if now - self._since[weed.name] >= self._time:
                 self._weeds.cut(weed, self._owner)
+
+
+@dataclass(frozen=True, slots=True)
+class TrayParameters:
+    """A tray takes parcels, and reaches stations, within `reach` of the middle of its vehicle."""
+
+    reach: float = parameter(0.8, "m", above=0)
+
+
+class Tray:
+    """Carries one parcel: the services `load` and `unload` (std_srvs/srv/Trigger) take and put down the nearest one.
+
+    `message` of the response is the name of the parcel (`load`) or of the station (`unload`).
+    """
+
+    def __init__(
+        self, node: Node, parameters: TrayParameters, owner: str, parcels: Parcels, place: Callable[[], Point]
+    ) -> None:
+        self.parcel: Parcel | None = None
+        self._reach, self._owner, self._parcels, self._place = parameters.reach, owner, parcels, place
+        node.service("load", "std_srvs/srv/Trigger", lambda request: self._load())
+        node.service("unload", "std_srvs/srv/Trigger", lambda request: self._unload())
+
+    def _load(self) -> dict[str, Any]:
+        if self.parcel is not None:
+            return {"success": False, "message": f"carries {self.parcel.name} already"}
+        self.parcel = self._parcels.take(self._place(), self._reach, self._owner)
+        if self.parcel is None:
+            return {"success": False, "message": f"no parcel within {self._reach:g} m"}
+        return {"success": True, "message": self.parcel.name}
+
+    def _unload(self) -> dict[str, Any]:
+        if self.parcel is None:
+            return {"success": False, "message": "carries no parcel"}
+        station = self._parcels.put(self.parcel, self._place(), self._reach)
+        self.parcel = None
+        return {"success": True, "message": station}
 
 
 COLOURS: Mapping[tuple[bool, bool, bool], str] = {

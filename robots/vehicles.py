@@ -6,6 +6,7 @@ All vehicles subscribe to `cmd_vel` and publish `odom`, `range` and, once, `map`
 car      a small vehicle with an LED, set by `led`
 tractor  a field robot with a blade under it, set by `blade_force`, and a battery, published as `battery_state`. With an
          empty battery it brakes and its blade stops
+carrier  a warehouse robot with a battery and a tray: its services `load` and `unload` move parcels
 
 In each step the motors ask for a change of speed, the tyres oppose sideways slip, and the ground gives at most friction
 times gravity for both together (Kamm's circle). Hence the braking distance is v²/(2 µ g), and a vehicle that is hit
@@ -24,7 +25,7 @@ from fame.config.values import Point, parameter
 from fame.errors import ConfigError
 from fame.middleware.interface import LATCHED, Message
 from fame.text import suggestion
-from robots.equipment import DRAIN_RATE, Battery, BatteryParameters, Blade, BladeParameters, Led
+from robots.equipment import DRAIN_RATE, Battery, BatteryParameters, Blade, BladeParameters, Led, Tray, TrayParameters
 from robots.nav2 import Dock, Limits, Nav2
 from robots.planner import Planner, PlannerParameters
 from robots.sensors import STILL, Motion, Odometer, OdometerParameters, Ultrasonic, UltrasonicParameters
@@ -241,6 +242,41 @@ class Car(Vehicle):
         return {"led": self._led.colour}
 
 
+class BatteryVehicle(Vehicle):
+    """A vehicle with a battery: with an empty one it brakes, for good. `works` is whether its equipment needs power."""
+
+    works = False
+
+    def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
+        super().__init__(config, world)
+        p = config.parameters.battery
+        self._battery, self._charging = Battery(self.node, p), world.charging
+        self._measure, self._drain = period(p.rate, world.step), period(DRAIN_RATE, world.step)
+        self._drain_time = self._drain * world.step
+
+    @property
+    def appearance(self) -> Appearance:
+        return super().appearance._replace(charge=self._battery.charge)
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        return {"battery": round(self._battery.charge, 4)}
+
+    def sense(self, now: int, count: int) -> None:
+        super().sense(now, count)
+        if count and count % self._drain == 0:
+            gained = self._charging((self.pose.x, self.pose.y))
+            self._battery.drain(self._drain_time, self.drive.motion.ahead, self.works, gained)
+            if self._battery.empty:
+                self.drive.blocked = True
+                self.stop_working()
+        if count % self._measure == 0:
+            self._battery.measure(now)
+
+    def stop_working(self) -> None:
+        """Stop the equipment for good: the battery is empty."""
+
+
 @dataclass(frozen=True, slots=True)
 class TractorParameters(VehicleParameters):
     """The parameters of a tractor in a world file."""
@@ -258,7 +294,7 @@ class TractorParameters(VehicleParameters):
     battery: BatteryParameters = field(default=BatteryParameters())
 
 
-class Tractor(Vehicle):
+class Tractor(BatteryVehicle):
     """A robot of type ``tractor``."""
 
     Parameters: ClassVar[type[Any]] = TractorParameters
@@ -267,30 +303,58 @@ class Tractor(Vehicle):
 
     def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
         super().__init__(config, world)
-        p: TractorParameters = config.parameters
-        self._blade = Blade(self.node, p.blade, config.name, world.weeds)
-        self._battery, self._charging = Battery(self.node, p.battery), world.charging
-        self._measure, self._drain = period(p.battery.rate, world.step), period(DRAIN_RATE, world.step)
-        self._drain_time = self._drain * world.step
+        self._blade = Blade(self.node, config.parameters.blade, config.name, world.weeds)
+
+    @property
+    def works(self) -> bool:  # type: ignore[override]
+        return self._blade.turns
 
     @property
     def appearance(self) -> Appearance:
-        blade = self._blade.radius if self._blade.turns else 0.0
-        return super().appearance._replace(blade=blade, charge=self._battery.charge)
+        return super().appearance._replace(blade=self._blade.radius if self._blade.turns else 0.0)
 
     @property
     def status(self) -> Mapping[str, Any]:
-        return {"battery": round(self._battery.charge, 4), "blade": self._blade.turns}
+        return {**super().status, "blade": self._blade.turns}
 
     def sense(self, now: int, count: int) -> None:
-        super().sense(now, count)
         if self._blade.turns:
             self._blade.cut(now, self.pose)
-        if count and count % self._drain == 0:
-            gained = self._charging((self.pose.x, self.pose.y))
-            self._battery.drain(self._drain_time, self.drive.motion.ahead, self._blade.turns, gained)
-            if self._battery.empty:
-                self.drive.blocked = self._blade.blocked = True
-                self._blade.turn(False)
-        if count % self._measure == 0:
-            self._battery.measure(now)
+        super().sense(now, count)
+
+    def stop_working(self) -> None:
+        self._blade.blocked = True
+        self._blade.turn(False)
+
+
+@dataclass(frozen=True, slots=True)
+class CarrierParameters(VehicleParameters):
+    """The parameters of a carrier in a world file."""
+
+    length: float = parameter(0.5, "m", above=0, maximum=20)
+    width: float = parameter(0.4, "m", above=0, maximum=20)
+    mass: float = parameter(40.0, "kg", above=0)
+    max_turn_rate: float = parameter(1.5, "rad/s", above=0)
+    acceleration: float = parameter(1.0, "m/s²", above=0)
+    turn_acceleration: float = parameter(5.0, "rad/s²", above=0)
+    planner: PlannerParameters = field(default=PlannerParameters(margin=0.1, tolerance=0.25))
+    tray: TrayParameters = field(default=TrayParameters())
+    battery: BatteryParameters = field(default=BatteryParameters(work=0.0))
+
+
+class Carrier(BatteryVehicle):
+    """A robot of type ``carrier``."""
+
+    Parameters: ClassVar[type[Any]] = CarrierParameters
+
+    def __init__(self, config: RobotConfig, world: RobotWorld) -> None:
+        super().__init__(config, world)
+        self._tray = Tray(self.node, config.parameters.tray, config.name, world.parcels, lambda: self.pose[:2])
+
+    @property
+    def appearance(self) -> Appearance:
+        return super().appearance._replace(cargo=self._tray.parcel is not None)
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        return {**super().status, "parcel": self._tray.parcel.name if self._tray.parcel is not None else ""}

@@ -126,6 +126,7 @@ def _frames(record: Record, captions: _Captions, step: float, title: str) -> Ite
         _cut_weeds(still, record, view, record.times[drawn], record.times[sample])
         drawn = sample
         frame = still.copy()
+        _draw_things(frame, record, view, sample)
         _draw_robots(frame, record, view, sample)
         _draw_captions(frame, record, view, captions, sample, step)
         yield frame.reduce(SMOOTH)
@@ -154,6 +155,22 @@ def _cut_weeds(still: Image, record: Record, view: View, since: float, until: fl
             cutter = record.cutter(weed)
             edge = style.robot_colour(cutter) if cutter is not None else style.FAINT
             draw_weed(draw, view, weed, style.STUBBLE, edge)
+
+
+def _draw_things(frame: Image, record: Record, view: View, sample: int) -> None:
+    """Draw doors, and the parcels that lie on the ground."""
+    from PIL import ImageDraw
+
+    if not record.things:
+        return
+    draw = ImageDraw.Draw(frame)
+    doors, parcels = record.things[sample]
+    for door, opening in zip(record.config.doors, doors, strict=True):
+        for leaf in style.door_leaves(door.start, door.end, opening):
+            draw.line(view.all(leaf), fill=style.DOOR, width=10)
+    for parcel in parcels:
+        if parcel is not None:
+            draw.polygon(view.all(style.parcel(parcel)), fill=style.PARCEL, outline=style.PARCEL_EDGE, width=3)
 
 
 def _draw_robots(frame: Image, record: Record, view: View, sample: int) -> None:
@@ -228,6 +245,9 @@ def _draw_robot(draw: Any, track: Track, colour: str, view: View, sample: int) -
             draw.polygon(corners, fill=fill, outline=edge, width=3)
         else:
             draw.line(corners, fill=fill, width=6, joint="curve")
+    if appearance.cargo:
+        corners = view.all(placed(larger(style.parcel((0.0, 0.0)), growth), pose))
+        draw.polygon(corners, fill=style.PARCEL, outline=style.PARCEL_EDGE, width=3)
     if led in style.LEDS:
         lamp = size * 0.4
         draw.ellipse((x - lamp, y - lamp, x + lamp, y + lamp), fill=style.LEDS[led], outline=style.PAPER, width=2)
@@ -309,6 +329,10 @@ def _gif_colours() -> list[tuple[int, int, int]]:
         style.WEED_EDGE,
         style.STUBBLE,
         style.MATERIALS["fixture"][0],
+        style.PARCEL,
+        style.PARCEL_EDGE,
+        style.DOOR,
+        style.STATION,
     )
     lights = (colour for colour in style.LEDS.values() if colour != style.PAPER)
     on_ground = [mixed(colour, style.GROUND, part) for colour in (*things, *style.ROBOTS, *lights) for part in _PARTS]

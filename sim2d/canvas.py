@@ -87,6 +87,10 @@ def background(record: Record, view: View, title: str) -> Image:
         (x, y), radius = view.at(charger.at), charger.radius * view.scale
         draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=style.CHARGER, width=4)
         write(draw, (x, y + radius + 4), charger.name, style.CHARGER, anchor="ma", size=11)
+    for station in record.config.stations:
+        (x, y), radius = view.at(station.at), station.radius * view.scale
+        draw.rounded_rectangle((x - radius, y - radius, x + radius, y + radius), 10, outline=style.STATION, width=4)
+        write(draw, (x, y - radius - 4), station.name, style.STATION, anchor="ms", size=11)
     for weed in record.weeds:
         draw_weed(draw, view, weed, style.WEED, style.WEED_EDGE)
     if len(record.weeds) <= style.MOST_NAMES:

@@ -15,6 +15,7 @@ from fame.config.values import ConfigValue, Point, Source, fill
 from fame.errors import ConfigError
 from sim2d.ground import ChargerConfig, Circle, Shape, Thing, WeedConfig, bounding_box, box, convex
 from sim2d.robot import RobotConfig, robot_class, robot_types
+from sim2d.warehouse import DoorConfig, ParcelConfig, StationConfig
 
 _LEAST, _MOST = 0.01, 1000.0
 """Limits of the sides of the ground, m."""
@@ -24,7 +25,21 @@ _CELLS = 25_000_000
 Bounds = tuple[float, float, float, float]
 """xmin, ymin, xmax, ymax in m."""
 
-_KEYS = ("size", "bounds", "step", "walls", "resolution", "obstacles", "targets", "weeds", "chargers", "robots")
+_KEYS = (
+    "size",
+    "bounds",
+    "step",
+    "walls",
+    "resolution",
+    "obstacles",
+    "targets",
+    "weeds",
+    "chargers",
+    "stations",
+    "parcels",
+    "doors",
+    "robots",
+)
 _SHAPES = {
     "radius": ("name", "at", "radius"),
     "size": ("name", "at", "size", "angle"),
@@ -33,7 +48,7 @@ _SHAPES = {
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-_Flat = TypeVar("_Flat", WeedConfig, ChargerConfig)
+_Flat = TypeVar("_Flat", WeedConfig, ChargerConfig, StationConfig)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +61,9 @@ class WorldConfig:
     targets: tuple[Thing, ...] = ()
     weeds: tuple[WeedConfig, ...] = ()
     chargers: tuple[ChargerConfig, ...] = ()
+    stations: tuple[StationConfig, ...] = ()
+    parcels: tuple[ParcelConfig, ...] = ()
+    doors: tuple[DoorConfig, ...] = ()
     step: float = 0.01
     walls: bool = True
     resolution: float = 0.05
@@ -68,6 +86,7 @@ def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
         least = math.ceil(math.sqrt(area / _CELLS) * 100) / 100
         text = f"expected a resolution of at least {least:g}, got a map of {area / resolution**2:.0f} cells"
         raise keys.get("resolution", value).error(text)
+    stations = tuple(_flat(keys.get("stations"), "station", StationConfig, bounds))
     return WorldConfig(
         bounds,
         robots=_robots(keys["robots"], bounds) if "robots" in keys else (),
@@ -75,6 +94,9 @@ def world_config(world: ConfigValue | Mapping[str, Any]) -> WorldConfig:
         targets=_things(keys.get("targets"), "target", bounds),
         weeds=tuple(_flat(keys.get("weeds"), "weed", WeedConfig, bounds)),
         chargers=tuple(_flat(keys.get("chargers"), "charger", ChargerConfig, bounds)),
+        stations=stations,
+        parcels=tuple(_parcels(keys.get("parcels"), stations, bounds)),
+        doors=tuple(_doors(keys.get("doors"), bounds)),
         step=keys["step"].number(minimum=0.0001, maximum=0.05) if "step" in keys else 0.01,
         walls=keys["walls"].boolean() if "walls" in keys else True,
         resolution=resolution,
@@ -156,6 +178,34 @@ def _flat(listed: ConfigValue | None, kind: str, make: type[_Flat], bounds: Boun
 
 def _flat_number(key: str, value: ConfigValue) -> float:
     return value.number() if key == "heading" else value.number(above=0)
+
+
+def _parcels(listed: ConfigValue | None, stations: tuple[StationConfig, ...], bounds: Bounds) -> Iterator[ParcelConfig]:
+    """Parcels, which lie at a station or at a place."""
+    places = {station.name: station.at for station in stations}
+    for number, value in enumerate(listed.items() if listed else (), 1):
+        keys = value.mapping(("name", "at", "to"))
+        at = value.required("at", "a station, or [x, y] in m")
+        place = places[at.choice(places, "a station")] if isinstance(at.data, str) else at.point()
+        if not inside(bounds, place):
+            raise at.expected(f"a place on the ground, inside {list(bounds)}")
+        to = keys["to"].choice(places, "a station") if "to" in keys else ""
+        yield ParcelConfig(keys["name"].text() if "name" in keys else f"parcel_{number}", place, to)
+
+
+def _doors(listed: ConfigValue | None, bounds: Bounds) -> Iterator[DoorConfig]:
+    names: set[str] = set()
+    for number, value in enumerate(listed.items() if listed else (), 1):
+        keys = value.mapping(("name", "from", "to", "time", "open"))
+        name = keys["name"].text() if "name" in keys else f"door_{number}"
+        if not _NAME.fullmatch(name) or name in names:
+            raise value.error(f"expected a name of its own, of letters, digits and _, got {name!r}")
+        names.add(name)
+        start, end = (value.required(key, "[x, y] in m").point() for key in ("from", "to"))
+        if not (inside(bounds, start) and inside(bounds, end)):
+            raise value.error(f"expected a door on the ground, inside {list(bounds)}")
+        times = {key: keys[key].number(above=0) for key in ("time", "open") if key in keys}
+        yield DoorConfig(name, start, end, **times)
 
 
 def inside(bounds: Bounds, place: Point) -> bool:

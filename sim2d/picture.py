@@ -37,6 +37,7 @@ from sim2d.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_PARCEL = {"facecolor": style.PARCEL, "edgecolor": style.PARCEL_EDGE, "linewidth": 1.0}
 _LONGEST = 9.0
 """Length of the longer side of the ground in the picture, inches."""
 
@@ -62,6 +63,7 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
         ring = Circle(charger.at, charger.radius)
         axes.add_patch(_patch(ring, fill=False, edgecolor=CHARGER, linewidth=1.6, zorder=2))
         _label(axes, (charger.at[0], charger.at[1] - charger.radius), charger.name, CHARGER, above=False, size=8)
+    _warehouse(axes, record)
     for weed in record.weeds:
         _weed(axes, weed, record)
     for index, track in enumerate(record.tracks):
@@ -73,6 +75,27 @@ def picture(record: Record, path: str | PathLike[str], *, title: str = "") -> No
     with writing(path), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # matplotlib draws a box instead
         figure.savefig(path, dpi=130, bbox_inches="tight", pad_inches=0.15)
+
+
+def _warehouse(axes: Axes, record: Record) -> None:
+    """Draw stations, doors, and the parcels that lie on the ground."""
+    for station in record.config.stations:
+        (x, y), r = station.at, station.radius
+        corners = ((x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r))
+        axes.add_patch(_polygon(corners, fill=False, edgecolor=style.STATION, linewidth=1.6, zorder=2))
+        _label(axes, (x, y + r), station.name, style.STATION, above=True, size=8)
+    if not record.things:
+        return
+    doors, parcels = record.things[-1]
+    for door, opening in zip(record.config.doors, doors, strict=True):
+        for start, end in style.door_leaves(door.start, door.end, opening):
+            axes.plot(*zip(start, end, strict=True), color=style.DOOR, linewidth=4.0, zorder=3)
+    for parcel in parcels:
+        if parcel is not None:
+            box = style.parcel(parcel)
+            axes.add_patch(
+                _polygon(box, facecolor=style.PARCEL, edgecolor=style.PARCEL_EDGE, linewidth=1.0, zorder=4.6)
+            )
 
 
 def _ground(axes: Axes, record: Record, title: str) -> None:
@@ -141,6 +164,9 @@ def _track(axes: Axes, track: Track, colour: str, record: Record) -> None:
             axes.add_patch(_polygon(corners, facecolor=fill, joinstyle="round", zorder=6, **lines))
         else:
             axes.plot(*zip(*corners, strict=True), color=fill, linewidth=2.0, zorder=6)
+    if appearance.cargo:
+        box = placed(style.larger(style.parcel((0.0, 0.0)), growth), pose)
+        axes.add_patch(_polygon(box, **_PARCEL, zorder=6.5))
     ahead = max(x for x, _ in track.outline) * growth
     if appearance.led in LEDS:
         _light(axes, placed(((-ahead * 0.4, 0),), pose)[0], ahead, LEDS[appearance.led])
@@ -216,6 +242,10 @@ def _legend(axes: Axes, record: Record) -> None:
             "markeredgewidth": 2,
         }
         handles.append(Line2D([], [], linewidth=0, label="start", **ring))
+    if record.config.parcels:
+        handles.append(Patch(facecolor=style.PARCEL, edgecolor=style.PARCEL_EDGE, label="parcel"))
+    if record.config.doors:
+        handles.append(Line2D([], [], color=style.DOOR, linewidth=4.0, label="door"))
     if any(weed.cut_at is None for weed in record.weeds):
         handles.append(Patch(facecolor=WEED, edgecolor=WEED_EDGE, label="weed"))
     if any(weed.cut_at is not None for weed in record.weeds):

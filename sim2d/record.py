@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from fame.config.values import Point
 from sim2d.config import WorldConfig
@@ -26,6 +26,13 @@ class Track:
     appearances: list[Appearance] = field(default_factory=list)
 
 
+class Things(NamedTuple):
+    """At a sample: how far each door is open (0 to 1), and where each parcel lies (None: a robot carries it)."""
+
+    doors: tuple[float, ...]
+    parcels: tuple[Point | None, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Record:
     """A run: the world as it was built, the times of the samples (s), a track per robot, and the weeds at its end."""
@@ -35,6 +42,7 @@ class Record:
     tracks: list[Track]
     collisions: list[Collision]
     weeds: list[Weed]
+    things: list[Things] = field(default_factory=list)
 
     def cutter(self, weed: Weed) -> int | None:
         """The index of the robot that cut a weed, or None."""
@@ -62,10 +70,17 @@ class Recorder:
         else:
             for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
                 track.appearances[-1] = robot.appearance
+            self.record.things[-1] = _things(world)
 
     def _sample(self, world: World) -> None:
         self.record.times.append(world.now)
+        self.record.things.append(_things(world))
         for track, robot in zip(self.record.tracks, world.robots.values(), strict=True):
             appearance = robot.appearance
             track.poses.append(appearance.pose)
             track.appearances.append(appearance)
+
+
+def _things(world: World) -> Things:
+    doors = tuple(door.opening for door in world.doors)
+    return Things(doors, tuple(None if parcel.carrier else parcel.at for parcel in world.parcels.all))

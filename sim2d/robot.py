@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from fame.clock import Scheduler
     from fame.middleware.interface import Middleware
     from sim2d.ground import Weeds
+    from sim2d.warehouse import Parcels
 
 
 MEASUREMENT = QoS(depth=10)
@@ -87,6 +88,7 @@ class Appearance(NamedTuple):
     cone       what its range sensor saw last, if it has one
     footprint  the radius (m) of the ground that its camera sees, 0 without a camera
     blade      the radius (m) of its turning blade, else 0
+    cargo      whether it carries a parcel
     charge     state of charge of its battery, 0 to 1; 1 without a battery
     limb       an arm's joints and tool from above, in its own frame, m
     jaws       opening of its gripper, m; negative without a gripper
@@ -100,6 +102,7 @@ class Appearance(NamedTuple):
     cone: Cone | None = None
     footprint: float = 0.0
     blade: float = 0.0
+    cargo: bool = False
     charge: float = 1.0
     limb: Sequence[Point] = ()
     jaws: float = -1.0
@@ -134,6 +137,7 @@ class RobotWorld(Protocol):
     middleware: Middleware
     map: Message
     weeds: Weeds
+    parcels: Parcels
     docks: Mapping[str, Pose]
     step: float
 
@@ -222,6 +226,7 @@ GROUP = "fame.robots"
 """Group of the entry points by which packages register robot types."""
 BUILT_IN = {
     "car": "robots.vehicles:Car",
+    "carrier": "robots.vehicles:Carrier",
     "drone": "robots.drone:Drone",
     "mh5": "robots.arm.cutter:Cutter",
     "tractor": "robots.vehicles:Tractor",

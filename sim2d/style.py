@@ -28,6 +28,11 @@ TARGET_EDGE = "#8c6500"
 WEED = "#4f9a2f"
 WEED_EDGE = "#2c5d17"
 CHARGER = "#1b7f8c"
+STATION = "#7b5ea7"
+PARCEL, PARCEL_EDGE = "#c98d4b", "#7a4d1f"
+PARCEL_SIZE = 0.3
+"""m."""
+DOOR = "#b03a2e"
 STUBBLE = "#d9cfae"
 """A cut weed; its edge has the colour of the robot that cut it."""
 ROBOTS = ("#2364c9", "#d9630b", "#1f8a4c", "#8a3ab9", "#0d8fa3", "#c2257e", "#6b6f1a", "#7a4a2b")
@@ -174,6 +179,18 @@ def weed(at: Point, radius: float) -> list[Point]:
         (at[0] + radius * reach * math.cos(turn), at[1] + radius * reach * math.sin(turn))
         for turn, reach in zip(turns, (1.0, 0.45) * leaves, strict=True)
     ]
+
+
+def parcel(at: Sequence[float]) -> list[Point]:
+    """Return the corners of a parcel."""
+    return _box(at[0], at[1], PARCEL_SIZE, PARCEL_SIZE)
+
+
+def door_leaves(start: Point, end: Point, opening: float) -> list[tuple[Point, Point]]:
+    """Return the two leaves of a sliding door, which retract to its ends as it opens (0 to 1)."""
+    (x1, y1), (x2, y2), part = start, end, max(0.5 * (1 - opening), 0.05)
+    dx, dy = (x2 - x1) * part, (y2 - y1) * part
+    return [(start, (x1 + dx, y1 + dy)), (end, (x2 - dx, y2 - dy))]
 
 
 def larger(corners: Sequence[Point], times: float) -> list[Point]:

@@ -28,6 +28,8 @@ from sim2d.robot import ROBOT, Pose, SimulatedRobot
 if TYPE_CHECKING:
     import numpy as np
 
+from sim2d.warehouse import THICKNESS, Door, Parcels
+
 require("pymunk")
 import pymunk  # noqa: E402 (a missing package is reported first)
 
@@ -66,6 +68,8 @@ class World:
         )
         self.map: Message = messages.create("nav_msgs/msg/OccupancyGrid", self.grid.fields())
         self.weeds = Weeds(self.config.weeds, lambda: self.now)
+        self.parcels = Parcels(self.config.parcels, self.config.stations)
+        self.doors: list[Door] = []
         self.docks: Mapping[str, Pose] = {
             one.name: Pose(*one.at, math.radians(one.heading)) for one in self.config.chargers
         }
@@ -118,6 +122,8 @@ class World:
     def close(self) -> None:
         """Stop, close the nodes of all robots, and empty the physics space."""
         self.stop()
+        for door in self.doors:
+            door.close()
         for robot in self.robots.values():
             robot.close()
         self._clear()
@@ -126,13 +132,20 @@ class World:
         """Return the state of the world, JSON-serialisable: m, rad, s, rounded to 0.1 mm.
 
         Each robot has its pose, number of collisions, distance from each target (centre to centre), the entries of its
-        type (`SimulatedRobot.status`), and its faults; each weed has the time it was cut, and the robot that cut it.
+        type (`SimulatedRobot.status`), and its faults; each weed has the time it was cut, and the robot that cut it;
+        each parcel its place and carrier, each door how far it is open (0 to 1), if there are any.
         """
+        things: dict[str, Any] = {}
+        if self.parcels.all:
+            things["parcels"] = {parcel.name: self.parcels.summary(parcel) for parcel in self.parcels.all}
+        if self.doors:
+            things["doors"] = {door.config.name: round(door.opening, 2) for door in self.doors}
         touched = Counter(name for _, a, b in self.collisions for name in (a, b))
         return {
             "time": round(self.now, 4),
             "robots": {name: self._standing(robot, touched[name]) for name, robot in self.robots.items()},
             "weeds": {weed.name: weed.summary() for weed in self.weeds.all},
+            **things,
             "collisions": [{"time": round(time, 4), "a": a, "b": b} for time, a, b in self.collisions],
         }
 
@@ -199,6 +212,10 @@ class World:
         if self.config.walls:
             for wall in _walls(self.space, self.config.bounds):
                 self._add(wall, "wall")
+        for door in self.config.doors:
+            leaf = pymunk.Segment(self.space.static_body, door.start, door.end, THICKNESS / 2)
+            self._add(leaf, door.name)
+            self.doors.append(Door(door, self.space, leaf, self.scheduler, self.middleware))
         for config in self.config.robots:
             robot = config.make(config, self)
             self.robots[config.name] = robot
