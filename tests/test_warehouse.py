@@ -84,7 +84,7 @@ def test_a_door_waits_for_a_robot_that_stands_in_it() -> None:
     hall = Hall()
     hall.ask("/door/open")
     hall.run(1.5)
-    hall.drive(2)
+    hall.drive(2.5)
     hall.ground.drive(0.0)
     hall.run(1)
     assert hall.world.robots["REX"].pose.x == pytest.approx(3, abs=0.25)
