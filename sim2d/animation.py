@@ -329,16 +329,13 @@ def _gif_colours() -> list[tuple[int, int, int]]:
         style.WEED_EDGE,
         style.STUBBLE,
         style.MATERIALS["fixture"][0],
-        style.PARCEL,
-        style.PARCEL_EDGE,
-        style.DOOR,
-        style.STATION,
     )
+    plain = [mixed(colour, colour, 1.0) for colour in (style.PARCEL, style.PARCEL_EDGE, style.DOOR, style.STATION)]
     lights = (colour for colour in style.LEDS.values() if colour != style.PAPER)
     on_ground = [mixed(colour, style.GROUND, part) for colour in (*things, *style.ROBOTS, *lights) for part in _PARTS]
     on_paper = [mixed(colour, style.PAPER, part / 3) for colour in (style.INK, *style.ROBOTS) for part in (0, 1, 2)]
     lines = [mixed(style.LINES, style.GROUND, part / 2) for part in (0, 1, 2)]
-    return list(dict.fromkeys([*on_ground, *on_paper, *lines]))
+    return list(dict.fromkeys([*on_ground, *on_paper, *lines, *plain]))
 
 
 def ffmpeg() -> str:
