@@ -16,7 +16,8 @@ from fame.bpmn.library import BUILT_IN
 from fame.bpmn.model import Definitions
 from fame.middleware import messages
 from fame.monitor.data_files import read_runs
-from fame.monitor.pipeline.trained_model import Network, TrainedModel
+from fame.monitor.pipeline.detectors import Network
+from fame.monitor.pipeline.trained_model import TrainedModel
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROBOT = "robot"

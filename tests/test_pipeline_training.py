@@ -1,4 +1,4 @@
-"""Autoencoders: trained from runs, judged by runs held back, stored, refused when foreign or stale."""
+"""Detectors: trained from runs, calibrated by runs that were left out, stored, refused when foreign or stale."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import pytest
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
+from fame.monitor.calibration import MARGIN
 from fame.monitor.data_files import hash_files, read_runs
+from fame.monitor.pipeline.detectors import Network
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.processor import Samples
 from fame.monitor.pipeline.processors import LowPass, Threshold, run
 from fame.monitor.pipeline.train import Training, fit, train, training_of
-from fame.monitor.pipeline.trained_model import Network, TrainedModel
+from fame.monitor.pipeline.trained_model import TrainedModel
 
 JOINTS = ("shoulder", "elbow", "wrist")
 QUICK = Training(window=20, hidden=(8, 3, 8), stride=3, before=30.0, cutoff=10.0, epochs=15, samples=1500)
@@ -58,8 +60,12 @@ def test_an_undisturbed_run_raises_no_alarm_and_a_disturbed_one_names_the_joint(
     assert 2.0 < found["alarm"].stamps[0] < 2.4
 
 
-def test_thresholds_are_the_largest_loss_of_runs_that_were_held_back_times_the_margin(model: TrainedModel) -> None:
-    assert model.thresholds == tuple(QUICK.margin * value for value in model.metrics["validation_max"])
+def test_without_a_promise_thresholds_are_at_least_the_largest_loss_of_left_out_runs_times_the_margin(
+    model: TrainedModel,
+) -> None:
+    assert model.calibration is not None
+    assert (model.calibration.promised, model.calibration.margin) == (None, MARGIN)
+    assert (np.array(model.thresholds) >= MARGIN * np.array(model.metrics["validation_max"]) - 1e-12).all()
     assert set(model.metrics) == {"training_max", "training_mean", "validation_max", "validation_mean"}
     assert model.rate == pytest.approx(200.0)
     assert model.network.layers == (20, 8, 3, 8, 20)

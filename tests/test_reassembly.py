@@ -11,8 +11,15 @@ import pytest
 
 from examples import reassembly_table
 from fame.errors import ConfigError
+from fame.monitor.pipeline import processors
+from fame.monitor.pipeline.filters import LowPass
+from fame.monitor.pipeline.processor import Samples, stacked
+from fame.monitor.pipeline.threshold import Threshold
+from fame.monitor.pipeline.train import losses
 from fame.monitor.pipeline.trained_model import TrainedModel
 from fame.scenario import Fault, Result, Scenario
+from robots.arm.machine import Machine, State
+from robots.arm.reassembly import recorded
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "reassembly.yaml"
 SEEDS = range(8001, 8005)
@@ -47,8 +54,46 @@ def test_thresholds_per_joint_find_every_obstruction_and_nothing_else():
     assert (largest("blocked_lid") > thresholds()).any(axis=1).all()
 
 
-def mission(*faults: Fault) -> Result:
-    return Scenario.load(EXAMPLE, faults=faults).run()
+# ---- the mission -----------------------------------------------------------------------------------------------------
+
+
+def mission(*faults: Fault, seed: int = 1) -> Result:
+    return Scenario.load(EXAMPLE, faults=faults, seed=seed).run()
+
+
+@pytest.mark.parametrize(("seed", "fault"), [(4, None), (9, None), (5, Fault("Arm", 6.5, "blocked_shoulder"))])
+def test_live_is_recorded_sample_by_sample(seed: int, fault: Fault | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mission with its monitor, and the run computed without them: joint states, and the losses of the monitor."""
+    states: list[State] = []
+    found: list[Samples] = []
+    monkeypatch.setattr(Machine, "step", kept(Machine.step, states))
+    monkeypatch.setattr(Threshold, "execute", kept(Threshold.execute, found, stacked))
+    result = mission(*filter(None, [fault]), seed=seed)
+    monkeypatch.undo()
+    run = recorded(seed, fault.kind if fault else "none", at=fault.time if fault else None)  # type: ignore[arg-type]
+    count = len(states) - 1 if fault else len(states)  # the arm is stopped at the last one
+    assert fault or (lines(result), abs(count - len(run.stamps)) <= 1) == ([], True)
+    count = min(count, len(run.stamps))  # the last cycle may be that of the end
+    assert np.array_equal([state.efforts for state in states[:count]], run.efforts[:count])
+    assert np.array_equal([state.positions for state in states[:count]], run.positions[:count])
+
+    model = TrainedModel.load(reassembly_table.MODEL)
+    efforts = processors.run([LowPass(cutoff=model.before)], {"x": Samples(run.efforts, run.stamps)})["x"]
+    expected = losses(model, efforts, stride=5).values
+    live = np.concatenate([samples.channels() for samples in found])
+    assert len(live) > count / 5 - 50  # the last call of each of the four nodes is up to 20 ms ago
+    assert np.allclose(live, expected[: len(live)], rtol=1e-9, atol=0)
+
+
+def kept(function: Any, into: list[Any], what: Any = None) -> Any:
+    """The function, which keeps its result, or `what` of its arguments, too."""
+
+    def call(*arguments: Any) -> Any:
+        result = function(*arguments)
+        into.append(what(*arguments[1:]) if what else result)
+        return result
+
+    return call
 
 
 def lines(result: Result) -> list[str]:

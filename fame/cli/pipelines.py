@@ -1,10 +1,11 @@
-"""Commands of monitoring: processing nodes, recording nodes and the training of autoencoders.
+"""Commands of monitoring: processing nodes, recording nodes and the training of detectors.
 
 ``fame process``, ``fame record`` and ``fame train``.
 """
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from fame.middleware.interface import Middleware
     from fame.monitor.pipeline.configuration import Configuration
     from fame.monitor.pipeline.recording import RecordingNode
+    from fame.monitor.pipeline.train import Training
+    from fame.monitor.pipeline.trained_model import TrainedModel
 
 
 _PROCESS_EXAMPLES = (
@@ -205,25 +208,26 @@ def add_train(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "train", run_train,
-        examples=("fame train monitor.yaml", "fame train monitor.yaml --onnx monitor.onnx"),
-        help="train an autoencoder per channel on recorded runs, and set its thresholds from runs held back",
+        examples=("fame train monitor.yaml --plots out", "fame train monitor.yaml --onnx monitor.onnx"),
+        help="train a detector on recorded runs, with thresholds that promise a rate of false alarms",
     )  # fmt: skip
     parser.add_argument("configuration", type=Path, metavar="CONFIG.yaml", help="a configuration with Training")
     parser.add_argument("-o", "--output", type=Path, metavar="MODEL.skops", help="instead of the configuration's Model")
-    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="write the model as ONNX too")
+    parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="write the model as ONNX too (autoencoders)")
+    parser.add_argument("--onnx-single", action="store_true", help="with --onnx: inputs and outputs of 32 bit")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the loss of each run, with the thresholds")
     parser.add_argument("--check", action="store_true", help="only look whether the stored model is of these data")
     add_json(parser)
 
 
 def run_train(arguments: Namespace) -> int:
-    """Train, store, and tell how it went."""
-    from dataclasses import asdict
-
+    """Train, store with a card, and tell how it went."""
     from fame.errors import ConfigError
     from fame.imports import require
     from fame.monitor.data_files import hash_files
+    from fame.monitor.model_card import write_card
     from fame.monitor.pipeline.configuration import load
-    from fame.monitor.pipeline.train import train, training_of
+    from fame.monitor.pipeline.train import train, training_of, warnings_of
     from fame.monitor.pipeline.trained_model import TrainedModel
 
     if arguments.onnx is not None:
@@ -238,21 +242,63 @@ def run_train(arguments: Namespace) -> int:
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(training.files))
     else:
-        model = train(training)
+        model = train(training, report=lambda text: note(text) if sys.stderr.isatty() else None)
         model.save(path)
+        write_card(model, path)
     if arguments.onnx is not None:
-        model.save(arguments.onnx)
+        model.save(arguments.onnx, single=arguments.onnx_single)
+    warnings = warnings_of(model)
+    if arguments.plots is not None:
+        _plot_training(arguments.plots, model, training)
     if arguments.json:
-        told = {"model": str(path), "columns": model.columns, "data": model.data, "rate": model.rate}
-        settings = {name: value for name, value in asdict(training).items() if name not in ("model", "columns")}
-        print_json({"status": "completed", **told, "thresholds": model.thresholds, "metrics": dict(model.metrics),
-                    "versions": dict(model.versions), "training": settings})  # fmt: skip
+        print_json(_trained(path, model, training, warnings))
         return 0
-    kinds = ("training_mean", "training_max", "validation_mean", "validation_max")
+    for text in warnings:
+        note(f"warning: {text}")
+    kinds = ("training_mean", "training_max", "validation_max")
     figures = zip(*(model.metrics[kind] for kind in kinds), model.thresholds, strict=True)
     rows = [(name, *(f"{value:.4g}" for value in row)) for name, row in zip(model.columns, figures, strict=True)]
-    print(table(("loss of", "training mean", "maximum", "held back mean", "maximum", "threshold"), rows))
-    layers = "-".join(map(str, model.network.layers))
-    print(f"\n{path}: {layers} per channel, windows of {model.window} samples at {model.rate:.4g} Hz, "
-          f"data {model.data[:12]}")  # fmt: skip
+    print(table(("loss of", "training mean", "maximum", "left out maximum", "threshold"), rows))
+    promise = model.calibration.text if model.calibration is not None else "no promise"
+    print(f"\n{path}: {_detector_text(model)}, windows of {model.window} samples at {model.rate:.4g} Hz, "
+          f"data {model.data[:12]}\nfalse alarms: {promise}")  # fmt: skip
     return 0
+
+
+def _detector_text(model: TrainedModel) -> str:
+    from fame.monitor.pipeline.detectors import Network, detector_name
+
+    if isinstance(model.detector, Network):
+        return f"{'-'.join(map(str, model.network.layers))} per channel"
+    return detector_name(model.detector)
+
+
+def _trained(path: Path, model: TrainedModel, training: Training, warnings: list[str]) -> dict[str, Any]:
+    """The object of ``--json``."""
+    from dataclasses import asdict
+
+    from fame.monitor.pipeline.detectors import detector_name
+
+    calibration = model.calibration
+    alarms = {"asked": calibration.asked, "promised": calibration.promised} if calibration is not None else {}
+    settings = {name: value for name, value in asdict(training).items() if name not in ("model", "columns")}
+    return {
+        "status": "completed", "model": str(path), "columns": model.columns, "data": model.data, "rate": model.rate,
+        "detector": detector_name(model.detector), "thresholds": model.thresholds, "metrics": dict(model.metrics),
+        "false_alarms": alarms, "warnings": warnings, "versions": dict(model.versions), "training": settings,
+    }  # fmt: skip
+
+
+def _plot_training(folder: Path, model: TrainedModel, training: Training) -> None:
+    """Draw the loss of each training run."""
+    from fame.monitor.data_files import read_runs
+    from fame.monitor.pipeline.train import losses, prepared
+    from fame.monitor.plots import plot_loss
+
+    folder.mkdir(parents=True, exist_ok=True)
+    runs = read_runs(training.files, model.columns)
+    for number, run in enumerate(prepared(runs, training)):
+        loss = losses(model, run, training.stride)
+        if len(loss):
+            plot_loss(loss, folder / f"run_{number:03d}.png", thresholds=model.thresholds, title=f"run {number}")
+    note(f"{len(runs)} plots in {folder}")

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError
-from fame.monitor.arrays import Floats
+from fame.monitor.arrays import Floats, Whole
 from fame.monitor.pipeline.processor import Samples
 
 STAMP, RUN, LABEL = "stamp", "run", "label"
@@ -30,15 +30,33 @@ class Table(NamedTuple):
     first: int
 
 
-def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[Samples]:
+class LabelledRun(NamedTuple):
+    """A run with a label per sample, -1 anomalous or 1 benign; all 1 if its file has no labels."""
+
+    samples: Samples
+    labels: Whole
+    file: str
+
+
+def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = (), *, undisturbed: bool = False) -> list[Samples]:
     """Read every run of recorded files: values (n, columns), stamps (s), names of the columns.
 
     `columns` are by default those of the first file but stamp, run and label. Rows that lack one are left out.
-    Raises ConfigError.
+    `undisturbed` runs must not have an anomalous sample. Raises ConfigError.
     """
+    runs = read_labelled_runs(paths, columns)
+    for number, run in enumerate(runs if undisturbed else []):
+        if (run.labels == -1).any():
+            text = f"expected undisturbed runs (label 1), got label -1 in run {number}"
+            raise ConfigError(text, file=run.file)
+    return [run.samples for run in runs]
+
+
+def read_labelled_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[LabelledRun]:
+    """Read every run of recorded files with its labels, as `read_runs`. Raises ConfigError."""
     if not paths:
         raise ConfigError("no files to read; expected Files: [runs.csv]", element="Files")
-    runs: list[Samples] = []
+    runs: list[LabelledRun] = []
     for path in map(Path, paths):
         names, cells, _ = read_table(path, recorded=True)
         columns = tuple(columns) or tuple(name for name in names if name not in (STAMP, RUN, LABEL))
@@ -51,13 +69,23 @@ def read_runs(paths: Sequence[str | Path], columns: Sequence[str] = ()) -> list[
         stamps = cells[:, names.index(STAMP)]
         whole = np.isfinite(values).all(axis=1) & np.isfinite(stamps)
         numbers = cells[:, names.index(RUN)] if RUN in names else np.zeros(len(cells))
+        labels = _labels(cells[:, names.index(LABEL)], path) if LABEL in names else np.ones(len(cells), dtype=np.int64)
         if not whole.any():
             raise ConfigError(f"has no row with all of {', '.join(columns)}", file=str(path))
-        values, stamps, numbers = values[whole], stamps[whole], numbers[whole]
+        values, stamps, numbers, labels = values[whole], stamps[whole], numbers[whole], labels[whole]
         for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(np.nan_to_num(numbers)) != 0) + 1):
             order = rows[np.argsort(stamps[rows], kind="stable")]
-            runs.append(Samples(values[order], stamps[order], tuple(columns)))
+            runs.append(LabelledRun(Samples(values[order], stamps[order], tuple(columns)), labels[order], str(path)))
     return runs
+
+
+def _labels(column: Floats, path: Path) -> Whole:
+    """Read labels; an empty cell is that of an unlabelled sample, which counts as benign."""
+    wrong = np.flatnonzero(np.isfinite(column) & ~np.isin(column, (1, -1)))
+    if len(wrong):
+        text = f"expected the label 1 (benign) or -1 (anomalous), got {column[wrong[0]]:g}"
+        raise ConfigError(text, file=str(path), line=int(wrong[0]) + 2)
+    return np.asarray(np.where(column == -1, -1, 1), dtype=np.int64)
 
 
 def hash_files(paths: Sequence[str | Path]) -> str:

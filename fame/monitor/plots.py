@@ -43,6 +43,16 @@ class Line(Protocol):
     names: tuple[str, ...]
 
 
+_COLOURS = (
+    "#1f77b4", "#d95f02", "#1b9e77", "#e7298a", "#66a61e", "#7570b3", "#a6761d", "#e6ab02", "#17becf", "#444444",
+)  # fmt: skip
+
+
+def line_style(number: int) -> tuple[str, str]:
+    """Give colour and dashes of the line of a channel: ten colours, then the same ones dashed, then dotted ..."""
+    return _COLOURS[number % len(_COLOURS)], ("-", "--", ":", "-.")[number // len(_COLOURS) % 4]
+
+
 def plot_loss(
     loss: Samples, file: str | Path, *, thresholds: Sequence[float] = (), alarms: Sequence[float] = (), title: str = ""
 ) -> None:
@@ -55,7 +65,9 @@ def plot_loss(
     names = loss.names or tuple(map(str, range(values.shape[1])))
     begin = float(loss.stamps[0]) if len(loss) else 0.0
     for channel, name in enumerate(names):
-        (line,) = axes.plot(loss.stamps - begin, values[:, channel], linewidth=1, label=name.rpartition(".")[2])
+        colour, style = line_style(channel)
+        label = name.rpartition(".")[2]
+        (line,) = axes.plot(loss.stamps - begin, values[:, channel], style, color=colour, linewidth=1, label=label)
         if len(thresholds) == len(names) > 1:
             axes.axhline(thresholds[channel], color=line.get_color(), linestyle="--", linewidth=0.8)
     if len(thresholds) == 1 or (len(names) == 1 and thresholds):

@@ -41,10 +41,12 @@ SLIDING = 0.6
 class Bench:
     """The state of the bench. `random` draws what varies from run to run. `held_down`: a person holds the lid down."""
 
-    def __init__(self, random: np.random.Generator) -> None:
+    def __init__(self, random: np.random.Generator, payload: float = 0.0) -> None:
+        """`payload` is the relative deviation of the lid's mass."""
         self.gap = random.normal(1.2e-3, 0.1e-3)
         bearing = math.atan2(MOTOR[1], MOTOR[0]) + random.normal(0.0, math.radians(3))
         self.grip_force, self.yields = random.normal(35.0, 3.0), random.normal(100.0, 5.0)
+        self._mass = LID * random.normal(1.0, payload)
         self._bevel = -math.sin(BEVEL) * np.array([math.cos(bearing), math.sin(bearing), 0.0])
         self._bevel[2] = math.cos(BEVEL)
         self.lid: Literal["motor", "table", "jaws", "floor"] = "motor"
@@ -54,9 +56,9 @@ class Bench:
         self._freed = False
 
     @property
-    def load(self) -> bool:
-        """Whether the arm carries the lid."""
-        return self.jaws == "holding"
+    def load(self) -> float:
+        """The mass that the arm carries, kg."""
+        return self._mass if self.jaws == "holding" else 0.0
 
     def grip(self, shut: bool, place: Floats) -> bool:
         """Shut or open the jaws at a place; return whether they hold the lid then."""
@@ -70,7 +72,7 @@ class Bench:
             if self.jaws == "holding":
                 self.lid = "motor" if _near(place, MOTOR) else "table" if _near(place, TABLE) else "floor"
             self.jaws = "open"
-        return self.load
+        return self.jaws == "holding"
 
     def touches(self, x: float, y: float, z: float) -> bool:
         """Whether there may be a force at a place: a cheap, conservative test."""
@@ -101,7 +103,7 @@ class Bench:
             return np.array([0.0, 0.0, -pull])
         support = MOTOR if on_motor else TABLE - [0.0, 0.0, self.gap]
         normal = self._bevel if on_motor and self._freed else np.array([0.0, 0.0, 1.0])
-        rest = LID * GRAVITY / STIFFNESS * normal if not self._freed else 0.0
+        rest = self._mass * GRAVITY / STIFFNESS * normal if not self._freed else 0.0
         self._freed |= bool(low[2] > support[2] + 0.002)
         return self._pressed(support + rest, low, velocity, normal)
 

@@ -15,18 +15,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from fame.clock import SECOND
+from fame.clock import SECOND, Entry, Scheduler
 from fame.config.values import Point, parameter
 from fame.errors import MissionError
 from fame.middleware import messages
 from robots.arm.bench import MOTOR, TABLE, Bench
 from robots.arm.dynamics import HOME, UR5E
 from robots.arm.kinematics import straight
-from robots.arm.machine import Generators, Machine
+from robots.arm.machine import TYPICAL, Generators, Machine, PlanningTime, Variation
 from robots.sensors import constructor, header_maker
 from robots.vehicles import check_fault
 from sim2d.ground import disc
@@ -51,6 +52,7 @@ class HandlerParameters:
     rate: float = parameter(500.0, "Hz", above=0)
     base: float = parameter(0.15, "m", above=0)
     mass: float = parameter(20.6, "kg", above=0)
+    variation: Variation = TYPICAL
 
 
 class Handler:
@@ -70,7 +72,7 @@ class Handler:
         self.body.body_type = type(self.body).STATIC  # it is bolted to the table
         self._every = period(p.rate, world.step)
         generators = Generators(*(world.random(config.name, name) for name in Generators._fields))
-        self.machine = Machine(UR5E, HOME, self._every * world.step, generators)
+        self.machine = Machine(UR5E, HOME, self._every * world.step, generators, p.variation)
         self._silent = self._stopped = False
         self._dropped: Point = (0.0, 0.0)
         self._node = node = world.middleware.node("robot", config.name)
@@ -81,7 +83,7 @@ class Handler:
         node.subscription("joint_trajectory", TRAJECTORY, self._follow)
         node.service("gripper", "std_srvs/srv/SetBool", self._grip)
         self._twin_node = world.middleware.node("twin", config.name)
-        Twin(self._twin_node)
+        self._twin = Twin(self._twin_node, world.scheduler, PlanningTime(p.variation, generators.planning))
 
     @property
     def pose(self) -> Pose:
@@ -147,7 +149,7 @@ class Handler:
             self._silent = True
 
     def close(self) -> None:
-        self._twin_node.close()
+        self._twin.close()
         self._node.close()
 
     def _grip(self, request: Message) -> Mapping[str, Any]:
@@ -171,16 +173,36 @@ class Handler:
 
 
 class Twin:
-    """The node of the digital twin."""
+    """The node of the digital twin.
 
-    def __init__(self, node: Node) -> None:
-        self._posture: Floats = HOME
+    It plans from its own posture, the end of its last trajectory, because forces on the arm deflect the measured one;
+    from the measured one if they are more than `APART` from each other, as after a stop. A trajectory of another node
+    ends the planning of its own.
+    """
+
+    APART = 0.05
+    """rad"""
+
+    def __init__(self, node: Node, scheduler: Scheduler, planning: PlanningTime) -> None:
+        self._node, self._scheduler, self._planning = node, scheduler, planning
+        self._posture = self._measured = HOME
+        self._pending: Entry | None = None
         self._trajectory = node.publisher("joint_trajectory", TRAJECTORY)
         node.subscription("joint_states", JOINT_STATE, self._on_state, MEASUREMENT)
         node.subscription("goal_pose", "geometry_msgs/msg/PoseStamped", self._on_goal)
+        node.subscription("joint_trajectory", TRAJECTORY, lambda message: self._cancel())
+
+    def close(self) -> None:
+        """Close the node."""
+        self._cancel()
+        self._node.close()
+
+    def _cancel(self) -> None:
+        if self._pending is not None:
+            self._pending.cancel()
 
     def _on_state(self, message: Message) -> None:
-        self._posture = message.position
+        self._measured = np.array(message.position)
 
     def _on_goal(self, message: Message) -> None:
         at = message.pose.position
@@ -188,11 +210,15 @@ class Twin:
         try:
             if not np.isfinite(place).all():
                 raise MissionError("expected a finite position")
-            way = straight(UR5E.chain, np.array(self._posture), place)
+            apart = np.abs(self._posture - self._measured).max() > self.APART
+            way = straight(UR5E.chain, self._measured if apart else self._posture, place)
         except MissionError:
-            self._trajectory.publish(messages.create(TRAJECTORY, {}))
-            return
-        self._trajectory.publish(trajectory(way.times, way.positions))
+            answer = messages.create(TRAJECTORY, {})
+        else:
+            self._posture = way.positions[-1]
+            answer = trajectory(way.times, way.positions)
+        self._cancel()
+        self._pending = self._scheduler.after(self._planning.draw(), partial(self._trajectory.publish, answer))
 
 
 def trajectory(times: Floats, positions: Floats) -> Message:

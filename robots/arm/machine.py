@@ -4,19 +4,23 @@ Computed torque makes the deviation e from the reference obey M (e'' + 2 w e' + 
 joint critically damped; without external forces e is 0, and the efforts are the inverse dynamics of the reference.
 While a force acts, the equation is integrated at the control rate (semi-implicit Euler) with inertia, Jacobian and
 gravity of the reference, because deviations stay below a few mm. The effort is that of the motors: inverse dynamics,
-the controller's correction M (-2 w e' - w^2 e), friction, and noise. The controller knows the friction except for a
-factor that depends on temperature and wear and is drawn for each joint and run.
+the controller's correction M (-2 w e' - w^2 e), friction, and the errors of its measurement. `Variation` says what
+differs from run to run and from cycle to cycle.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from fame.clock import SECOND
+from fame.config.values import parameter
 from fame.monitor.arrays import Floats
-from robots.arm.bench import LID, Bench, Push
+from robots.arm.bench import Bench, Push
 from robots.arm.dynamics import Arm, friction, inertia_matrices, inverse_dynamics
 from robots.arm.kinematics import Motion, forward, sampled
 from sim2d.randomness import Noise
@@ -27,6 +31,36 @@ STILL = 1e-9
 """Deviations below this (rad, rad/s) are set to 0."""
 BRAKE = 0.25
 """Time in which the arm stops on `hold`, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """How much runs differ, and how a joint's effort is measured. docs/arm.md gives the source of each size.
+
+    friction     deviation of each joint's friction between runs, relative: wear, and load of its gears
+    temperature  deviation of the arm's temperature between runs, K; friction falls by `COOLING` per K in all joints
+    bias         deviation of the measured effort's offset between runs, relative to the noise of the joint
+    coloured     part of the noise's variance that is correlated in time
+    correlation  time constant of this part, s
+    payload      deviation of the lid's mass between runs, relative
+    planning     mean time from a goal to its trajectory, s; `jitter` is its deviation, s
+    encoders     whether positions are rounded to the steps of the encoders
+    """
+
+    friction: float = parameter(0.05, minimum=0, maximum=1)
+    temperature: float = parameter(4.0, "K", minimum=0)
+    bias: float = parameter(0.2, minimum=0)
+    coloured: float = parameter(0.3, minimum=0, maximum=1)
+    correlation: float = parameter(0.02, "s", above=0)
+    payload: float = parameter(0.02, minimum=0, maximum=0.5)
+    planning: float = parameter(0.04, "s", minimum=0)
+    jitter: float = parameter(0.01, "s", minimum=0)
+    encoders: bool = parameter(True)
+
+
+TYPICAL = Variation()
+COOLING = 0.01
+"""Relative loss of friction per K."""
 
 
 class State(NamedTuple):
@@ -42,16 +76,20 @@ class Plan:
 
     def __init__(self, arm: Arm, motion: Motion) -> None:
         self._arm, self.motion = arm, motion
-        self._efforts: dict[bool, Floats] = {}
         self.friction = friction(arm, motion.velocities)
         self.places = arm.chain.places(motion.positions).tolist()
 
-    def efforts(self, load: bool) -> Floats:
-        """Inverse dynamics (cycles, joints), Nm, with the lid or without."""
-        if load not in self._efforts:
-            arm = self._arm.carrying(LID) if load else self._arm
-            self._efforts[load] = inverse_dynamics(arm, *self.motion)
-        return self._efforts[load]
+    def effort(self, at: int, load: float) -> Floats:
+        """Inverse dynamics (joints,), Nm, at a cycle, with a load in kg. It is linear in the mass of the load."""
+        return np.asarray(self._empty[at] + load * self._per_mass[at] if load else self._empty[at])
+
+    @cached_property
+    def _empty(self) -> Floats:
+        return inverse_dynamics(self._arm, *self.motion)
+
+    @cached_property
+    def _per_mass(self) -> Floats:
+        return inverse_dynamics(self._arm.carrying(1.0), *self.motion) - self._empty
 
     @cached_property
     def jacobians(self) -> Floats:
@@ -66,13 +104,17 @@ class Plan:
 class Machine:
     """An arm and its gripper at a bench."""
 
-    def __init__(self, arm: Arm, posture: Floats, period: float, generators: Generators, *, bench: bool = True) -> None:
+    def __init__(
+        self, arm: Arm, posture: Floats, period: float, generators: Generators, variation: Variation = TYPICAL
+    ) -> None:
         self.arm, self.period = arm, period
-        self.bench = Bench(generators.bench) if bench else None
+        self.bench = Bench(generators.bench, variation.payload)
         self.push: Push | None = None
         self._people = generators.people
-        self._noise = Noise(generators.effort, len(posture))
-        self._factor = generators.friction.normal(1.0, 0.05, len(posture))
+        self._sensor = EffortSensor(arm, period, generators, variation)
+        warmer = generators.temperature.normal(0.0, variation.temperature)
+        self._factor = generators.friction.normal(1.0, variation.friction, len(posture)) * math.exp(-COOLING * warmer)
+        self._quantise = arm.chain.quantised if variation.encoders and arm.chain.steps else np.asarray
         self._deviation, self._rate = np.zeros(len(posture)), np.zeros(len(posture))
         self._cycle = 0
         still = np.zeros((1, len(posture)))
@@ -107,7 +149,7 @@ class Machine:
     def grip(self, shut: bool) -> bool:
         """Shut or open the gripper; return whether it holds something then."""
         at = min(max(self._cycle, 0), len(self.plan.places) - 1)
-        return self.bench is not None and self.bench.grip(shut, np.array(self.plan.places[at]))
+        return self.bench.grip(shut, np.array(self.plan.places[at]))
 
     def obstruct_shoulder(self) -> None:
         """Let a person push joint 0, then block it, for some seconds."""
@@ -115,35 +157,33 @@ class Machine:
 
     def hold_lid(self) -> None:
         """Let a person hold the lid down."""
-        if self.bench is not None:
-            self.bench.held_down = True
+        self.bench.held_down = True
 
     def step(self) -> State:
         """Compute one control cycle."""
         self._cycle = at = min(self._cycle + 1, len(self.plan.places) - 1)
-        plan, bench = self.plan, self.bench
-        efforts = plan.efforts(bench is not None and bench.load)[at] + self._factor * plan.friction[at]
+        plan = self.plan
+        efforts = plan.effort(at, self.bench.load) + self._factor * plan.friction[at]
         positions, velocities = plan.motion.positions[at], plan.motion.velocities[at]
         if self._pushed(at):
             positions, velocities = positions + self._deviation, velocities + self._rate
             efforts = efforts + self._correct(at, positions, velocities)
-        efforts = efforts + self.arm.noise * self._noise.row()
-        self.state = State(positions.tolist(), velocities.tolist(), efforts.tolist())
+        efforts = efforts + self._sensor.error()
+        self.state = State(self._quantise(positions).tolist(), velocities.tolist(), efforts.tolist())
         return self.state
 
     def _pushed(self, at: int) -> bool:
         """Whether there is, or may be, a deviation."""
         if self.push is not None or self._deviation.any():
             return True
-        return self.bench is not None and self.bench.touches(*self.plan.places[at])
+        return self.bench.touches(*self.plan.places[at])
 
     def _correct(self, at: int, positions: Floats, velocities: Floats) -> Floats:
         """Return the controller's correction (joints,), Nm, and advance the deviation by one cycle."""
         plan, outer = self.plan, np.zeros(len(positions))
-        if self.bench is not None:
-            jacobian = plan.jacobians[at]
-            place = plan.places[at] + jacobian @ self._deviation
-            outer += jacobian.T @ self.bench.force(place, jacobian @ velocities)
+        jacobian = plan.jacobians[at]
+        place = plan.places[at] + jacobian @ self._deviation
+        outer += jacobian.T @ self.bench.force(place, jacobian @ velocities)
         if self.push is not None:
             torque = self.push.torque(float(positions[0]), self.period)
             outer[0] += torque or 0.0
@@ -157,6 +197,36 @@ class Machine:
         return np.asarray(inertia @ wanted)
 
 
+class EffortSensor:
+    """The error of measured efforts: an offset for each run, white noise, and noise that is correlated in time."""
+
+    def __init__(self, arm: Arm, period: float, generators: Generators, variation: Variation) -> None:
+        joints = len(arm.noise)
+        self._white = Noise(generators.effort, joints)
+        self._slow = Noise(generators.colour, joints)
+        self._offset = variation.bias * arm.noise * generators.bias.standard_normal(joints)
+        self._keep = math.exp(-period / variation.correlation)
+        self._drive = math.sqrt((1 - self._keep**2) * variation.coloured) * arm.noise
+        self._share = math.sqrt(1 - variation.coloured) * arm.noise
+        self._state: Floats = math.sqrt(variation.coloured) * arm.noise * self._slow.row()
+
+    def error(self) -> Floats:
+        """Return the error (joints,), Nm, at the next cycle."""
+        self._state = self._keep * self._state + self._drive * self._slow.row()
+        return np.asarray(self._offset + self._state + self._share * self._white.row())
+
+
+class PlanningTime:
+    """The time from a goal to its trajectory, which varies."""
+
+    def __init__(self, variation: Variation, random: np.random.Generator) -> None:
+        self._mean, self._deviation, self._random = variation.planning, variation.jitter, random
+
+    def draw(self) -> int:
+        """Return the next planning time, ns."""
+        return round(max(0.0, self._random.normal(self._mean, self._deviation)) * SECOND)
+
+
 class Generators(NamedTuple):
     """One random generator for each source of randomness."""
 
@@ -164,3 +234,7 @@ class Generators(NamedTuple):
     friction: np.random.Generator
     bench: np.random.Generator
     people: np.random.Generator
+    temperature: np.random.Generator
+    bias: np.random.Generator
+    colour: np.random.Generator
+    planning: np.random.Generator

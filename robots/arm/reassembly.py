@@ -1,26 +1,32 @@
 """The reassembly: take the lid off the motor, put it on the table, pick it up again, put it back; simulated runs of it.
 
-A run has the samples that `joint_states` would have, computed by the same machine without topics.
+A recorded run has the samples of `joint_states` that the mission `models/reassembly.bpmn` gives with the same seed,
+computed without topics, tokens and a world: as the mission, it sends goals, waits until the twin has planned, and waits
+`PAUSE` after each movement and each gripper command.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from fame.clock import SECOND
 from fame.monitor.arrays import Floats
 from robots.arm.bench import MOTOR, TABLE
 from robots.arm.dynamics import HOME, UR5E
 from robots.arm.kinematics import sampled, straight
-from robots.arm.machine import Generators, Machine, Plan
+from robots.arm.machine import TYPICAL, Generators, Machine, Plan, PlanningTime, State, Variation
 from sim2d.randomness import generator
 
 RATE = 500.0
 ABOVE = np.array([0.0, 0.0, 0.12])
 PAUSE = 0.4
 """Pause after each movement and each gripper command, s."""
+HELD = 1.0
+"""Time at which a person holds the lid down in the scenario ``blocked_lid``, s."""
 
 Scenario = Literal["none", "blocked_shoulder", "blocked_lid"]
 SCENARIOS: tuple[Scenario, ...] = ("none", "blocked_shoulder", "blocked_lid")
@@ -60,14 +66,18 @@ class Run(NamedTuple):
 
 
 @cache
-def plans() -> tuple[Plan, ...]:
-    """The movements of the program, the same in all runs."""
-    posture, made = HOME, []
+def plans() -> tuple[tuple[int, Plan], ...]:
+    """Return the movements of the program, the same in all runs, each with the duration of its trajectory, ns."""
+    made: list[tuple[int, Plan]] = []
+    posture, here, rate = HOME, HOME, np.zeros(len(HOME))
     for step in PROGRAM:
-        times, positions = straight(UR5E.chain, posture, step.place)
-        times, positions = np.concatenate([[0.0], times]), np.vstack([posture, positions])
-        made.append(Plan(UR5E, sampled(times, positions, np.zeros(6), 1 / RATE)))
-        posture = made[-1].motion.positions[-1]
+        way = straight(UR5E.chain, posture, step.place)
+        nanoseconds = np.rint(way.times * SECOND).astype(int)
+        times = nanoseconds // SECOND + nanoseconds % SECOND / SECOND  # as a message has them
+        times, positions = np.concatenate([[0.0], times]), np.vstack([here, way.positions])
+        plan = Plan(UR5E, sampled(times, positions, rate, 1 / RATE))
+        made.append((int(nanoseconds[-1]), plan))
+        posture, here, rate = way.positions[-1], plan.motion.positions[-1], plan.motion.velocities[-1]
     return tuple(made)
 
 
@@ -76,23 +86,63 @@ def generators(seed: int, robot: str = "Arm") -> Generators:
     return Generators(*(generator(seed, robot, name) for name in Generators._fields))
 
 
-def recorded(seed: int, scenario: Scenario = "none") -> Run:
-    """Simulate one run. In obstructed ones a person pushes joint 0 shortly before the lid is moved sideways and then
-    blocks it, or holds the lid on the motor until the gripper slips off."""
-    machine = Machine(UR5E, HOME, 1 / RATE, generators(seed))
-    pause = round(PAUSE * RATE)
-    states = [machine.step() for _ in range(pause)]
-    early = round(RATE * generator(seed, "moment").uniform(0.2, 0.6))
+def recorded(seed: int, scenario: Scenario = "none", at: float | None = None, variation: Variation = TYPICAL) -> Run:
+    """Simulate one run. In obstructed ones a person pushes joint 0 and then blocks it, or holds the lid on the motor
+    until the gripper slips off: at the time `at` (s), as ``--fault Arm@S:blocked_shoulder``. By default, the shoulder
+    is pushed shortly before the lid is moved sideways."""
+    moment = generator(seed, "moment").uniform(0.2, 0.6)
+    rehearsal = _Rehearsal(seed, variation)
     if scenario == "blocked_lid":
-        machine.hold_lid()
-    for number, (step, plan) in enumerate(zip(PROGRAM, plans(), strict=True)):
-        machine.start(plan)
-        states += [machine.step() for _ in range(len(plan.places) + pause)]
-        if scenario == "blocked_shoulder" and number == ASIDE - 1:
-            machine.obstruct_shoulder()
-            states += [machine.step() for _ in range(early)]
+        rehearsal.fault(HELD if at is None else at, rehearsal.machine.hold_lid)
+    if scenario == "blocked_shoulder" and at is not None:
+        rehearsal.fault(at, rehearsal.machine.obstruct_shoulder)
+    for number, (step, (duration, plan)) in enumerate(zip(PROGRAM, plans(), strict=True)):
+        pushed = scenario == "blocked_shoulder" and at is None and number == ASIDE - 1
+        rehearsal.move(duration, plan, moment if pushed else None)
         if step.shut is not None:
-            machine.grip(step.shut)
-            states += [machine.step() for _ in range(pause)]
-    columns = (np.array(column) for column in zip(*states, strict=True))
-    return Run(np.arange(1, len(states) + 1) / RATE, *columns)
+            rehearsal.grip(step.shut)
+    return rehearsal.run()
+
+
+class _Rehearsal:
+    """The mission's commands to a machine, at the times (ns) at which the mission gives them."""
+
+    def __init__(self, seed: int, variation: Variation) -> None:
+        self.now = 0
+        sources = generators(seed)
+        self.machine = Machine(UR5E, HOME, 1 / RATE, sources, variation)
+        self._planning = PlanningTime(variation, sources.planning)
+        self._states: list[State] = []
+        self._faults: list[tuple[int, Callable[[], None]]] = []
+
+    def fault(self, time: float, action: Callable[[], None]) -> None:
+        """Let a fault come at a time (s)."""
+        self._faults.append((round(time * SECOND), action))
+
+    def move(self, duration: int, plan: Plan, pushed: float | None = None) -> None:
+        """Send a goal and follow the trajectory. A person pushes joint 0 `pushed` s before the end."""
+        self.wait(self._planning.draw())
+        self.machine.start(plan)
+        if pushed is not None:
+            self.fault((self.now + duration) / SECOND + PAUSE - pushed, self.machine.obstruct_shoulder)
+        self.wait(round(duration + PAUSE * SECOND))
+
+    def grip(self, shut: bool) -> None:
+        """Use the gripper."""
+        self.machine.grip(shut)
+        self.wait(round(PAUSE * SECOND))
+
+    def wait(self, duration: int) -> None:
+        """Let time pass, ns: a cycle is computed after everything else that happens at its time."""
+        self.now += duration
+        period = round(SECOND / RATE)
+        while (cycle := period * (len(self._states) + 1)) < self.now:
+            for fault in [fault for fault in self._faults if fault[0] <= cycle]:
+                self._faults.remove(fault)
+                fault[1]()
+            self._states.append(self.machine.step())
+
+    def run(self) -> Run:
+        """Return what was measured."""
+        columns = (np.array(column) for column in zip(*self._states, strict=True))
+        return Run(np.arange(1, len(self._states) + 1) / RATE, *columns)

@@ -12,6 +12,7 @@ the data that it was made from, and returns it for the same data only.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -128,6 +129,15 @@ class Model:
             return PathScorer(self)
         return PointScorer(self)
 
+    def alarm_points(self) -> int:
+        """The number of anomalous points of a run from which on its score exceeds the threshold."""
+        return math.floor(self.threshold * self.nominal + 1e-9) + 1
+
+    def seconds_text(self, points: int) -> str:
+        """How long so many points last, if the model knows the time between two of them; else empty."""
+        period = self.estimator.period if isinstance(self.estimator, PathDetector) else 0.0
+        return f", {points * period:.3g} s" if period else ""
+
     def worst_joint(self, values: Floats) -> tuple[str, float]:
         """The joint that is farthest from the nearest benign point, and how far (rad)."""
         nearest = self.reference[np.argmin(((self.reference - values) ** 2).sum(axis=1))]
@@ -208,6 +218,8 @@ def _decision(model: Model) -> Callable[[Floats], bool]:
 
 
 FORMAT = "fame-adm-1"
+FORMATS = (FORMAT,)
+"""Of stored models that can be read."""
 
 
 def data_hash(*recordings: Recording) -> str:

@@ -156,6 +156,10 @@ class PathDetector:
         arrival = float(times[away[-1]] if len(away) else times[-1])
         return Paths(places, directions(places), times, np.full(len(places), float(number)), arrival)
 
+    def limits_text(self) -> str:
+        """What the detector does not see, in a sentence."""
+        return "It sees the position of the tool, not its orientation."
+
     # ---- storing ---------------------------------------------------------------------------------------------------
 
     def to_plain(self) -> dict[str, Any]:

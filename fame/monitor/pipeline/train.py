@@ -1,16 +1,17 @@
-"""`fame train`: autoencoders from recorded runs, one per channel, with thresholds from runs that were held back.
+"""`fame train`: a detector from recorded runs, with thresholds that promise a rate of false alarms.
 
-Runs are never taken apart: some train, the others validate. Each channel is shifted and scaled by what the training
-runs hold. Of more windows than `samples` a random choice is used. A channel's threshold is the largest loss of the
-held-back runs, smoothed as the pipeline smooths it, times a margin.
+Runs are never divided. Each channel is shifted and scaled by what the training runs hold. Of more windows than
+`samples` a random choice is used. For the thresholds, runs are put into folds; each fold is scored by a detector that
+learned from the others, as the pipeline scores it, smoothing included. `fame.monitor.calibration` turns these scores,
+one per run and channel, into thresholds. The detector that is stored learned from all runs.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
@@ -20,14 +21,16 @@ import numpy as np
 
 from fame.config.values import ConfigValue
 from fame.errors import ConfigError
-from fame.imports import require
 from fame.monitor.arrays import Floats
+from fame.monitor.calibration import calibrate
 from fame.monitor.data_files import hash_files, rate_of, read_runs
 from fame.monitor.pipeline import processors
+from fame.monitor.pipeline.detectors import ACTIVATIONS, RULES, Settings, detector_names, fit_detector
 from fame.monitor.pipeline.estimators import Autoencoder
 from fame.monitor.pipeline.filters import LowPass, Windower
 from fame.monitor.pipeline.processor import Samples
-from fame.monitor.pipeline.trained_model import ACTIVATIONS, Network, TrainedModel
+from fame.monitor.pipeline.trained_model import TrainedModel
+from fame.monitor.storage import versions
 from fame.text import suggestion
 
 
@@ -35,61 +38,184 @@ from fame.text import suggestion
 class Training:
     """Settings of a training: the keys of the section `Training` of a configuration.
 
-    files       CSV files of undisturbed runs
-    model       where the model is stored
-    columns     of the files; default all but stamp, run and label
-    window      samples per window: inputs and outputs of a network
-    hidden      neurons of the layers between
-    activation  of these: relu, tanh, logistic, identity
-    stride      samples from one window to the next, of those that train and of those that validate
-    before      Hz, low-pass on the data; 0: none
-    cutoff      Hz, low-pass on the loss; 0: none
-    held_back   part of the runs that validates (at least one; at least one trains)
-    samples     windows that train, at most
-    epochs      passes over these, at most
-    margin      factor on the largest loss of the held-back runs
+    files         CSV files of undisturbed runs
+    model         where the model is stored
+    columns       of the files; default all but stamp, run and label
+    detector      one of `fame.monitor.pipeline.detectors`: ``pca``, ``any of autoencoder, knn`` ...
+    window        samples per window
+    stride        samples from one window to the next, of those that train and of those that are scored
+    before        Hz, low-pass on the data; 0: none
+    cutoff        Hz, low-pass on the loss; 0: none
+    false_alarms  rate that is asked for: ``0.01 per run`` or ``0.5 per hour``
+    margin        factor on the thresholds; default 1 with a promise, 1.5 without
+    folds         of the runs, for the scores that set the thresholds
+    held_back     instead of folds: the part of the runs in each fold
+    samples       windows that train, at most
+    hidden        neurons of the layers of autoencoders between input and output
+    activation    of these: relu, tanh, logistic, identity
+    epochs        passes over these windows, at most
+    components    part of the variance that principal components explain
+    neighbours    windows that `knn` keeps, at most
     """
 
     files: tuple[str, ...] = ()
     model: str = "model.skops"
     columns: tuple[str, ...] = ()
+    detector: str = "autoencoder"
     window: int = 50
-    hidden: tuple[int, ...] = (16, 4, 16)
-    activation: str = "tanh"
     stride: int = 5
     before: float = 0.0
     cutoff: float = 0.0
-    held_back: float = 0.25
+    false_alarms: str = "0.01 per run"
+    margin: float | None = None
+    folds: int = 5
+    held_back: float | None = None
     samples: int = 20_000
+    hidden: tuple[int, ...] = (16, 4, 16)
+    activation: str = "tanh"
     epochs: int = 60
-    margin: float = 1.2
+    components: float = 0.99
+    neighbours: int = 4000
     seed: int = 0
 
+    @property
+    def settings(self) -> Settings:
+        """What detectors take of it."""
+        return Settings(tuple(self.hidden), self.activation, self.epochs, self.components, self.neighbours, self.seed)
 
-def train(config: Training) -> TrainedModel:
+
+Report = Callable[[str], object]
+
+
+def train(config: Training, report: Report = lambda text: None) -> TrainedModel:
     """Learn from the files. The model is not stored. Raises ConfigError, UnavailableError."""
-    runs = read_runs(config.files, config.columns)
-    return fit(runs, config, data=hash_files(config.files))
+    runs = read_runs(config.files, config.columns, undisturbed=True)
+    model = fit(runs, config, data=hash_files(config.files), report=report)
+    return replace(model, conditions={**model.conditions, "files": [Path(path).name for path in config.files]})
 
 
-def fit(runs: Sequence[Samples], config: Training, data: str = "") -> TrainedModel:
-    """Learn from runs in memory, each with values (n, channels). `data` names their origin."""
+def fit(runs: Sequence[Samples], config: Training, data: str = "", report: Report = lambda text: None) -> TrainedModel:
+    """Learn from runs in memory, each with values (n, channels). `data` names their origin, `report` gets progress."""
     _check(config, runs)
     rate = rate_of(runs)
-    if config.before:
-        runs = [processors.run([LowPass(cutoff=config.before)], {"x": run})["x"] for run in runs]
-    held = min(max(1, round(config.held_back * len(runs))), len(runs) - 1)
-    chosen = np.random.default_rng(config.seed).permutation(len(runs))
-    training, held_back = [runs[index] for index in chosen[held:]], [runs[index] for index in chosen[:held]]
-    every = np.concatenate([run.channels() for run in training])
+    filtered = prepared(runs, config)
+    model = learned(filtered, config, rate)
+    scores = np.full((len(runs), len(model.columns)), np.nan)
+    for number, (held, others) in enumerate(folds_of(len(runs), config), start=1):
+        report(f"fold {number}: {len(others)} runs train, {len(held)} are scored")
+        fold = learned([filtered[index] for index in others], config, rate)
+        for index in held:
+            scores[index] = _largest(losses(fold, filtered[index], config.stride))
+    whole = np.isfinite(scores).all(axis=1)
+    if whole.sum() < 2:
+        text = (
+            f"{whole.sum()} of {len(runs)} runs have a whole window of {config.window} samples; at least 2 are needed"
+        )
+        raise ConfigError(text, element="Training.window")
+    lasted = [float(run.stamps[-1] - run.stamps[0]) for run in runs if len(run)]
+    asked = false_alarm_rate(config.false_alarms, float(np.mean(lasted)))
+    calibration = calibrate(scores[whole], asked, config.margin)
+    figures = _figures(model, filtered, scores[whole], config)
+    conditions = {
+        "runs": len(runs), "scored": int(whole.sum()), "seconds": [min(lasted), max(lasted)],
+        "samples": sum(map(len, runs)), "settings": _plain(asdict(config)),
+        "constant": [name for name, moves in zip(model.columns, _moves(runs), strict=True) if not moves],
+    }  # fmt: skip
+    return replace(
+        model, thresholds=calibration.thresholds, metrics=figures, data=data, versions=versions(),
+        calibration=calibration, conditions=conditions,
+    )  # fmt: skip
+
+
+def prepared(runs: Sequence[Samples], config: Training) -> list[Samples]:
+    """Give the runs after the low-pass on the data."""
+    if not config.before:
+        return list(runs)
+    return [processors.run([LowPass(cutoff=config.before)], {"x": run})["x"] if len(run) else run for run in runs]
+
+
+def learned(runs: Sequence[Samples], config: Training, rate: float) -> TrainedModel:
+    """Learn a detector from filtered runs, without thresholds (they are 1)."""
+    every = np.concatenate([run.channels() for run in runs])
     mean, scale = every.mean(axis=0), every.std(axis=0)
     scale = np.where(scale > 1e-9 * (1 + np.abs(mean)), scale, 1.0)  # a channel that never moves
-    windows = (_windows(training, config, rate) - mean) / scale
-    network = Network.of([_fitted(windows[:, :, channel], config) for channel in range(windows.shape[2])])
+    windows = (_windows(runs, config, rate) - mean) / scale
+    detector = fit_detector(config.detector, windows, config.settings)
     columns = runs[0].names or tuple(str(index) for index in range(windows.shape[2]))
-    nothing = tuple(0.0 for _ in columns)
-    model = TrainedModel(columns, config.window, rate, mean, scale, network, nothing, config.cutoff, config.before)
-    return _evaluated(model, training, held_back, config, data)
+    nothing = tuple(1.0 for _ in columns)
+    return TrainedModel(columns, config.window, rate, mean, scale, detector, nothing, config.cutoff, config.before)
+
+
+def folds_of(count: int, config: Training) -> Iterator[tuple[list[int], list[int]]]:
+    """Give held-out and other runs of each fold, by their indices."""
+    folds = round(1 / config.held_back) if config.held_back else config.folds
+    order = np.random.default_rng(config.seed).permutation(count)
+    for held in np.array_split(order, min(max(folds, 2), count)):
+        yield sorted(held.tolist()), sorted(set(range(count)) - set(held.tolist()))
+
+
+def _largest(loss: Samples) -> Floats:
+    return np.asarray(loss.values.max(axis=0)) if len(loss) else np.full(loss.values.shape[1], np.nan)
+
+
+def _figures(
+    model: TrainedModel, runs: Sequence[Samples], scores: Floats, config: Training
+) -> dict[str, tuple[float, ...]]:
+    """Give largest and mean losses of the training runs, and the largest ones of the folds, per channel."""
+    every = np.concatenate([losses(model, run, config.stride).values for run in runs])
+    rows = {
+        "training_max": every.max(axis=0), "training_mean": every.mean(axis=0),
+        "validation_max": scores.max(axis=0), "validation_mean": scores.mean(axis=0),
+    }  # fmt: skip
+    return {name: tuple(row.tolist()) for name, row in rows.items()}
+
+
+def _moves(runs: Sequence[Samples]) -> Any:
+    every = np.concatenate([run.channels() for run in runs])
+    return np.ptp(every, axis=0) > 0
+
+
+def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+    kept = {name: value for name, value in settings.items() if name not in ("files", "model")}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in kept.items()}
+
+
+def warnings_of(model: TrainedModel) -> list[str]:
+    """Give what a user has to know about the thresholds of a model, a line each."""
+    if model.calibration is None:
+        return ["was trained by an earlier version: nothing is known about its false alarms; train again"]
+    told = [] if model.calibration.promised is not None else [model.calibration.text]
+    above = [
+        name
+        for name, largest, threshold in zip(model.columns, model.metrics["training_max"], model.thresholds, strict=True)
+        if largest > threshold
+    ]
+    if above:
+        told.append(f"training runs exceed the thresholds of {', '.join(above)}: these have outliers, look at the runs")
+    constant = model.conditions.get("constant", [])
+    if constant:
+        told.append(f"{', '.join(constant)} never moved in training: any movement raises an alarm")
+    shortest, longest = model.conditions.get("seconds", (1.0, 1.0))
+    if longest > 2 * shortest:
+        told.append(f"runs last from {shortest:.3g} to {longest:.3g} s: a promise per run is one for runs like these")
+    return told
+
+
+_RATE_TEXT = re.compile(r"\s*([0-9.eE+-]+)\s*(?:per\s+(run|hour))?\s*")
+
+
+def false_alarm_rate(text: str, seconds: float) -> float:
+    """Read ``0.01 per run`` or ``0.5 per hour``, with runs of a mean duration: per run. Raises ConfigError."""
+    found = _RATE_TEXT.fullmatch(str(text))
+    try:
+        value = float(found[1]) if found else math.nan
+    except ValueError:
+        value = math.nan
+    rate = value * seconds / 3600 if found and found[2] == "hour" else value
+    if not 0 < rate < 1:
+        text = f"expected a rate such as '0.01 per run' or '0.5 per hour', below 1 per run, got {text!r}"
+        raise ConfigError(text, element="Training.FalseAlarms")
+    return rate
 
 
 def losses(model: TrainedModel, run: Samples, stride: int = 1) -> Samples:
@@ -108,7 +234,7 @@ def training_of(section: ConfigValue, folder: Path) -> Training:
     """
     given: dict[str, Any] = {}
     for key, value in section.mapping().items():
-        name = key.lower().replace(" ", "_")
+        name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", key).lower().replace(" ", "_")
         if name not in _READERS:
             raise value.error(f"unknown key; {suggestion(name, _READERS)}")
         given[name] = _READERS[name](value)
@@ -126,6 +252,28 @@ def _texts(value: ConfigValue) -> tuple[str, ...]:
     return tuple(item.text() for item in _items(value))
 
 
+def _detector(value: ConfigValue) -> str:
+    """Read ``pca``, ``any of pca, knn`` or ``{any of: [pca, knn]}``."""
+    if isinstance(value.data, dict):
+        ((rule, names),) = value.mapping(RULES).items() or [("", value)]
+        text = f"{rule} {', '.join(item.text() for item in names.items())}"
+    else:
+        text = value.text()
+    try:
+        detector_names(text)
+    except ConfigError as error:
+        raise value.error(error.text) from None
+    return text
+
+
+def _false_alarms(value: ConfigValue) -> str:
+    try:
+        false_alarm_rate(str(value.data), 1.0)
+    except ConfigError as error:
+        raise value.error(error.text) from None
+    return str(value.data)
+
+
 _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "files": _texts,
     "model": ConfigValue.text,
@@ -140,6 +288,11 @@ _READERS: Mapping[str, Callable[[ConfigValue], Any]] = {
     "samples": partial(ConfigValue.integer, minimum=10),
     "epochs": partial(ConfigValue.integer, minimum=1),
     "margin": partial(ConfigValue.number, above=0),
+    "detector": _detector,
+    "false_alarms": _false_alarms,
+    "folds": partial(ConfigValue.integer, minimum=2),
+    "components": partial(ConfigValue.number, above=0, maximum=1),
+    "neighbours": partial(ConfigValue.integer, minimum=10),
     "seed": partial(ConfigValue.integer, minimum=0, maximum=2**32 - 1),
 }
 
@@ -156,11 +309,13 @@ def _matching(folder: Path, value: ConfigValue) -> list[Path]:
 
 def _check(config: Training, runs: Sequence[Samples]) -> None:
     for name, read in _READERS.items():
-        read(ConfigValue(getattr(config, name), f"Training.{name}"))
+        if getattr(config, name) is not None:
+            read(ConfigValue(getattr(config, name), f"Training.{name}"))
     if not config.hidden:
         raise ConfigError("expected at least one layer, got none", element="Training.hidden")
     if len(runs) < 2:
-        raise ConfigError(f"has {len(runs)} run; at least 2 are needed: one trains, one validates", element="Training")
+        text = f"has {len(runs)} run; at least 2 are needed, since runs that did not train set the thresholds"
+        raise ConfigError(text, element="Training")
 
 
 def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
@@ -174,43 +329,3 @@ def _windows(runs: Sequence[Samples], config: Training, rate: float) -> Floats:
         return np.concatenate(parts)
     lot = np.sort(np.random.default_rng(config.seed).choice(total, config.samples, replace=False))
     return np.concatenate(parts)[lot]
-
-
-def _fitted(windows: Floats, config: Training) -> Any:
-    """One channel's network."""
-    require("sklearn")
-    from sklearn.exceptions import ConvergenceWarning
-    from sklearn.neural_network import MLPRegressor
-
-    estimator = MLPRegressor(
-        hidden_layer_sizes=config.hidden,
-        activation=config.activation,
-        learning_rate_init=3e-3,
-        max_iter=config.epochs,
-        n_iter_no_change=config.epochs,
-        random_state=config.seed,
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # the number of epochs is given
-        return estimator.fit(windows, windows)
-
-
-def _evaluated(
-    model: TrainedModel, training: Sequence[Samples], held_back: Sequence[Samples], config: Training, data: str
-) -> TrainedModel:
-    """The model with thresholds and metrics."""
-    from dataclasses import replace
-
-    from fame.monitor.storage import versions
-
-    figures: dict[str, tuple[float, ...]] = {}
-    for name, runs in (("training", training), ("validation", held_back)):
-        found = [losses(model, run, config.stride).values for run in runs]
-        found = [part for part in found if len(part)]
-        if not found:
-            raise ConfigError(f"no run for {name} has a whole window", element="Training.held_back")
-        every = np.concatenate(found)
-        figures[f"{name}_max"] = tuple(every.max(axis=0).tolist())
-        figures[f"{name}_mean"] = tuple(every.mean(axis=0).tolist())
-    thresholds = tuple(config.margin * value for value in figures["validation_max"])
-    return replace(model, thresholds=thresholds, metrics=figures, data=data, versions=versions())

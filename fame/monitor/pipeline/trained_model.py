@@ -1,12 +1,8 @@
-"""Trained autoencoders, one per channel, with thresholds and origin: evaluated, stored and loaded; ONNX files of them.
-
-A `Network` evaluates the perceptrons of all channels at once, with one matrix product per layer. scikit-learn evaluates
-one network at a time and checks its input each time, which takes many times as long as the arithmetic for the few
-windows of one call. Results agree to 1e-5.
+"""Trained models: a detector with thresholds and origin, stored and loaded; autoencoders also as ONNX files.
 
 Models are stored with skops as plain arrays and texts, so that a file cannot hold anything that runs on loading, and
 does not depend on the version of scikit-learn. `TrainedModel.load` refuses a file that is not a model, is damaged, or
-was trained on other columns or other data than asked for.
+was trained on other columns or other data than asked for. It reads the models of all earlier versions.
 
 The graph of an ONNX file takes ``windows`` (n, window, channels) in the unit of the data and gives ``loss``
 (n, channels), so that any ONNX runtime can evaluate it without FAME. The metadata hold the remaining values of the
@@ -27,81 +23,29 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.monitor.arrays import Floats
+from fame.monitor.calibration import Calibration
+from fame.monitor.pipeline.detectors import ACTIVATIONS, Detector, Network, detector_from_plain, detector_name
 from fame.monitor.storage import read_artefact, versions, write_artefact
 
-ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
-
-
-@dataclass(frozen=True, slots=True)
-class Network:
-    """Networks of the same shape, one per channel.
-
-    weights     per layer (channels, in, out)
-    biases      per layer (channels, 1, out)
-    activation  of the hidden layers; the last is linear
-    """
-
-    weights: tuple[Floats, ...]
-    biases: tuple[Floats, ...]
-    activation: str
-
-    @property
-    def channels(self) -> int:
-        return int(self.weights[0].shape[0])
-
-    @property
-    def layers(self) -> tuple[int, ...]:
-        """Neurons per layer, from input to output."""
-        return (int(self.weights[0].shape[1]), *(int(weight.shape[2]) for weight in self.weights))
-
-    def __call__(self, inputs: Floats) -> Floats:
-        """(channels, n, in) to (channels, n, out)."""
-        last = len(self.weights) - 1
-        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            inputs = np.matmul(inputs, weight)
-            inputs += bias
-            if number < last:
-                _activate(self.activation, inputs)
-        return inputs
-
-    @classmethod
-    def of(cls, estimators: Sequence[Any]) -> Network:
-        """That of scikit-learn's MLPRegressors, one per channel."""
-        layers = range(len(estimators[0].coefs_))
-        weights = tuple(np.stack([item.coefs_[layer] for item in estimators]) for layer in layers)
-        biases = tuple(np.stack([item.intercepts_[layer] for item in estimators])[:, None] for layer in layers)
-        return cls(weights, biases, str(estimators[0].activation))
-
-
-def _activate(name: str, values: Floats) -> None:
-    """In place."""
-    if name == "relu":
-        np.maximum(values, 0, out=values)
-    elif name == "tanh":
-        np.tanh(values, out=values)
-    elif name == "logistic":
-        np.negative(values, out=values)
-        np.exp(values, out=values)
-        values += 1
-        np.reciprocal(values, out=values)
-
-
-FORMAT = "fame-autoencoder-1"
+FORMAT, FIRST_FORMAT = "fame-monitor-2", "fame-autoencoder-1"
+"""Of stored models. The first format had autoencoders only, and no calibration."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainedModel:
-    """One autoencoder per column.
+    """A detector with all that it needs.
 
-    columns     names, in the order of the channels
-    window      samples
-    rate        Hz, of the samples it learned from
-    mean, scale (channels,), of what it learned from; windows are shifted and divided by these
-    thresholds  (channels,), on the loss after smoothing
-    cutoff      Hz, of the low-pass on the loss for which the thresholds hold; 0: none
-    before      Hz, of the low-pass on the data before; 0: none
-    data        SHA-256 of the files
-    metrics     figures of training and validation, by name, each (channels,)
+    columns      names, in the order of the channels
+    window       samples
+    rate         Hz, of the samples it learned from
+    mean, scale  (channels,), of what it learned from; windows are shifted and divided by these
+    thresholds   (channels,), on the loss after smoothing
+    cutoff       Hz, of the low-pass on the loss for which the thresholds hold; 0: none
+    before       Hz, of the low-pass on the data before; 0: none
+    data         SHA-256 of the files
+    metrics      figures of training and validation, by name, each (channels,)
+    calibration  what the thresholds promise; None for a model of an earlier version
+    conditions   of the training, as plain data: files, runs, settings
     """
 
     columns: tuple[str, ...]
@@ -109,21 +53,26 @@ class TrainedModel:
     rate: float
     mean: Floats
     scale: Floats
-    network: Network
+    detector: Detector
     thresholds: tuple[float, ...]
     cutoff: float = 0.0
     before: float = 0.0
     data: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     metrics: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    calibration: Calibration | None = None
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def network(self) -> Network:
+        """The autoencoders. Raises ConfigError for another detector."""
+        if not isinstance(self.detector, Network):
+            raise ConfigError(f"has no autoencoders, its detector is {detector_name(self.detector)}")
+        return self.detector
 
     def loss(self, windows: Any) -> Floats:
-        """Mean squared error over each window, in the scaled unit: (n, window, channels) to (n, channels)."""
-        scaled = (np.asarray(windows, dtype=np.float64) - self.mean) / self.scale
-        inputs = np.ascontiguousarray(scaled.transpose(2, 0, 1))  # (channels, n, window)
-        errors = self.network(inputs)
-        errors -= inputs
-        return np.asarray(np.einsum("cnw,cnw->nc", errors, errors) / self.window)
+        """The loss of each window by the detector, in the scaled unit: (n, window, channels) to (n, channels)."""
+        return self.detector.loss((np.asarray(windows, dtype=np.float64) - self.mean) / self.scale)
 
     def to_plain(self) -> dict[str, Any]:
         """Give all values as plain data and arrays, as they are stored."""
@@ -135,25 +84,25 @@ class TrainedModel:
             "rate": float(self.rate),
             "mean": self.mean,
             "scale": self.scale,
-            "weights": list(self.network.weights),
-            "biases": list(self.network.biases),
-            "activation": self.network.activation,
+            "detector": self.detector.to_plain(),
             "thresholds": [float(value) for value in self.thresholds],
             "cutoff": float(self.cutoff),
             "before": float(self.before),
             "data": self.data,
             "metrics": {name: [float(value) for value in values] for name, values in self.metrics.items()},
+            "calibration": self.calibration.to_plain() if self.calibration is not None else None,
+            "conditions": dict(self.conditions),
         }
 
-    def save(self, path: str | Path) -> None:
-        """Store the model: with skops, or as ONNX if the name ends in ``.onnx``.
+    def save(self, path: str | Path, *, single: bool = False) -> None:
+        """Store the model: with skops, or autoencoders as ONNX if the name ends in ``.onnx``; `single`: with inputs and
+        outputs of 32 bit.
 
-        Raises UnavailableError without the package that writes it.
+        Raises UnavailableError without the package that writes it, ConfigError for another detector as ONNX.
         """
         if str(path).endswith(".onnx"):
-            from fame.monitor.pipeline.trained_model import write_onnx
-
-            write_onnx(self.to_plain(), path)
+            _ = self.network  # ONNX files hold autoencoders
+            write_onnx(self.to_plain(), path, single=single)
         else:
             write_artefact(self.to_plain(), path)
 
@@ -164,13 +113,11 @@ class TrainedModel:
         Raises ConfigError for each reason named above.
         """
         if str(path).endswith(".onnx"):
-            from fame.monitor.pipeline.trained_model import read_onnx
-
             content = read_onnx(path)
         else:
             content = read_artefact(Path(path), "fame train")
             found = content.get("format") if isinstance(content, dict) else None
-            if found != FORMAT:
+            if found not in (FORMAT, FIRST_FORMAT):
                 text = f"is not a model of fame train: expected format {FORMAT!r}, got {found!r}"
                 raise ConfigError(text, file=str(path))
         model = _from_plain(content, str(path))
@@ -190,23 +137,23 @@ class TrainedModel:
 def _from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
     """Give the model that `TrainedModel.to_plain` described. Raises ConfigError if its parts do not fit."""
     try:
-        arrays = {
-            name: [np.asarray(part, dtype=np.float64) for part in content[name]] for name in ("weights", "biases")
-        }
-        network = Network(tuple(arrays["weights"]), tuple(arrays["biases"]), str(content["activation"]))
+        first = "detector" not in content  # the first format
+        calibration = content.get("calibration")
         model = TrainedModel(
             columns=tuple(map(str, content["columns"])),
             window=int(content["window"]),
             rate=float(content["rate"]),
             mean=np.asarray(content["mean"], dtype=np.float64),
             scale=np.asarray(content["scale"], dtype=np.float64),
-            network=network,
+            detector=detector_from_plain({**content, "kind": Network.kind} if first else content["detector"]),
             thresholds=tuple(map(float, content["thresholds"])),
             cutoff=float(content["cutoff"]),
             before=float(content["before"]),
             data=str(content["data"]),
             versions=dict(content["versions"]),
             metrics={str(name): tuple(map(float, values)) for name, values in content["metrics"].items()},
+            calibration=None if calibration is None else Calibration.from_plain(calibration),
+            conditions=dict(content.get("conditions", {})),
         )
         _check(model)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
@@ -216,48 +163,62 @@ def _from_plain(content: Mapping[str, Any], file: str) -> TrainedModel:
 
 def _check(model: TrainedModel) -> None:
     """Raises ValueError if its parts do not fit."""
-    channels, network = len(model.columns), model.network
-    if network.activation not in ACTIVATIONS:
-        raise ValueError(f"activation {network.activation!r}")
-    if network.layers[0] != model.window or network.layers[-1] != model.window:
-        raise ValueError(f"layers {network.layers} for windows of {model.window}")
-    shapes = [(channels, a, b) for a, b in zip(network.layers, network.layers[1:], strict=False)]
-    if [weight.shape for weight in network.weights] != shapes:
-        raise ValueError(f"weights of {[weight.shape for weight in network.weights]} for {channels} columns")
-    if [bias.shape for bias in network.biases] != [(channels, 1, shape[2]) for shape in shapes]:
-        raise ValueError(f"biases of {[bias.shape for bias in network.biases]}")
-    numbers = (model.mean, model.scale, np.array(model.thresholds), *network.weights, *network.biases)
-    if any(part.shape != (channels,) for part in numbers[:3]):
+    channels = len(model.columns)
+    numbers = (model.mean, model.scale, np.array(model.thresholds))
+    if any(part.shape != (channels,) for part in numbers):
         raise ValueError(f"mean, scale or thresholds not of {channels} columns")
     if not all(np.isfinite(part).all() for part in numbers) or not (model.scale > 0).all():
         raise ValueError("values that are not finite")
     if not (model.rate > 0 and model.cutoff >= 0 and model.before >= 0 and np.isfinite(model.rate)):
         raise ValueError(f"rate {model.rate:g}, cutoff {model.cutoff:g}, before {model.before:g}")
+    if isinstance(model.detector, Network):
+        _check_network(model.detector, model.window, channels)
+    loss = model.loss(np.zeros((1, model.window, channels)))  # its parts fit each other
+    if loss.shape != (1, channels) or not np.isfinite(loss).all():
+        raise ValueError(f"a loss of shape {loss.shape} for {channels} columns")
+
+
+def _check_network(network: Network, window: int, channels: int) -> None:
+    if network.activation not in ACTIVATIONS:
+        raise ValueError(f"activation {network.activation!r}")
+    if network.layers[0] != window or network.layers[-1] != window:
+        raise ValueError(f"layers {network.layers} for windows of {window}")
+    shapes = [(channels, a, b) for a, b in zip(network.layers, network.layers[1:], strict=False)]
+    if [weight.shape for weight in network.weights] != shapes:
+        raise ValueError(f"weights of {[weight.shape for weight in network.weights]} for {channels} columns")
+    if [bias.shape for bias in network.biases] != [(channels, 1, shape[2]) for shape in shapes]:
+        raise ValueError(f"biases of {[bias.shape for bias in network.biases]}")
 
 
 _OPSET, _IR = 18, 9
 _OPERATORS = {"relu": "Relu", "tanh": "Tanh", "logistic": "Sigmoid"}
 _METADATA_KEY = "fame"
-_NOT_METADATA = ("format", "mean", "scale", "weights", "biases")
+_NOT_METADATA = ("format", "mean", "scale", "detector", "calibration")
 
 
-def write_onnx(model: Mapping[str, Any], path: str | Path) -> None:
-    """Write a model, given as `TrainedModel.to_plain` gives it. Raises UnavailableError without the package `onnx`."""
+def write_onnx(model: Mapping[str, Any], path: str | Path, *, single: bool = False) -> None:
+    """Write a model of autoencoders, given as `TrainedModel.to_plain` gives it; `single`: inputs and outputs of 32 bit.
+
+    The graph computes with 64 bit in both cases. Raises UnavailableError without the package `onnx`.
+    """
     onnx = _package("onnx")
+    network = model["detector"]
     constants = {"mean": model["mean"], "scale": model["scale"]}
-    for layer, (weight, bias) in enumerate(zip(model["weights"], model["biases"], strict=True)):
+    for layer, (weight, bias) in enumerate(zip(network["weights"], network["biases"], strict=True)):
         constants |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
     channels = len(model["columns"])
     shapes = (("windows", ["n", model["window"], channels]), ("loss", ["n", channels]))
-    inputs, outputs = (
-        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.DOUBLE, shape) for name, shape in shapes
-    )
+    kind = onnx.TensorProto.FLOAT if single else onnx.TensorProto.DOUBLE
+    inputs, outputs = (onnx.helper.make_tensor_value_info(name, kind, shape) for name, shape in shapes)
     tensors = [onnx.numpy_helper.from_array(np.ascontiguousarray(value), name) for name, value in constants.items()]
     tensors.append(onnx.numpy_helper.from_array(np.array([2], dtype=np.int64), "samples"))
-    nodes = _nodes(len(model["weights"]), model["activation"], onnx.helper.make_node)
+    nodes = _nodes(len(network["weights"]), network["activation"], onnx.helper.make_node, kind, onnx.TensorProto.DOUBLE)
     graph = onnx.helper.make_graph(nodes, "autoencoders", [inputs], [outputs], tensors)
     proto = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", _OPSET)], ir_version=_IR)
     metadata = {name: value for name, value in model.items() if name not in _NOT_METADATA}
+    metadata["activation"] = network["activation"]
+    if model["calibration"] is not None:
+        metadata["calibration"] = {**model["calibration"], "scores": model["calibration"]["scores"].tolist()}
     onnx.helper.set_model_props(proto, {_METADATA_KEY: json.dumps(metadata)})
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     onnx.save(proto, str(path))
@@ -319,10 +280,12 @@ class OnnxEstimator:
         return self._session.run(None, {self._input.name: np.ascontiguousarray(features, dtype=self._type)})[0]
 
 
-def _nodes(layers: int, activation: str, make: Any) -> list[Any]:
-    """Build the graph: scale, channels first, the layers, mean squared error, channels last."""
+def _nodes(layers: int, activation: str, make: Any, outside: int, inside: int) -> list[Any]:
+    """Build the graph: scale, channels first, the layers, mean squared error, channels last; `outside` and `inside` are
+    the types of its ends and of its numbers."""
     nodes = [
-        make("Sub", ["windows", "mean"], ["shifted"]),
+        make("Cast", ["windows"], ["numbers"], to=inside),
+        make("Sub", ["numbers", "mean"], ["shifted"]),
         make("Div", ["shifted", "scale"], ["scaled"]),
         make("Transpose", ["scaled"], ["inputs"], perm=[2, 0, 1]),
     ]
@@ -339,7 +302,8 @@ def _nodes(layers: int, activation: str, make: Any) -> list[Any]:
         make("Sub", [at, "inputs"], ["errors"]),
         make("Mul", ["errors", "errors"], ["squares"]),
         make("ReduceMean", ["squares", "samples"], ["means"], keepdims=0),
-        make("Transpose", ["means"], ["loss"], perm=[1, 0]),
+        make("Transpose", ["means"], ["losses"], perm=[1, 0]),
+        make("Cast", ["losses"], ["loss"], to=outside),
     ]
 
 

@@ -1,0 +1,164 @@
+"""Thresholds with a stated false-alarm rate: conformal calibration over undisturbed runs.
+
+Each run gives one score per channel, its largest loss, by a model that was learned without that run. The scores of a
+channel are put on a common scale: z = (log score - mean) / deviation, both over the *other* runs, so that a run of the
+calibration is treated as a future run is. The score of a run is its largest z. If runs are exchangeable, the score of
+one more run is equally likely to fall between any two of the n scores; so the k-th smallest, with
+k = ceil((n + 1) (1 - rate)), is exceeded in at most that `rate` of future runs (split conformal prediction: Vovk,
+Gammerman and Shafer 2005; Angelopoulos and Bates 2023, section 1). n runs cannot promise less than 1 / (n + 1).
+
+The promise is for all channels together; each channel keeps a threshold of its own. The scores are those of
+cross-validation, while the model in use learned from all runs: this makes the promise approximate, on the safe side as
+far as more data give smaller losses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fame.errors import ConfigError
+from fame.monitor.arrays import Floats
+
+RATE = 0.01
+"""Default of the false alarms per run that are asked for."""
+MARGIN = 1.5
+"""Default factor on the largest scores where the runs are too few for a promise."""
+LEAST = 1e-12
+"""Smallest threshold: a channel that never moved in training raises an alarm when it moves."""
+_PRIOR = 4.0
+"""Weight of the deviation over all channels in that of one channel, in runs: few runs estimate it badly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Thresholds, and what they promise.
+
+    thresholds  one per channel
+    asked       false alarms per run that were asked for
+    promised    false alarms per run that n runs promise at these thresholds; None: no promise
+    runs        n
+    margin      factor that was applied to the thresholds
+    scores      (runs, channels): the largest loss of each run, by a model that was learned without it
+    levels      mean of the logarithms of the scores, per channel; `deviations` of them
+    """
+
+    thresholds: tuple[float, ...]
+    asked: float
+    promised: float | None
+    runs: int
+    margin: float
+    scores: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    levels: tuple[float, ...] = ()
+    deviations: tuple[float, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """What is promised, in one sentence."""
+        best = f"{self.runs} runs promise {1 / (self.runs + 1):.2g} per run at best"
+        if self.promised is None:
+            needed = runs_needed(self.asked)
+            return f"no promise: {self.asked:g} false alarms per run were asked for, {best}, {needed} are needed"
+        return f"at most {self.promised:.2g} false alarms per run, by {self.runs} runs (asked for: {self.asked:g})"
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give all values as plain data and arrays."""
+        return {
+            "thresholds": list(self.thresholds), "asked": self.asked, "promised": self.promised, "runs": self.runs,
+            "margin": self.margin, "scores": self.scores, "levels": list(self.levels),
+            "deviations": list(self.deviations),
+        }  # fmt: skip
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> Calibration:
+        """Give what `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
+        promised = plain["promised"]
+        thresholds, levels, deviations = (
+            tuple(map(float, plain[name])) for name in ("thresholds", "levels", "deviations")
+        )
+        return cls(
+            thresholds, float(plain["asked"]), None if promised is None else float(promised), int(plain["runs"]),
+            float(plain["margin"]), np.asarray(plain["scores"], dtype=np.float64), levels, deviations,
+        )  # fmt: skip
+
+
+def runs_needed(rate: float) -> int:
+    """Give the number of runs that can promise a rate of false alarms per run."""
+    return math.ceil(1 / rate - 1 - 1e-9)
+
+
+def rank(runs: int, rate: float) -> int | None:
+    """Give which of the sorted scores of `runs` is the threshold for a rate, from 1; None if they are too few."""
+    place = math.ceil((runs + 1) * (1 - rate) - 1e-9)
+    return max(1, place) if place <= runs else None
+
+
+def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -> Calibration:
+    """Set thresholds from the largest loss of each run and channel (runs, channels).
+
+    `margin` multiplies the thresholds; by default only where there is no promise. Raises ConfigError for fewer than two
+    runs or a rate that is not between 0 and 1.
+    """
+    runs, _ = scores.shape
+    if runs < 2:
+        raise ConfigError(f"has {runs} run; at least 2 are needed to set thresholds")
+    if not 0 < rate < 1:
+        raise ConfigError(f"expected a rate of false alarms between 0 and 1 per run, got {rate:g}")
+    logs = np.log(np.maximum(scores, LEAST))
+    run_scores = np.sort(_run_scores(logs))
+    place = rank(runs, rate)
+    limit = float(run_scores[-1 if place is None else place - 1])
+    promised = None if place is None else 1 - place / (runs + 1)
+    factor = margin if margin is not None else MARGIN if place is None else 1.0
+    levels, deviations = _scale(logs)
+    thresholds = np.maximum(factor * np.exp(levels + limit * deviations), LEAST)
+    if place is None:  # a score that the common scale puts below its own largest one
+        thresholds = np.maximum(thresholds, factor * scores.max(axis=0))
+    return Calibration(
+        tuple(thresholds.tolist()), rate, promised, runs, factor, scores,
+        tuple(levels.tolist()), tuple(deviations.tolist()),
+    )  # fmt: skip
+
+
+def _scale(logs: Floats) -> tuple[Floats, Floats]:
+    """Give mean and deviation per channel of log scores (runs, channels)."""
+    runs = len(logs)
+    variances = logs.var(axis=0, ddof=1) if runs > 1 else np.zeros(logs.shape[1])
+    pooled = float(np.median(variances))
+    shrunk = (variances * (runs - 1) + pooled * _PRIOR) / (runs - 1 + _PRIOR)
+    return logs.mean(axis=0), np.sqrt(np.maximum(shrunk, 1e-6))
+
+
+def _run_scores(logs: Floats) -> Floats:
+    """Give the largest z of each run, by mean and deviation of the other runs."""
+    found = []
+    for number, row in enumerate(logs):
+        mean, deviation = _scale(np.delete(logs, number, axis=0))
+        found.append(float(((row - mean) / deviation).max()))
+    return np.array(found)
+
+
+def left_out_alarms(scores: Floats, rate: float, margin: float | None = None) -> list[int]:
+    """Give the runs (rows of `scores`) that would raise an alarm if the other runs had set the thresholds."""
+    alarms = []
+    for number, row in enumerate(scores):
+        thresholds = calibrate(np.delete(scores, number, axis=0), rate, margin).thresholds
+        if (row > thresholds).any():
+            alarms.append(number)
+    return alarms
+
+
+def interval(count: int, total: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Give the Clopper-Pearson interval of a probability, from `count` of `total` (the exact binomial one)."""
+    from scipy.stats import beta
+
+    if not total:
+        return 0.0, 1.0
+    tail = (1 - confidence) / 2
+    low = float(beta.ppf(tail, count, total - count + 1)) if count else 0.0
+    high = float(beta.ppf(1 - tail, count + 1, total - count)) if count < total else 1.0
+    return low, high

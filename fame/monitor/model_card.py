@@ -1,0 +1,148 @@
+"""Model cards: what a model was learned from, what it promises, and its limits, as Markdown and as JSON.
+
+A card stands beside its model: ``joint_monitor.skops`` has ``joint_monitor.card.md`` and ``joint_monitor.card.json``.
+All that it says is stored in the model, so that ``fame model show`` needs the model alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from fame.errors import ConfigError
+from fame.monitor.calibration import interval, left_out_alarms
+
+if TYPE_CHECKING:
+    from fame.monitor.anomaly.model import Model
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+Card: TypeAlias = dict[str, Any]
+"""Sections by title, each a mapping or a list of sentences; plain data."""
+
+
+def load_any(path: str | Path) -> TrainedModel | Model:
+    """Read a model of ``fame train`` or of ``fame adm learn``. Raises ConfigError for any other file."""
+    from fame.monitor.anomaly import model as anomaly
+    from fame.monitor.pipeline.trained_model import FIRST_FORMAT, FORMAT, TrainedModel
+    from fame.monitor.storage import read_artefact
+
+    path = Path(path)
+    if path.suffix == ".onnx":
+        return TrainedModel.load(path)
+    content = read_artefact(path, "fame train or fame adm learn")
+    found = content.get("format") if isinstance(content, dict) else None
+    if found in (FORMAT, FIRST_FORMAT):
+        return TrainedModel.load(path)
+    if found in anomaly.FORMATS:
+        return anomaly.load_model(path)
+    known = ", ".join((FORMAT, FIRST_FORMAT, *anomaly.FORMATS))
+    raise ConfigError(f"is not a model of FAME: expected one of the formats {known}, got {found!r}", file=str(path))
+
+
+def card_of(model: TrainedModel | Model) -> Card:
+    """Give the card of a model."""
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    return _trained_card(model) if isinstance(model, TrainedModel) else _anomaly_card(model)
+
+
+def _trained_card(model: TrainedModel) -> Card:
+    from fame.monitor.pipeline.detectors import detector_name
+    from fame.monitor.pipeline.train import warnings_of
+
+    conditions, calibration = model.conditions, model.calibration
+    alarms: dict[str, Any] = {"promise": "none: trained by an earlier version"}
+    if calibration is not None:
+        count = len(left_out_alarms(calibration.scores, calibration.asked, calibration.margin))
+        low, high = interval(count, calibration.runs)
+        alarms = {
+            "asked": f"{calibration.asked:g} per run",
+            "promise": calibration.text,
+            "promised per run": calibration.promised,
+            "factor on thresholds": calibration.margin,
+            "measured": f"{count} of {calibration.runs} runs, each against the thresholds of the others",
+            "measured per run": count / calibration.runs,
+            "95 % interval": [round(low, 4), round(high, 4)],
+        }
+    largest = model.metrics["training_max"]
+    return {
+        "Model": {
+            "made by": "fame train", "detector": detector_name(model.detector), "channels": len(model.columns),
+            "window": f"{model.window} samples, {model.window / model.rate:.3g} s", "rate": f"{model.rate:.4g} Hz",
+        },
+        "Data": {
+            "sha256": model.data, "files": conditions.get("files", []), "runs": conditions.get("runs"),
+            "samples": conditions.get("samples"), "seconds per run": conditions.get("seconds"),
+        },
+        "False alarms": alarms,
+        "Thresholds": {
+            name: f"{threshold:.4g} (largest in training: {most:.4g})"
+            for name, threshold, most in zip(model.columns, model.thresholds, largest, strict=True)
+        },
+        "Limits": [
+            *warnings_of(model),
+            "The promise holds for runs like those of the training: same task, speed, load, rate and sensors.",
+            f"An anomaly shorter than a window ({model.window / model.rate:.3g} s) is averaged over it.",
+        ],
+        "Settings": dict(conditions.get("settings", {})),
+        "Versions": dict(model.versions),
+    }  # fmt: skip
+
+
+def _anomaly_card(model: Model) -> Card:
+    from fame.monitor.anomaly.paths import PathDetector
+
+    points = model.alarm_points()
+    limits = [
+        "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
+        "Stamps are made up at the usual rate where messages have none.",
+    ]
+    if isinstance(model.estimator, PathDetector):
+        limits.append(model.estimator.limits_text())
+    else:
+        limits.append("This classifier sees single points: their order and time do not count.")
+    return {
+        "Model": {
+            "made by": "fame adm learn", "detector": f"{model.name} ({type(model.estimator).__name__})",
+            "joints": ", ".join(model.joints), "usual run": f"{model.nominal} points",
+        },
+        "Data": {"sha256": model.data},
+        "Threshold": {
+            "score": model.threshold,
+            "alarm": f"from {points} anomalous points of a run of {model.nominal} on{model.seconds_text(points)}",
+        },
+        "Limits": limits,
+        "Versions": dict(model.versions),
+    }  # fmt: skip
+
+
+def to_markdown(card: Card, title: str = "Model card") -> str:
+    """Give a card as Markdown."""
+    lines = [f"# {title}", ""]
+    for name, section in card.items():
+        lines += [f"## {name}", ""]
+        if isinstance(section, Mapping):
+            lines += [f"- {key}: {_shown(value)}" for key, value in section.items() if value not in (None, "", [])]
+        else:
+            lines += [f"- {sentence}" for sentence in section]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(map(_shown, value))
+    return str(value)
+
+
+def write_card(model: TrainedModel | Model, path: str | Path) -> tuple[Path, Path]:
+    """Write the card of a model beside its file, as Markdown and JSON; return both paths."""
+    path, card = Path(path), card_of(model)
+    markdown, data = (path.with_name(f"{path.stem}.card{ending}") for ending in (".md", ".json"))
+    markdown.write_text(to_markdown(card, path.name), encoding="utf-8")
+    data.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+    return markdown, data

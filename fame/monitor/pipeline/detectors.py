@@ -1,0 +1,498 @@
+"""Detectors: how unusual a window of samples is, per channel.
+
+A detector learns from windows of undisturbed runs, scaled to mean 0 and deviation 1 per channel, and gives each window
+a loss per channel. `fit_detector` makes one by name::
+
+    autoencoder       mean squared error of the reconstruction, by a network per channel
+    pca               mean squared error of the reconstruction by principal components across all channels
+    mahalanobis       squared Mahalanobis distance across all channels, by the window's samples of each channel
+    knn               mean squared distance to the nearest of the windows that it keeps, across all channels
+    ocsvm             one-class SVM (RBF) on principal components: -log of the decision value, 1 at the boundary
+    isolation_forest  isolation forest on principal components: the anomaly score of Liu, Ting and Zhou 2008
+    any of, all of    several of these: the largest or the smallest loss, each relative to its usual one
+
+``ocsvm`` and ``isolation_forest`` have one loss for all channels; the channel that deviates most gets it, the others
+get a share of it. Everything that is evaluated while a robot works is numpy and scipy: a library's `predict` takes many
+times as long for the few windows of one call. All detectors are stored as plain arrays and texts.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from fame.errors import ConfigError
+from fame.imports import require
+from fame.monitor.arrays import Floats, Whole
+
+ACTIVATIONS = ("relu", "tanh", "logistic", "identity")
+POINTS = 10
+"""Values per channel that a window is reduced to, by means of equal parts, where windows are compared to each other."""
+_TINY = 1e-12
+_RIDGE = 1e-5
+"""What is added to each variance before it is inverted, relative to the mean variance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Parameters of detectors.
+
+    hidden      neurons of the autoencoders' layers between input and output
+    activation  of these layers
+    epochs      passes of the autoencoders over the windows
+    components  part of the variance that principal components explain
+    neighbours  windows that `knn` keeps, at most
+    seed        of everything random
+    """
+
+    hidden: tuple[int, ...] = (16, 4, 16)
+    activation: str = "tanh"
+    epochs: int = 60
+    components: float = 0.99
+    neighbours: int = 4000
+    seed: int = 0
+
+
+class Detector(Protocol):
+    """A fitted detector."""
+
+    kind: ClassVar[str]
+
+    def loss(self, windows: Floats) -> Floats:
+        """Give the loss (n, channels) of scaled windows (n, window, channels)."""
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give all values as plain data and arrays."""
+
+
+# ---- autoencoders ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """Autoencoders of the same shape, one per channel, evaluated with one matrix product per layer.
+
+    weights     per layer (channels, in, out)
+    biases      per layer (channels, 1, out)
+    activation  of the hidden layers; the last is linear
+    """
+
+    kind: ClassVar[str] = "autoencoder"
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
+    activation: str
+
+    @property
+    def channels(self) -> int:
+        return int(self.weights[0].shape[0])
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Neurons per layer, from input to output."""
+        return (int(self.weights[0].shape[1]), *(int(weight.shape[2]) for weight in self.weights))
+
+    def __call__(self, inputs: Floats) -> Floats:
+        """(channels, n, in) to (channels, n, out)."""
+        last = len(self.weights) - 1
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            inputs = np.matmul(inputs, weight)
+            inputs += bias
+            if number < last:
+                _activate(self.activation, inputs)
+        return inputs
+
+    def loss(self, windows: Floats) -> Floats:
+        """Give the mean squared error over each window."""
+        inputs = np.ascontiguousarray(windows.transpose(2, 0, 1))  # (channels, n, window)
+        errors = self(inputs)
+        errors -= inputs
+        return np.asarray(np.einsum("cnw,cnw->nc", errors, errors) / windows.shape[1])
+
+    def to_plain(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "weights": list(self.weights),
+            "biases": list(self.biases),
+            "activation": self.activation,
+        }
+
+    @classmethod
+    def of(cls, estimators: Sequence[Any]) -> Network:
+        """That of scikit-learn's MLPRegressors, one per channel."""
+        layers = range(len(estimators[0].coefs_))
+        weights = tuple(np.stack([item.coefs_[layer] for item in estimators]) for layer in layers)
+        biases = tuple(np.stack([item.intercepts_[layer] for item in estimators])[:, None] for layer in layers)
+        return cls(weights, biases, str(estimators[0].activation))
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Settings) -> Network:
+        require("sklearn")
+        from sklearn.exceptions import ConvergenceWarning
+        from sklearn.neural_network import MLPRegressor
+
+        estimators = []
+        for channel in range(windows.shape[2]):
+            estimator = MLPRegressor(
+                hidden_layer_sizes=settings.hidden,
+                activation=settings.activation,
+                learning_rate_init=3e-3,
+                max_iter=settings.epochs,
+                n_iter_no_change=settings.epochs,
+                random_state=settings.seed,
+            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ConvergenceWarning)  # the number of epochs is given
+                estimators.append(estimator.fit(windows[:, :, channel], windows[:, :, channel]))
+        return cls.of(estimators)
+
+
+def _activate(name: str, values: Floats) -> None:
+    """Apply an activation in place."""
+    if name == "relu":
+        np.maximum(values, 0, out=values)
+    elif name == "tanh":
+        np.tanh(values, out=values)
+    elif name == "logistic":
+        np.negative(values, out=values)
+        np.exp(values, out=values)
+        values += 1
+        np.reciprocal(values, out=values)
+
+
+# ---- across channels -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Components:
+    """Principal components of windows across all channels: `axes` (components, window x channels), orthonormal;
+    `deviations` (components,) of the windows that it was learned from along them."""
+
+    kind: ClassVar[str] = "pca"
+    axes: Floats
+    deviations: Floats
+
+    def project(self, windows: Floats) -> Floats:
+        """Give the components (n, components), each with deviation 1 on the windows that it was learned from."""
+        return np.asarray(windows.reshape(len(windows), -1) @ self.axes.T / self.deviations)
+
+    def loss(self, windows: Floats) -> Floats:
+        """Give the mean squared error of the reconstruction."""
+        flat = windows.reshape(len(windows), -1)
+        errors = (flat - flat @ self.axes.T @ self.axes).reshape(windows.shape)
+        return np.asarray(np.einsum("nwc,nwc->nc", errors, errors) / windows.shape[1])
+
+    def to_plain(self) -> dict[str, Any]:
+        return {"kind": self.kind, "axes": self.axes, "deviations": self.deviations}
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Settings, most: int = 64) -> Components:
+        flat = windows.reshape(len(windows), -1)
+        values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+        values, vectors = np.maximum(values[::-1], 0), vectors[:, ::-1]
+        explained = np.cumsum(values) / max(float(values.sum()), _TINY)
+        count = min(int(np.searchsorted(explained, settings.components)) + 1, most, len(flat))
+        return cls(np.ascontiguousarray(vectors[:, :count].T), np.sqrt(np.maximum(values[:count], _TINY)))
+
+
+@dataclass(frozen=True, slots=True)
+class Whitening:
+    """The symmetric square root of the inverse covariance of windows across all channels (window x channels, same).
+
+    Whitened windows have deviation 1 in every direction, so what is small but unusual counts as much as what is large;
+    the symmetric root keeps each sample and channel in its place (ZCA whitening: Kessy, Lewin and Strimmer 2018).
+    """
+
+    kind: ClassVar[str] = "mahalanobis"
+    root: Floats
+
+    def loss(self, windows: Floats) -> Floats:
+        """Give the mean of the squares of the whitened window, about 1 for those that it learned from."""
+        white = (windows.reshape(len(windows), -1) @ self.root).reshape(windows.shape)
+        return np.asarray(np.einsum("nwc,nwc->nc", white, white) / windows.shape[1])
+
+    def to_plain(self) -> dict[str, Any]:
+        return {"kind": self.kind, "root": self.root}
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Settings) -> Whitening:
+        flat = windows.reshape(len(windows), -1)
+        values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+        floor = _RIDGE * max(float(values.mean()), _TINY)
+        return cls((vectors / np.sqrt(np.maximum(values, 0) + floor)) @ vectors.T)
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The windows that were kept, each reduced to `POINTS` values per channel: (kept, points, channels).
+
+    Neighbours are looked up by `components` of the reduced windows, the loss compares the reduced windows themselves.
+    """
+
+    kind: ClassVar[str] = "knn"
+    kept: Floats
+    components: Components
+
+    @cached_property
+    def _tree(self) -> Any:
+        require("scipy")
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self._place(self.kept))
+
+    def _place(self, reduced: Floats) -> Floats:
+        return self.components.project(reduced) * self.components.deviations
+
+    def loss(self, windows: Floats) -> Floats:
+        """Give the mean squared difference to the nearest kept window."""
+        reduced = _reduced(windows)
+        _, nearest = self._tree.query(self._place(reduced))
+        return np.asarray(((reduced - self.kept[nearest]) ** 2).mean(axis=1))
+
+    def to_plain(self) -> dict[str, Any]:
+        return {"kind": self.kind, "kept": self.kept, "components": self.components.to_plain()}
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Settings) -> Nearest:
+        reduced = _reduced(_chosen(windows, settings.neighbours, settings.seed))
+        return cls(reduced, Components.fit(reduced, settings, most=12))
+
+
+def _reduced(windows: Floats) -> Floats:
+    """Give the means of equal parts of each window: (n, at most `POINTS`, channels)."""
+    bounds = np.linspace(0, windows.shape[1], min(POINTS, windows.shape[1]) + 1).astype(int)
+    sums = np.add.reduceat(windows, bounds[:-1], axis=1)
+    return np.asarray(sums / np.diff(bounds)[None, :, None])
+
+
+def _chosen(windows: Floats, count: int, seed: int) -> Floats:
+    """Give a random choice of windows, all of them if there are no more than `count`."""
+    if len(windows) <= count:
+        return windows
+    return windows[np.sort(np.random.default_rng(seed).choice(len(windows), count, replace=False))]
+
+
+# ---- one loss for all channels ---------------------------------------------------------------------------------------
+
+
+def _shared(score: Floats, windows: Floats) -> Floats:
+    """Give each channel its share of a score (n,): all of it to the channel with the largest deviation."""
+    energy = np.einsum("nwc,nwc->nc", windows, windows) + _TINY
+    return np.asarray(score[:, None] * energy / energy.max(axis=1, keepdims=True))
+
+
+@dataclass(frozen=True, slots=True)
+class OneClass:
+    """A one-class SVM with RBF kernel on principal components."""
+
+    kind: ClassVar[str] = "ocsvm"
+    components: Components
+    vectors: Floats
+    weights: Floats
+    gamma: float
+    offset: float
+
+    def loss(self, windows: Floats) -> Floats:
+        features = self.components.project(windows)
+        squares = (self.vectors**2).sum(axis=1) + (features**2).sum(axis=1)[:, None] - 2 * features @ self.vectors.T
+        exponents = np.log(self.weights) - self.gamma * np.maximum(squares, 0)
+        largest = exponents.max(axis=1)  # a sum of exponentials that stays finite far away from all vectors
+        density = largest + np.log(np.exp(exponents - largest[:, None]).sum(axis=1))
+        return _shared(np.maximum(0.0, 1.0 - (density - np.log(self.offset))), windows)
+
+    def to_plain(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind, "components": self.components.to_plain(), "vectors": self.vectors,
+            "weights": self.weights, "gamma": self.gamma, "offset": self.offset,
+        }  # fmt: skip
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Settings) -> OneClass:
+        require("sklearn")
+        from sklearn.svm import OneClassSVM
+
+        components = Components.fit(windows, settings, most=12)
+        features = components.project(_chosen(windows, 3000, settings.seed))
+        machine = OneClassSVM(nu=0.02, gamma=0.5 / features.shape[1]).fit(features)
+        weights = np.asarray(machine.dual_coef_[0], dtype=np.float64)
+        return cls(components, machine.support_vectors_, weights, float(machine._gamma), float(machine.offset_[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class Forest:
+    """An isolation forest on principal components. Its trees are arrays (trees, nodes), unused nodes are leaves.
+
+    `features` and `limits` of a node lead to its `left` or `right`; in a leaf, both are the leaf itself, and `depths`
+    is the length of the path to it.
+    """
+
+    kind: ClassVar[str] = "isolation_forest"
+    components: Components
+    features: Whole
+    limits: Floats
+    left: Whole
+    right: Whole
+    depths: Floats
+    steps: int
+    usual: float
+
+    def loss(self, windows: Floats) -> Floats:
+        values = self.components.project(windows)
+        trees, rows = np.arange(len(self.features)), np.arange(len(values))[:, None]
+        node = np.zeros((len(values), len(trees)), dtype=np.int64)
+        for _ in range(self.steps):
+            left = values[rows, self.features[trees, node]] <= self.limits[trees, node]
+            node = np.where(left, self.left[trees, node], self.right[trees, node])
+        return _shared(2.0 ** (-self.depths[trees, node].mean(axis=1) / self.usual), windows)
+
+    def to_plain(self) -> dict[str, Any]:
+        names = ("features", "limits", "left", "right", "depths", "steps", "usual")
+        plain = {name: getattr(self, name) for name in names}
+        return {"kind": self.kind, "components": self.components.to_plain(), **plain}
+
+    @classmethod
+    def fit(cls, windows: Floats, settings: Settings) -> Forest:
+        require("sklearn")
+        from sklearn.ensemble import IsolationForest
+
+        components = Components.fit(windows, settings, most=12)
+        features = components.project(windows).astype(np.float32).astype(np.float64)
+        made = IsolationForest(random_state=settings.seed).fit(features)
+        trees = [estimator.tree_ for estimator in made.estimators_]
+        size = max(tree.node_count for tree in trees)
+        own = np.arange(size)
+        columns: dict[str, list[Any]] = {name: [] for name in ("features", "limits", "left", "right", "depths")}
+        for tree in trees:
+            leaf = np.pad(tree.children_left == -1, (0, size - tree.node_count), constant_values=True)
+            given = (tree.feature, tree.threshold, tree.children_left, tree.children_right)
+            padded = [np.pad(part, (0, size - tree.node_count)) for part in given]
+            columns["features"].append(np.where(leaf, 0, padded[0]))
+            columns["limits"].append(np.where(leaf, 0.0, padded[1]))
+            columns["left"].append(np.where(leaf, own, padded[2]))
+            columns["right"].append(np.where(leaf, own, padded[3]))
+            columns["depths"].append(_depths(tree, size))
+        stacked = {name: np.array(parts) for name, parts in columns.items()}
+        usual = float(_usual_depth(np.array([made.max_samples_]))[0])
+        return cls(components, **stacked, steps=max(tree.max_depth for tree in trees), usual=usual)
+
+
+def _depths(tree: Any, size: int) -> Floats:
+    """Give the depth of each node, and in leaves with several windows what a tree of these would add."""
+    depths = np.zeros(size)
+    for node in range(tree.node_count):  # parents come before their children
+        for child in (tree.children_left[node], tree.children_right[node]):
+            if child != -1:
+                depths[child] = depths[node] + 1
+    leaves = np.flatnonzero(tree.children_left == -1)
+    depths[leaves] += _usual_depth(tree.n_node_samples[leaves])
+    return depths
+
+
+def _usual_depth(count: Whole) -> Floats:
+    """Give the mean depth of an unsuccessful search in a binary tree of `count` windows (Liu et al. 2008, eq. 1)."""
+    many = np.maximum(count, 3)
+    usual = 2 * (np.log(many - 1) + np.euler_gamma) - 2 * (many - 1) / many
+    return np.asarray(np.where(count <= 1, 0.0, np.where(count == 2, 1.0, usual)))
+
+
+# ---- several ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Several:
+    """Several detectors: ``any of`` takes the largest loss, ``all of`` the smallest. `usual` (detectors, channels) are
+    the losses that count as 1."""
+
+    kind: ClassVar[str] = "several"
+    rule: str
+    parts: tuple[Detector, ...]
+    usual: Floats
+
+    def loss(self, windows: Floats) -> Floats:
+        found = [part.loss(windows) / usual for part, usual in zip(self.parts, self.usual, strict=True)]
+        return np.asarray(np.max(found, axis=0) if self.rule == "any of" else np.min(found, axis=0))
+
+    def to_plain(self) -> dict[str, Any]:
+        parts = [part.to_plain() for part in self.parts]
+        return {"kind": self.kind, "rule": self.rule, "parts": parts, "usual": self.usual}
+
+    @classmethod
+    def fit(cls, rule: str, names: Sequence[str], windows: Floats, settings: Settings) -> Several:
+        parts = tuple(_KINDS[name].fit(windows, settings) for name in names)
+        usual = [np.quantile(part.loss(_chosen(windows, 4000, settings.seed)), 0.99, axis=0) for part in parts]
+        return cls(rule, parts, np.maximum(usual, _TINY))
+
+
+# ---- by name ---------------------------------------------------------------------------------------------------------
+
+_KINDS: dict[str, Any] = {kind.kind: kind for kind in (Network, Components, Whitening, Nearest, OneClass, Forest)}
+DETECTORS = tuple(_KINDS)
+RULES = ("any of", "all of")
+
+
+def detector_names(name: str) -> tuple[str, tuple[str, ...]]:
+    """Split ``pca`` or ``any of pca, knn`` into rule (empty for a single one) and names. Raises ConfigError."""
+    rule = next((rule for rule in RULES if name.startswith(f"{rule} ")), "")
+    names = tuple(part.strip() for part in name.removeprefix(rule).split(","))
+    wrong = [part for part in names if part not in DETECTORS]
+    if wrong or (rule and len(names) < 2):
+        known = ", ".join(DETECTORS)
+        raise ConfigError(f"expected one of {known}, or 'any of pca, knn', or 'all of ...', got {name!r}")
+    return rule, names
+
+
+def fit_detector(name: str, windows: Floats, settings: Settings) -> Detector:
+    """Learn a detector from scaled windows (n, window, channels). Raises ConfigError for an unknown name,
+    UnavailableError without the package that learns it."""
+    rule, names = detector_names(name)
+    detector: Detector = (
+        _KINDS[names[0]].fit(windows, settings) if not rule else Several.fit(rule, names, windows, settings)
+    )
+    return detector
+
+
+def detector_name(detector: Detector) -> str:
+    """Give the name that `fit_detector` takes."""
+    if isinstance(detector, Several):
+        return f"{detector.rule} {', '.join(part.kind for part in detector.parts)}"
+    return detector.kind
+
+
+def detector_from_plain(plain: Mapping[str, Any]) -> Detector:
+    """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
+    kind = plain["kind"]
+    if kind == Several.kind:
+        parts = tuple(detector_from_plain(part) for part in plain["parts"])
+        return Several(str(plain["rule"]), parts, _numbers(plain["usual"]))
+    if kind == Network.kind:
+        weights, biases = (tuple(map(_numbers, plain[name])) for name in ("weights", "biases"))
+        return Network(weights, biases, str(plain["activation"]))
+    if kind == Components.kind:
+        return Components(_numbers(plain["axes"]), _numbers(plain["deviations"]))
+    if kind == Whitening.kind:
+        return Whitening(_numbers(plain["root"]))
+    components = detector_from_plain(plain["components"])
+    if not isinstance(components, Components):
+        raise ValueError(f"components of kind {components.kind!r}")
+    if kind == Nearest.kind:
+        return Nearest(_numbers(plain["kept"]), components)
+    if kind == OneClass.kind:
+        gamma, offset = float(plain["gamma"]), float(plain["offset"])
+        return OneClass(components, _numbers(plain["vectors"]), _numbers(plain["weights"]), gamma, offset)
+    if kind == Forest.kind:
+        indices = [np.asarray(plain[name], dtype=np.int64) for name in ("features", "left", "right")]
+        limits, depths = _numbers(plain["limits"]), _numbers(plain["depths"])
+        features, left, right = indices
+        return Forest(components, features, limits, left, right, depths, int(plain["steps"]), float(plain["usual"]))
+    raise ValueError(f"detector {kind!r}")
+
+
+def _numbers(value: Any) -> Floats:
+    numbers = np.asarray(value, dtype=np.float64)
+    if not np.isfinite(numbers).all():
+        raise ValueError("values that are not finite")
+    return numbers

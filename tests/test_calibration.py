@@ -1,0 +1,92 @@
+"""Thresholds with a stated rate of false alarms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from fame.errors import ConfigError
+from fame.monitor.calibration import Calibration, calibrate, interval, left_out_alarms, rank, runs_needed
+
+
+def scores(seed: int, runs: int, channels: int = 12) -> np.ndarray:
+    """Largest losses of runs: channels of different size, a factor per run that all share, heavy tails."""
+    random = np.random.default_rng(seed)
+    sizes = 10.0 ** random.uniform(-3, 3, channels)
+    shared = np.exp(0.2 * random.standard_normal((runs, 1)))
+    return np.asarray(sizes * shared * np.exp(0.3 * random.standard_t(5, (runs, channels))))
+
+
+@pytest.mark.parametrize(("rate", "needed"), [(0.01, 99), (0.05, 19), (0.5, 1), (1 / 17, 16)])
+def test_a_rate_needs_a_number_of_runs(rate: float, needed: int):
+    assert runs_needed(rate) == needed
+    assert rank(needed, rate) == needed
+    assert rank(needed - 1, rate) is None
+
+
+def test_enough_runs_promise_the_rate_and_few_say_what_they_can():
+    promise = calibrate(scores(1, 99), 0.01)
+    assert promise.promised == pytest.approx(0.01)
+    assert promise.margin == 1.0
+    none = calibrate(scores(1, 16), 0.01)
+    assert (none.promised, none.margin) == (None, 1.5)
+    assert none.text == (
+        "no promise: 0.01 false alarms per run were asked for, 16 runs promise 0.059 per run at best, 99 are needed"
+    )
+    assert calibrate(scores(1, 16), 0.06).promised == pytest.approx(1 / 17)
+
+
+@pytest.mark.parametrize(("runs", "rate"), [(16, 0.06), (40, 0.05), (99, 0.01)])
+def test_the_promise_is_kept_on_average_over_all_channels_together(runs: int, rate: float):
+    """200 times: thresholds of some runs, 20 further runs. A rate per channel would be twelve times as high."""
+    alarms = total = 0
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        every = scores(7, runs + 20)[random.permutation(runs + 20)]
+        limits = calibrate(every[:runs], rate).thresholds
+        alarms += int((every[runs:] > limits).any(axis=1).sum())
+        total += 20
+    assert alarms / total < 1.25 * rate
+
+
+def test_without_a_promise_no_score_of_the_calibration_exceeds_its_threshold():
+    few = scores(3, 8)
+    found = calibrate(few, 0.01)
+    assert (few * found.margin <= np.array(found.thresholds) * (1 + 1e-12)).all()
+
+
+def test_a_margin_holds_with_a_promise_too():
+    every = scores(2, 99)
+    assert calibrate(every, 0.01, 2.0).thresholds == pytest.approx(2 * np.array(calibrate(every, 0.01).thresholds))
+
+
+def test_runs_are_judged_by_the_thresholds_of_the_others():
+    every = scores(4, 30)
+    every[17] *= 50
+    assert left_out_alarms(every, 0.05) == [17]
+
+
+def test_a_channel_that_never_moved_has_a_threshold_above_zero():
+    every = scores(5, 10)
+    every[:, 3] = 0.0
+    assert 0 < calibrate(every).thresholds[3] < 1e-9
+
+
+def test_one_run_and_impossible_rates_are_refused():
+    with pytest.raises(ConfigError, match="has 1 run; at least 2 are needed"):
+        calibrate(scores(1, 1))
+    with pytest.raises(ConfigError, match="between 0 and 1 per run, got 0"):
+        calibrate(scores(1, 5), 0.0)
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 20), (1, 20), (7, 20), (20, 20)])
+def test_intervals_are_those_of_the_exact_binomial_test(count: int, total: int):
+    exact = binomtest(count, total).proportion_ci(method="exact")
+    assert interval(count, total) == pytest.approx((exact.low, exact.high))
+
+
+def test_a_calibration_comes_back_from_plain_data():
+    found = calibrate(scores(6, 20), 0.1)
+    again = Calibration.from_plain(found.to_plain())
+    assert (again.thresholds, again.promised, again.text) == (found.thresholds, found.promised, found.text)

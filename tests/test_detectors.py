@@ -1,0 +1,105 @@
+"""Detectors by one interface, on data as a user's own robot gives them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import own_data
+import pytest
+from scipy.stats import binomtest
+
+from fame.errors import ConfigError
+from fame.monitor.pipeline.detectors import (
+    DETECTORS,
+    Settings,
+    detector_from_plain,
+    detector_name,
+    detector_names,
+    fit_detector,
+)
+from fame.monitor.pipeline.train import Training, fit, losses
+from fame.monitor.pipeline.trained_model import TrainedModel
+
+QUICK = Settings(hidden=(6, 2, 6), epochs=3, neighbours=300)
+EVERY = (*DETECTORS, "any of pca, knn", "all of pca, mahalanobis")
+
+
+@cache
+def windows() -> np.ndarray:
+    """Scaled windows of three channels that belong together."""
+    random = np.random.default_rng(1)
+    phase = random.uniform(0, 2 * np.pi, (600, 1)) + np.linspace(0, 3, 20)
+    values = np.stack([np.sin(phase), np.cos(phase), np.sin(2 * phase)], axis=2)
+    values = values + 0.05 * random.standard_normal(values.shape)
+    return np.asarray((values - values.mean(axis=(0, 1))) / values.std(axis=(0, 1)))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_a_detector_names_the_channel_that_deviates_and_comes_back_as_it_was(name: str):
+    detector = fit_detector(name, windows(), QUICK)
+    assert detector_name(detector) == name
+    usual = detector.loss(windows())
+    assert usual.shape == (600, 3)
+    odd = windows()[:50].copy()
+    odd[:, :, 1] += 6.0
+    found = detector.loss(odd)
+    assert np.median(found.max(axis=1)) > np.quantile(usual.max(axis=1), 0.95)
+    assert (found.argmax(axis=1) == 1).mean() > 0.9
+    again = detector_from_plain(detector.to_plain())
+    np.testing.assert_array_equal(again.loss(odd), found)
+    np.testing.assert_allclose(detector.loss(odd[:1]), found[:1], rtol=1e-9)  # one by one as all at once
+
+
+def test_the_forest_scores_as_scikit_learn_does():
+    from sklearn.ensemble import IsolationForest
+
+    forest = fit_detector("isolation_forest", windows(), QUICK)
+    features = forest.components.project(windows()).astype(np.float32).astype(np.float64)  # type: ignore[attr-defined]
+    expected = -IsolationForest(random_state=0).fit(features).score_samples(features)
+    np.testing.assert_allclose(forest.loss(windows()).max(axis=1), expected, rtol=1e-6)
+
+
+def test_unknown_detectors_are_refused_with_those_there_are():
+    for name in ("pcb", "any of pca", "any of pca, pcb", "any of"):
+        with pytest.raises(ConfigError, match="expected one of autoencoder, pca"):
+            detector_names(name)
+
+
+# ---- a user's own data -----------------------------------------------------------------------------------------------
+
+TRAINING = Training(window=40, detector="mahalanobis", samples=8000)
+TRAIN, TEST, FAULTY = range(16), range(1000, 1020), range(5000, 5012)
+FURTHER = range(20_000, 20_200)
+"""The seeds, fixed before the detector was chosen by the faults of other seeds."""
+
+
+@cache
+def model(false_alarms: str) -> TrainedModel:
+    config = Training(**{**vars(TRAINING), "false_alarms": false_alarms})
+    return fit([own_data.run(seed) for seed in TRAIN], config)
+
+
+def alarm(model: TrainedModel, seed: int, fault: own_data.Fault = "none") -> bool:
+    found = losses(model, own_data.run(seed, fault), TRAINING.stride).values
+    return bool((found > np.array(model.thresholds)).any())
+
+
+def test_by_default_no_false_alarm_and_no_promise_with_sixteen_runs():
+    made = model("0.01 per run")
+    assert made.calibration is not None
+    assert made.calibration.promised is None
+    assert [seed for seed in TEST if alarm(made, seed)] == []
+
+
+@pytest.mark.parametrize("fault", own_data.FAULTS)
+def test_every_rare_fault_is_found(fault: own_data.Fault):
+    assert [seed for seed in FAULTY if not alarm(model("0.01 per run"), seed, fault)] == []
+
+
+def test_a_promise_is_kept_on_200_further_runs():
+    made = model("0.06 per run")
+    assert made.calibration is not None
+    assert made.calibration.promised == pytest.approx(1 / 17)
+    alarms = sum(alarm(made, seed) for seed in FURTHER)
+    assert binomtest(alarms, len(FURTHER), 1 / 17, alternative="greater").pvalue > 0.05
