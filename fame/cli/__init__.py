@@ -44,6 +44,8 @@ _DECLARATIONS: Mapping[str, str] = {
     "process": "pipelines.add_process",
     "record": "pipelines.add_record",
     "train": "pipelines.add_train",
+    "judge": "monitors.add_judge",
+    "model": "monitors.add_model",
     "param": "ros.add_param",
     "topic": "ros.add_topic",
     "adm": "adm.add",

@@ -133,10 +133,14 @@ class Model:
         """The number of anomalous points of a run from which on its score exceeds the threshold."""
         return math.floor(self.threshold * self.nominal + 1e-9) + 1
 
+    @property
+    def period(self) -> float:
+        """The usual time between two points, s; 0 if it is unknown."""
+        return self.estimator.period if isinstance(self.estimator, PathDetector) else 0.0
+
     def seconds_text(self, points: int) -> str:
         """How long so many points last, if the model knows the time between two of them; else empty."""
-        period = self.estimator.period if isinstance(self.estimator, PathDetector) else 0.0
-        return f", {points * period:.3g} s" if period else ""
+        return f", {points * self.period:.3g} s" if self.period else ""
 
     def worst_joint(self, values: Floats) -> tuple[str, float]:
         """The joint that is farthest from the nearest benign point, and how far (rad)."""

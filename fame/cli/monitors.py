@@ -1,0 +1,157 @@
+"""Commands of monitors on recorded data: ``fame judge`` and ``fame model``."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fame.cli.arguments import Commands, add_json, command, group
+from fame.cli.output import note, print_json, table
+
+if TYPE_CHECKING:
+    from fame.monitor.data_files import LabelledRun
+    from fame.monitor.judge import Event, Judgement
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+_JUDGE_EXAMPLES = (
+    "fame judge joint_monitor.skops runs.csv -o report.html",
+    "fame judge joint_monitor.skops run_bag --config low_pass.yaml --json",
+    "fame judge best.skops original_30.csv",
+)
+
+
+def add_judge(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "judge", run_judge, examples=_JUDGE_EXAMPLES,
+        help="judge recorded runs by a model, with the code that runs live: verdicts, events, rates, and a report",
+    )  # fmt: skip
+    parser.add_argument("model", type=Path, metavar="MODEL.skops", help="of fame train or fame adm learn")
+    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files; with --config bags and MCAP too")
+    parser.add_argument("--config", type=Path, metavar="CONFIG.yaml", help="whose Inputs are read from bags")
+    parser.add_argument("-o", "--output", type=Path, metavar="REPORT.html", help="write a page with plots")
+    add_json(parser)
+
+
+def run_judge(arguments: Namespace) -> int:
+    """Judge; exit code 1 if a run is anomalous."""
+    from fame.monitor.judge import judge_recordings, judge_trained
+    from fame.monitor.model_card import card_of, load_any
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+    model = load_any(arguments.model)
+    if isinstance(model, TrainedModel):
+        runs = _read(arguments.data, arguments.config, model)
+        labelled = any((run.labels == -1).any() for run in runs) or any(map(_has_labels, arguments.data))
+        judgement = judge_trained(model, runs, str(arguments.model), labelled=labelled)
+    else:
+        judgement = judge_recordings(model, arguments.data, str(arguments.model))
+    if arguments.output is not None:
+        from fame.monitor.judge_report import write_report
+
+        write_report(judgement, card_of(model), arguments.output)
+    if arguments.json:
+        print_json({"status": "completed", **judgement.to_plain(), "report": str(arguments.output or "")})
+    else:
+        _print(judgement)
+        if arguments.output is not None:
+            note(f"report: {arguments.output}")
+    return 1 if any(run.anomalous for run in judgement.runs) else 0
+
+
+def _has_labels(path: Path) -> bool:
+    from fame.monitor.data_files import LABEL
+
+    if path.suffix != ".csv":
+        return False
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        return LABEL in stream.readline().strip().split(",")
+
+
+def _read(paths: Sequence[Path], config: Path | None, model: TrainedModel) -> list[LabelledRun]:
+    """Read runs of CSV files and, by a configuration, of bags. Raises ConfigError."""
+    from fame.errors import ConfigError
+    from fame.monitor.data_files import read_labelled_runs
+
+    runs: list[LabelledRun] = []
+    for path in paths:
+        if path.suffix == ".csv":
+            runs += read_labelled_runs([path], model.columns)
+        elif config is None:
+            text = "is not a CSV file: a bag needs --config CONFIG.yaml, whose Inputs name topics and fields"
+            raise ConfigError(text, file=str(path))
+        else:
+            runs += _of_bag(path, config, model)
+    return runs
+
+
+def _of_bag(path: Path, config: Path, model: TrainedModel) -> list[LabelledRun]:
+    from tempfile import TemporaryDirectory
+
+    from fame.monitor.data_files import read_labelled_runs
+    from fame.monitor.pipeline.configuration import load
+    from fame.monitor.pipeline.recording import record_bag
+
+    with TemporaryDirectory(prefix="fame-judge-") as folder:
+        csv = Path(folder) / "bag.csv"
+        record_bag(path, load(config), [csv], report=note)
+        return [run._replace(file=str(path)) for run in read_labelled_runs([csv], model.columns)]
+
+
+def _print(judgement: Judgement) -> None:
+    rows = [
+        (
+            str(run.number), Path(run.file).name, "anomalous" if run.anomalous else "benign", f"{run.score:.3g}",
+            f"{run.seconds:.1f} s", "" if run.latency is None else f"{run.latency:.3g} s",
+            _event(run.events) if run.events else "; ".join(run.notes),
+        )
+        for run in judgement.runs
+    ]  # fmt: skip
+    print(table(("run", "file", "verdict", "score", "length", "latency", "first event"), rows))
+    print()
+    for name, value in judgement.figures.items():
+        print(f"{name}: {_value(value)}")
+    if judgement.drifting:
+        print(f"drifting, learn again: {', '.join(judgement.drifting)}")
+    for text in judgement.notes:
+        note(text)
+
+
+def _event(events: Sequence[Event]) -> str:
+    more = f", {len(events)} events" if len(events) > 1 else ""
+    return f"{events[0].start:.3f} s, {', '.join(events[0].shares)}{more}"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, dict) and "interval" in value:
+        centre, (low, high) = value.get("rate", value.get("value")), value["interval"]
+        return f"{'-' if centre is None else f'{centre:.4g}'} (95 %: {low:.3g} to {high:.3g})"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {part:.4g}" for name, part in value.items())
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def add_model(commands: Commands) -> None:
+    """Declare the command and its parts."""
+    parser = group(commands, "model", examples=("fame model show joint_monitor.skops",), help="learned models")
+    parts = parser.add_subparsers(metavar="PART", required=True)
+    show = command(
+        parts, "show", run_show, examples=("fame model show joint_monitor.skops", "fame model show best.skops --json"),
+        help="show the card of a model: data, thresholds, promised and measured rates, limits",
+    )  # fmt: skip
+    show.add_argument("model", type=Path, metavar="MODEL.skops")
+    add_json(show)
+
+
+def run_show(arguments: Namespace) -> int:
+    """Print the card."""
+    from fame.monitor.model_card import card_of, load_any, to_markdown
+
+    card = card_of(load_any(arguments.model))
+    if arguments.json:
+        print_json({"status": "completed", **card})
+    else:
+        print(to_markdown(card, arguments.model.name), end="")
+    return 0

@@ -1,0 +1,290 @@
+"""Judge recorded data by a model, with the code that runs live: a verdict per run, events, and figures over all runs.
+
+Data are runs of CSV files, or one long stream. If they have labels (-1 anomalous), the first anomalous sample of a run
+is its onset: latency counts from there, and an alarm that ended before it does not count as found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fame.errors import ConfigError
+from fame.monitor.arrays import Floats, Whole
+from fame.monitor.calibration import interval
+
+if TYPE_CHECKING:
+    from fame.monitor.anomaly.model import Model
+    from fame.monitor.data_files import LabelledRun
+    from fame.monitor.pipeline.trained_model import TrainedModel
+
+RESAMPLINGS = 500
+"""Of the runs, for the intervals of the areas under the curves."""
+FREQUENCY = 50.0
+"""Of the calls of the processors, Hz, as in a processing node."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """An alarm: from `start` to `end`, s from the start of the run; the share of each channel in what exceeded."""
+
+    start: float
+    end: float
+    peak: float
+    shares: dict[str, float]
+    kind: str = "anomaly"
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRun:
+    """The verdict on a run.
+
+    stamps, ratios  of the losses: (n,) s from the start, (n, channels) divided by the thresholds
+    label           -1 anomalous, 1 benign, None without labels; `onset` and `latency` in s
+    """
+
+    number: int
+    file: str
+    seconds: float
+    events: tuple[Event, ...]
+    stamps: Floats
+    ratios: Floats
+    channels: tuple[str, ...]
+    label: int | None = None
+    onset: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def score(self) -> float:
+        """The largest loss divided by its threshold."""
+        return float(self.ratios.max()) if self.ratios.size else 0.0
+
+    @property
+    def anomalous(self) -> bool:
+        """Whether there was an alarm."""
+        return bool(self.events)
+
+    @property
+    def latency(self) -> float | None:
+        """From the onset to the first alarm that was still on then, s; None without a label or alarm."""
+        if self.onset is None:
+            return None
+        found = [max(0.0, event.start - self.onset) for event in self.events if event.end >= self.onset]
+        return min(found, default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """All runs, and the figures over them."""
+
+    model: str
+    runs: tuple[JudgedRun, ...]
+    drifting: tuple[str, ...] = ()
+    drift: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    notes: tuple[str, ...] = ()
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Counts, rates with 95 % intervals, latencies, and areas under the curves where there are labels."""
+        benign = [run for run in self.runs if run.label != -1]
+        hours = sum(run.seconds for run in benign) / 3600
+        false_alarms = sum(run.anomalous for run in benign)
+        events = sum(len(run.events) for run in benign)
+        told: dict[str, Any] = {
+            "runs": len(self.runs), "with an alarm": sum(run.anomalous for run in self.runs),
+            "hours": round(sum(run.seconds for run in self.runs) / 3600, 4),
+        }  # fmt: skip
+        if all(run.label is None for run in self.runs):
+            return {**told, "alarms per hour": events / hours if hours else None}
+        told |= {
+            "benign runs": len(benign), "false alarms": false_alarms,
+            "false alarms per run": _rate(false_alarms, len(benign)),
+            "false alarms per hour": events / hours if hours else None,
+        }  # fmt: skip
+        anomalous = [run for run in self.runs if run.label == -1]
+        found = [run.latency for run in anomalous if run.latency is not None]
+        told |= {
+            "anomalous runs": len(anomalous),
+            "found": len(found),
+            "found per run": _rate(len(found), len(anomalous)),
+        }
+        if found:
+            told["latency s"] = {"median": float(np.median(found)), "largest": max(found)}
+        if anomalous and benign:
+            told |= areas(np.array([run.score for run in self.runs]), np.array([run.label == -1 for run in self.runs]))
+        return told
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give everything but the losses as plain data."""
+        return {
+            "model": self.model, "figures": self.figures, "drifting": list(self.drifting), "notes": list(self.notes),
+            "runs": [
+                {
+                    "run": run.number, "file": run.file, "verdict": "anomalous" if run.anomalous else "benign",
+                    "score": run.score, "seconds": run.seconds, "label": run.label, "onset": run.onset,
+                    "latency": run.latency, "notes": list(run.notes),
+                    "events": [
+                        {"kind": each.kind, "start": each.start, "end": each.end, "peak": each.peak,
+                         "shares": each.shares}
+                        for each in run.events
+                    ],
+                }
+                for run in self.runs
+            ],
+        }  # fmt: skip
+
+
+def _rate(count: int, total: int) -> dict[str, Any]:
+    low, high = interval(count, total)
+    return {"rate": count / total if total else None, "interval": [low, high]}
+
+
+# ---- curves ----------------------------------------------------------------------------------------------------------
+
+
+def areas(scores: Floats, positive: Any, seed: int = 0) -> dict[str, Any]:
+    """Give the areas under the ROC and the precision-recall curve with 95 % bootstrap intervals over runs."""
+    from sklearn.metrics import average_precision_score, roc_auc_score
+
+    random = np.random.default_rng(seed)
+    draws = []
+    for _ in range(RESAMPLINGS):
+        rows = random.integers(0, len(scores), len(scores))
+        if 0 < positive[rows].sum() < len(rows):
+            truth, drawn = positive[rows], scores[rows]
+            draws.append((roc_auc_score(truth, drawn), average_precision_score(truth, drawn)))
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0) if draws else (np.zeros(2), np.ones(2))
+    values = roc_auc_score(positive, scores), average_precision_score(positive, scores)
+    names = ("area under ROC", "average precision")
+    return {
+        name: {"value": float(value), "interval": [float(low[n]), float(high[n])]}
+        for n, (name, value) in enumerate(zip(names, values, strict=True))
+    }
+
+
+# ---- models of fame train --------------------------------------------------------------------------------------------
+
+
+def judge_trained(model: TrainedModel, runs: Sequence[LabelledRun], name: str, *, labelled: bool) -> Judgement:
+    """Judge runs by a model of ``fame train``. `labelled`: the data say which runs are anomalous."""
+    from fame.monitor.drift import DriftMonitor
+
+    monitor = DriftMonitor.of(model.columns, model.calibration) if model.calibration is not None else None
+    judged, sums = [], []
+    for number, run in enumerate(runs):
+        judged.append(_judge_run(model, run, number, labelled))
+        if monitor is not None and judged[-1].ratios.size and judged[-1].label != -1:
+            monitor.add(judged[-1].ratios.max(axis=0) * np.array(model.thresholds))
+            sums.append(monitor.sums)
+    drifting = monitor.drifting if monitor is not None else ()
+    return Judgement(name, tuple(judged), drifting, np.array(sums))
+
+
+def _judge_run(model: TrainedModel, run: LabelledRun, number: int, labelled: bool) -> JudgedRun:
+    from fame.monitor.pipeline import processors
+    from fame.monitor.pipeline.estimators import Autoencoder
+    from fame.monitor.pipeline.filters import LowPass
+    from fame.monitor.pipeline.processor import Samples
+    from fame.monitor.pipeline.threshold import Threshold
+
+    notes: list[str] = []
+    stride = int(model.conditions.get("settings", {}).get("stride", 5))
+    chain: list[Any] = [LowPass(cutoff=model.before)] if model.before else []
+    chain += [Autoencoder(model, stride=stride), *([LowPass(cutoff=model.cutoff)] if model.cutoff else [])]
+    for processor in chain:
+        processor.report = lambda text: notes.append(text) if text not in notes else None
+    samples = run.samples
+    empty = Samples(np.zeros((0, len(model.columns))), np.zeros(0))
+    loss = processors.run(chain, {"x": samples}, FREQUENCY).get("loss", empty)
+    thresholds = np.array(model.thresholds)
+    threshold = Threshold(threshold=model.thresholds, names=model.columns)
+    active = processors.run([threshold], {"loss": loss}).get("active") if len(loss) else None
+    begin = float(samples.stamps[0]) if len(samples) else 0.0
+    stamps, ratios = loss.stamps - begin, loss.values / thresholds
+    events = spans(stamps, active.values if active is not None else np.zeros(0, dtype=bool), ratios, model.columns)
+    if not len(loss):
+        notes.append(f"no whole window of {model.window} samples at {model.rate:.4g} Hz: not judged")
+    judged = JudgedRun(
+        number, run.file, _seconds(samples.stamps), events, stamps, ratios, model.columns, notes=tuple(notes)
+    )
+    return _labelled(judged, run.labels, samples.stamps - begin) if labelled else judged
+
+
+def spans(stamps: Floats, active: Any, ratios: Floats, channels: Sequence[str]) -> tuple[Event, ...]:
+    """Give the events of a run from whether the alarm was on at each stamp."""
+    if not len(active) or not active.any():
+        return ()
+    edges = np.diff(np.concatenate(([0], active.astype(int), [0])))
+    found = []
+    for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        above = np.maximum(ratios[first:last] - 1, 0).sum(axis=0)
+        total = float(above.sum()) or 1.0
+        order = np.argsort(-above)[:3]
+        shares = {channels[n]: round(float(above[n]) / total, 4) for n in order if above[n] > 0}
+        found.append(Event(float(stamps[first]), float(stamps[last - 1]), float(ratios[first:last].max()), shares))
+    return tuple(found)
+
+
+def _seconds(stamps: Floats) -> float:
+    return float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
+
+
+def _labelled(run: JudgedRun, labels: Whole, stamps: Floats) -> JudgedRun:
+    wrong = np.flatnonzero(labels == -1)
+    if not len(wrong):
+        return replace(run, label=1)
+    return replace(run, label=-1, onset=float(stamps[wrong[0]]))
+
+
+# ---- models of fame adm learn ----------------------------------------------------------------------------------------
+
+
+def judge_recordings(model: Model, paths: Sequence[Path], name: str) -> Judgement:
+    """Judge recordings of joint states by a model of ``fame adm learn``. Raises ConfigError for other joints."""
+    from fame.monitor.anomaly.recording import read_csv
+
+    judged: list[JudgedRun] = []
+    notes: list[str] = []
+    for path in paths:
+        recording = read_csv(path)
+        notes += recording.notes
+        if len(recording.joints) != len(model.joints):
+            text = f"has {len(recording.joints)} joints; the model has {len(model.joints)}: {', '.join(model.joints)}"
+            raise ConfigError(text, file=str(path))
+        judged += [_judge_recording(model, run, len(judged) + index) for index, run in enumerate(recording)]
+    return Judgement(name, tuple(judged), notes=tuple(dict.fromkeys(notes)))
+
+
+def _judge_recording(model: Model, run: Any, number: int) -> JudgedRun:
+    from fame.monitor.anomaly.live import RunMonitor
+
+    monitor = RunMonitor(model, rule="signal")
+    monitor.begin()
+    period = model.period or 1.0
+    stamps = run.stamps - run.stamps[0] if run.stamps is not None else np.arange(len(run)) * period
+    points = [monitor.step(float(stamps[index]) if run.stamps is not None else 0.0, values.tolist())
+              for index, values in enumerate(run.values)]  # fmt: skip
+    report = monitor.end()
+    scores = np.array([[point.score / model.threshold if model.threshold else float(point.verdict.anomalous)]
+                       for point in points if point is not None])  # fmt: skip
+    anomalous = np.array([point.verdict.anomalous for point in points if point is not None])
+    joints = [point.verdict.joint for point in points if point is not None and point.verdict.anomalous]
+    shares = {
+        name: joints.count(name) / len(joints) for name in sorted(set(joints), key=joints.count, reverse=True)[:3]
+    }
+    alarm = next((point for point in points if point is not None and point.alarm), None)
+    events: tuple[Event, ...] = ()
+    if alarm is not None:
+        last = int(np.flatnonzero(anomalous)[-1])
+        kind = alarm.verdict.unit or "anomaly"
+        events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
+    told = () if report is None or report.whole else ("cut off before its end",)
+    label = int(run.labels[0])
+    return JudgedRun(
+        number, run.source, _seconds(np.asarray(stamps)), events, np.asarray(stamps[: len(scores)]), scores,
+        ("score",), label, 0.0 if label == -1 else None, told,
+    )  # fmt: skip

@@ -1,0 +1,245 @@
+"""The report of `fame judge`: one static page with tables and plots, and no script."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fame.errors import ConfigError
+from fame.imports import require
+from fame.monitor.judge import JudgedRun, Judgement
+from fame.monitor.plots import ANOMALOUS_COLOUR, BENIGN_COLOUR, MISSED_COLOUR, QUIET, line_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PLOTTED = 12
+"""Runs with a plot of their own, at most: those with an alarm first, then those that came nearest to one."""
+_POINTS = 1500
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:960px;margin:2em auto;padding:0 1em}
+h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em;border-bottom:1px solid #ddd}
+table{border-collapse:collapse;width:100%;font-size:14px}
+th,td{text-align:left;padding:.25em .6em;border-bottom:1px solid #eee}
+td.n{text-align:right;font-variant-numeric:tabular-nums}.bad{color:#b3261e;font-weight:600}.good{color:#256029}
+svg{width:100%;height:auto}.row{display:flex;flex-wrap:wrap;gap:1em}.row>div{flex:1 1 400px}.quiet{color:#666}
+"""
+
+
+def write_report(judgement: Judgement, card: dict[str, Any], path: str | Path) -> None:
+    """Write the page. Raises UnavailableError without matplotlib, ConfigError for a file that cannot be written."""
+    parts = [
+        f"<h1>{escape(Path(judgement.model).name)}</h1>",
+        f'<p class="quiet">{escape(card["Model"]["detector"])}. {escape(_promise(card))}</p>',
+        "<h2>Figures</h2>", _figures(judgement),
+        _overview(judgement),
+        "<h2>Runs</h2>", _runs(judgement.runs),
+        _events(judgement.runs),
+        _run_plots(judgement.runs),
+        "<h2>Model card</h2>", _card(card),
+    ]  # fmt: skip
+    text = (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>{escape(Path(judgement.model).name)}: judged runs</title><style>{_STYLE}</style>"
+        f"<body>{''.join(parts)}</body></html>\n"
+    )
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {error.strerror}", file=str(path)) from None
+
+
+def _promise(card: dict[str, Any]) -> str:
+    promise = card.get("False alarms", {}).get("promise", "")
+    return f"False alarms: {promise}." if promise else ""
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+    body = "".join(f"<tr>{''.join(row)}</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>" if heads else f"<table>{body}</table>"
+
+
+def _cell(text: object, kind: str = "") -> str:
+    return f'<td class="{kind}">{escape(str(text))}</td>' if kind else f"<td>{escape(str(text))}</td>"
+
+
+def _figures(judgement: Judgement) -> str:
+    rows = [[_cell(name), _cell(_shown(value), "n")] for name, value in judgement.figures.items()]
+    drift = f"drifting, learn again: {', '.join(judgement.drifting)}" if judgement.drifting else "none"
+    rows.append([_cell("drift"), _cell(drift, "bad" if judgement.drifting else "n")])
+    return _table((), rows) + "".join(f'<p class="quiet">{escape(note)}</p>' for note in judgement.notes)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict) and "interval" in value:
+        low, high = value["interval"]
+        centre = value.get("rate", value.get("value"))
+        return f"{_shown(centre)} (95 %: {low:.3g} to {high:.3g})"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_shown(part)}" for name, part in value.items())
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _runs(runs: Sequence[JudgedRun]) -> str:
+    labelled = any(run.label is not None for run in runs)
+    heads = ("run", "file", "verdict", *(("label", "latency") if labelled else ()), "score", "length", "")
+    rows = []
+    for run in runs:
+        right = run.label is None or (run.label == -1) == run.anomalous
+        verdict = _cell("anomalous" if run.anomalous else "benign", "good" if right else "bad")
+        label = {None: "", 1: "benign", -1: "anomalous"}[run.label]
+        latency = "" if run.latency is None else f"{run.latency:.3g} s"
+        more = (_cell(label), _cell(latency, "n")) if labelled else ()
+        rows.append([
+            _cell(run.number, "n"), _cell(Path(run.file).name), verdict, *more, _cell(f"{run.score:.3g}", "n"),
+            _cell(f"{run.seconds:.1f} s", "n"), _cell("; ".join(run.notes)),
+        ])  # fmt: skip
+    return '<p class="quiet">The score is the largest loss divided by its threshold: above 1 there is an alarm.</p>' + (
+        _table(heads, rows)
+    )
+
+
+def _events(runs: Sequence[JudgedRun]) -> str:
+    rows = [
+        [
+            _cell(run.number, "n"), _cell(event.kind), _cell(f"{event.start:.3f} s", "n"),
+            _cell(f"{event.end:.3f} s", "n"), _cell(f"{event.peak:.3g}", "n"),
+            _cell(", ".join(f"{name} {100 * share:.0f} %" for name, share in event.shares.items())),
+        ]
+        for run in runs for event in run.events
+    ]  # fmt: skip
+    if not rows:
+        return ""
+    return "<h2>Events</h2>" + _table(("run", "kind", "start", "end", "peak", "channels"), rows)
+
+
+def _card(card: dict[str, Any]) -> str:
+    rows = []
+    for title, section in card.items():
+        items = section.items() if isinstance(section, dict) else [("", sentence) for sentence in section]
+        rows += [[_cell(title if n == 0 else ""), _cell(key), _cell(value)] for n, (key, value) in enumerate(items)]
+    return _table((), rows)
+
+
+# ---- plots -----------------------------------------------------------------------------------------------------------
+
+
+def _svg(width: float, height: float, draw: Callable[[Axes], object]) -> str:
+    """Give a plot as SVG for the page. Raises UnavailableError without matplotlib."""
+    require("matplotlib")
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.spines[["top", "right"]].set_visible(False)
+    draw(axes)
+    stream = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "fame", "svg.fonttype": "none"}):  # the same data give the same page
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    text = stream.getvalue()
+    return re.sub(r'(<svg [^>]*?)width="[^"]*" height="[^"]*"|(<svg [^>]*?)height="[^"]*" width="[^"]*"', r"\1\2",
+                  text[text.index("<svg") :], count=1)  # fmt: skip
+
+
+def _overview(judgement: Judgement) -> str:
+    runs = judgement.runs
+    plots = [_svg(9, 2.8, lambda axes: _draw_scores(axes, runs))]
+    if judgement.drift.size:
+        plots.append(_svg(9, 2.8, lambda axes: _draw_drift(axes, judgement)))
+    labels = np.array([run.label == -1 for run in runs])
+    pair = ""
+    if 0 < labels.sum() < len(labels):
+        scores = np.array([run.score for run in runs])
+        drawings = (_draw_roc, _draw_precision)
+        pair = "".join(f"<div>{_svg(4.4, 3.6, lambda axes, d=d: d(axes, labels, scores))}</div>" for d in drawings)  # type: ignore[misc]
+        pair = f'<div class="row">{pair}</div>'
+    return "".join(plots) + pair
+
+
+def _draw_scores(axes: Axes, runs: Sequence[JudgedRun]) -> None:
+    groups = (
+        ("benign", BENIGN_COLOUR, [run for run in runs if not run.anomalous]),
+        ("alarm", ANOMALOUS_COLOUR, [run for run in runs if run.anomalous]),
+        ("labelled anomalous, no alarm", MISSED_COLOUR, [r for r in runs if r.label == -1 and not r.anomalous]),
+    )
+    for name, colour, chosen in groups:
+        if chosen:
+            numbers, scores = [run.number for run in chosen], [max(run.score, 1e-3) for run in chosen]
+            axes.scatter(numbers, scores, s=16, color=colour, label=name, zorder=3)
+    axes.axhline(1, color="black", linewidth=0.8, linestyle="--", label="threshold")
+    axes.set(xlabel="run", ylabel="largest loss / threshold", yscale="log", title="Score of each run")
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _draw_drift(axes: Axes, judgement: Judgement) -> None:
+    from fame.monitor.drift import LIMIT
+
+    channels = judgement.runs[0].channels
+    order = np.argsort(-judgement.drift[-1])[:8]
+    for place, channel in enumerate(order):
+        colour, style = line_style(place)
+        axes.plot(judgement.drift[:, channel], style, color=colour, linewidth=1.2, label=channels[channel])
+    axes.axhline(LIMIT, color="black", linewidth=0.8, linestyle="--", label="limit")
+    axes.set(xlabel="run", ylabel="cumulative sum", title="Drift (channels with the largest sums)")
+    axes.legend(fontsize=7, frameon=False, ncols=3)
+
+
+def _draw_roc(axes: Axes, labels: Any, scores: Any) -> None:
+    from sklearn.metrics import roc_curve
+
+    false, true, _ = roc_curve(labels, scores)
+    axes.plot(false, true, drawstyle="steps-post", color=BENIGN_COLOUR, linewidth=1.5)
+    axes.plot((0, 1), (0, 1), color=QUIET, linewidth=0.8, linestyle=":")
+    point = [(scores[labels == kind] > 1).mean() for kind in (False, True)]
+    axes.plot(*point, "o", color=ANOMALOUS_COLOUR, label="at the thresholds")
+    axes.set(xlabel="false alarms per benign run", ylabel="found per anomalous run", title="ROC")
+    axes.legend(fontsize=8, frameon=False, loc="lower right")
+
+
+def _draw_precision(axes: Axes, labels: Any, scores: Any) -> None:
+    from sklearn.metrics import precision_recall_curve
+
+    precision, recall, _ = precision_recall_curve(labels, scores)
+    axes.plot(recall, precision, drawstyle="steps-post", color=BENIGN_COLOUR, linewidth=1.5)
+    axes.set(xlabel="recall", ylabel="precision", ylim=(0, 1.05), xlim=(0, 1.02), title="Precision and recall")
+
+
+def _run_plots(runs: Sequence[JudgedRun]) -> str:
+    shown = sorted((run for run in runs if run.ratios.size), key=lambda run: (not run.anomalous, -run.score))[:PLOTTED]
+    plots = [_svg(9, 2.6, lambda axes, run=run: _draw_run(axes, run)) for run in shown]  # type: ignore[misc]
+    if not plots:
+        return ""
+    rest = f'<p class="quiet">{len(shown)} of {len(runs)} runs: those with an alarm first, then the next ones.</p>'
+    return "<h2>Losses over time</h2>" + rest + "".join(plots)
+
+
+def _draw_run(axes: Axes, run: JudgedRun) -> None:
+    """Draw the channels with the largest losses; of long streams the largest value of equal parts."""
+    part = max(1, len(run.stamps) // _POINTS)
+    bounds = np.arange(0, len(run.stamps), part)
+    ratios, stamps = np.maximum.reduceat(run.ratios, bounds, axis=0), run.stamps[bounds]
+    for place, channel in enumerate(np.argsort(-ratios.max(axis=0))[:6]):
+        colour, style = line_style(place)
+        label = run.channels[channel].rpartition(".")[2]
+        axes.plot(stamps, np.maximum(ratios[:, channel], 1e-3), style, color=colour, linewidth=1, label=label)
+    axes.axhline(1, color="black", linewidth=0.8, linestyle="--")
+    for event in run.events:
+        axes.axvspan(event.start, max(event.end, event.start + 0.002 * run.seconds), color=ANOMALOUS_COLOUR, alpha=0.15)
+    if run.onset is not None:
+        axes.axvline(run.onset, color=MISSED_COLOUR, linewidth=1.5, label="onset (label)")
+    axes.set(
+        xlabel="time in s", ylabel="loss / threshold", yscale="log", title=f"Run {run.number}, {Path(run.file).name}"
+    )
+    axes.legend(fontsize=7, frameon=False, ncols=2, loc="upper left", bbox_to_anchor=(1, 1))

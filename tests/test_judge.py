@@ -1,0 +1,174 @@
+"""Recorded runs judged by a model: verdicts, events, figures, the report, and the card of the model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import own_data
+import pytest
+
+from fame.cli import main
+from fame.monitor.data_files import LabelledRun
+from fame.monitor.drift import DriftMonitor
+from fame.monitor.judge import areas, judge_trained
+from fame.monitor.model_card import card_of, to_markdown
+from fame.monitor.pipeline.processor import Samples
+from fame.monitor.pipeline.train import Training, fit
+from fame.monitor.pipeline.trained_model import TrainedModel
+
+
+@pytest.fixture(scope="module")
+def model() -> TrainedModel:
+    runs = [own_data.run(seed) for seed in range(16)]
+    return fit(runs, Training(window=40, detector="mahalanobis", samples=4000), data="cafe" * 16)
+
+
+@pytest.fixture(scope="module")
+def folder(model: TrainedModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("judge")
+    model.save(folder / "monitor.skops")
+    runs = [own_data.run(1000), own_data.run(5001, "stuck"), own_data.run(1001), own_data.run(5002, "vibration")]
+    write(folder / "runs.csv", runs, anomalous=(1, 3))
+    return folder
+
+
+def write(path: Path, runs: list[Samples], anomalous: tuple[int, ...] | None) -> None:
+    labelled = anomalous is not None
+    lines = [",".join(("stamp", "run", *own_data.NAMES, *(("label",) if labelled else ())))]
+    for number, run in enumerate(runs):
+        for stamp, row in zip(run.stamps, run.values, strict=True):
+            label = -1 if number in (anomalous or ()) and stamp >= own_data.ONSET else 1
+            lines.append(",".join(map(repr, map(float, (stamp, number, *row, *((label,) if labelled else ()))))))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, Any]:
+    code = main([*map(str, words), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_runs_have_verdicts_events_with_channels_and_latency(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, found = told(capsys, "judge", folder / "monitor.skops", folder / "runs.csv")
+    assert code == 1
+    assert [run["verdict"] for run in found["runs"]] == ["benign", "anomalous", "benign", "anomalous"]
+    assert [run["label"] for run in found["runs"]] == [1, -1, 1, -1]
+    stuck = found["runs"][1]
+    first = stuck["events"][0]
+    assert next(iter(first["shares"])) == own_data.NAMES[5001 % 12 % 8]
+    assert own_data.ONSET < first["start"] < own_data.ONSET + 1
+    assert stuck["latency"] == pytest.approx(first["start"] - own_data.ONSET, abs=0.02)
+    figures = found["figures"]
+    assert (figures["false alarms"], figures["found"]) == (0, 2)
+    assert figures["area under ROC"]["value"] == 1.0
+    assert figures["false alarms per run"]["interval"][1] == pytest.approx(1 - 0.025**0.5)
+
+
+def test_the_report_is_one_static_page_with_plots_of_the_runs(folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "out" / "report.html"
+    assert main(["judge", str(folder / "monitor.skops"), str(folder / "runs.csv"), "-o", str(page)]) == 1
+    text = page.read_text()
+    assert text.count("<svg") == 4 + 4  # scores, drift, two curves, four runs
+    assert "<script" not in text
+    assert "http" not in text.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    ).replace("https://matplotlib.org", "")
+    assert "no promise" in text
+    for head in ("Figures", "Runs", "Events", "Losses over time", "Model card"):
+        assert f"<h2>{head}</h2>" in text
+
+
+def test_without_labels_alarms_are_counted_per_hour(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "stream.csv", [own_data.run(1003)], None)
+    code, found = told(capsys, "judge", folder / "monitor.skops", tmp_path / "stream.csv")
+    assert code == 0
+    assert found["figures"]["alarms per hour"] == 0.0
+    assert found["runs"][0]["label"] is None
+
+
+def test_a_run_without_a_whole_window_is_told(model: TrainedModel) -> None:
+    short = own_data.run(1)
+    run = LabelledRun(Samples(short.values[:10], short.stamps[:10], short.names), np.ones(10, dtype=np.int64), "a.csv")
+    (judged,) = judge_trained(model, [run], "m", labelled=False).runs
+    assert judged.notes == ("no whole window of 40 samples at 100 Hz: not judged",)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("nowhere.skops", "runs.csv"), "nowhere.skops: there is no such file"),
+        (("monitor.skops", "nowhere.csv"), "nowhere.csv: cannot be read: No such file"),
+        (("monitor.skops", "bag.mcap"), "a bag needs --config CONFIG.yaml"),
+        (("runs.csv", "runs.csv"), "is corrupt, or no model of fame train or fame adm learn"),
+    ],
+)
+def test_what_cannot_be_judged_is_one_line(
+    folder: Path, words: tuple[str, str], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["judge", *(str(folder / word) for word in words)]) == 2
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+
+
+def test_intervals_of_areas_hold_the_value() -> None:
+    random = np.random.default_rng(1)
+    positive = np.repeat([False, True], 40)
+    found = areas(random.normal(positive, 1.0), positive)
+    for part in found.values():
+        assert part["interval"][0] < part["value"] < part["interval"][1]
+
+
+# ---- the card --------------------------------------------------------------------------------------------------------
+
+
+def test_a_card_says_what_was_learned_promised_and_measured(model: TrainedModel) -> None:
+    card = card_of(model)
+    assert card["Data"]["sha256"] == "cafe" * 16
+    assert card["Data"]["runs"] == 16
+    assert card["False alarms"]["promised per run"] is None
+    assert "16 runs promise 0.059 per run at best, 99 are needed" in card["False alarms"]["promise"]
+    low, high = card["False alarms"]["95 % interval"]
+    assert low <= card["False alarms"]["measured per run"] <= high
+    assert set(card["Thresholds"]) == set(own_data.NAMES)
+    text = to_markdown(card)
+    assert all(f"## {name}" in text for name in card)
+
+
+def test_the_card_is_printed_from_the_model_alone(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "show", str(folder / "monitor.skops")]) == 0
+    assert "no promise" in capsys.readouterr().out
+    code, found = told(capsys, "model", "show", folder / "monitor.skops")
+    assert (code, found["Model"]["detector"]) == (0, "mahalanobis")
+
+
+# ---- drift -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_slow_change_is_drift_before_it_is_an_alarm(model: TrainedModel, tmp_path: Path) -> None:
+    assert model.calibration is not None
+    monitor = DriftMonitor.of(model.columns, model.calibration)
+    levels, deviations = np.array(model.calibration.levels), np.array(model.calibration.deviations)
+    for run in range(60):
+        drifted = np.where(np.arange(12) == 4, 0.15 * run, 0.0)
+        scores = np.exp(levels + drifted * deviations)
+        if monitor.add(scores):
+            break
+        monitor.save(tmp_path / "drift.json")
+        monitor = DriftMonitor.of(model.columns, model.calibration)  # another process goes on
+        monitor.restore(tmp_path / "drift.json")
+    assert monitor.drifting == ("current_0",)
+    assert (scores < np.array(model.thresholds)).all()
+    assert 5 < monitor.runs < 30
+
+
+def test_one_anomalous_run_is_no_drift(model: TrainedModel) -> None:
+    assert model.calibration is not None
+    monitor = DriftMonitor.of(model.columns, model.calibration)
+    usual = np.exp(np.array(model.calibration.levels))
+    for run in range(30):
+        assert monitor.add(usual * (1000 if run == 10 else 1)) == ()
