@@ -73,6 +73,14 @@ def test_a_channel_that_never_moved_has_a_threshold_above_zero():
     assert 0 < calibrate(every).thresholds[3] < 1e-9
 
 
+@pytest.mark.parametrize("runs", [2, 3, 4])
+def test_very_few_runs_promise_nothing_and_have_finite_thresholds(runs: int):
+    few = scores(8, runs)
+    found = calibrate(few, 0.4)
+    assert found.promised is None
+    assert (np.array(found.thresholds) < 100 * few.max(axis=0)).all()
+
+
 def test_one_run_and_impossible_rates_are_refused():
     with pytest.raises(ConfigError, match="has 1 run; at least 2 are needed"):
         calibrate(scores(1, 1))

@@ -28,6 +28,8 @@ RATE = 0.01
 """Default of the false alarms per run that are asked for."""
 MARGIN = 1.5
 """Default factor on the largest scores where the runs are too few for a promise."""
+FEWEST = 5
+"""Runs below which nothing is promised: mean and deviation of the others mean nothing."""
 LEAST = 1e-12
 """Smallest threshold: a channel that never moved in training raises an alarm when it moves."""
 _PRIOR = 4.0
@@ -61,7 +63,7 @@ class Calibration:
         """What is promised, in one sentence."""
         best = f"{self.runs} runs promise {1 / (self.runs + 1):.2g} per run at best"
         if self.promised is None:
-            needed = runs_needed(self.asked)
+            needed = max(runs_needed(self.asked), FEWEST)
             return f"no promise: {self.asked:g} false alarms per run were asked for, {best}, {needed} are needed"
         return f"at most {self.promised:.2g} false alarms per run, by {self.runs} runs (asked for: {self.asked:g})"
 
@@ -109,15 +111,12 @@ def calibrate(scores: Floats, rate: float = RATE, margin: float | None = None) -
     if not 0 < rate < 1:
         raise ConfigError(f"expected a rate of false alarms between 0 and 1 per run, got {rate:g}")
     logs = np.log(np.maximum(scores, LEAST))
-    run_scores = np.sort(_run_scores(logs))
-    place = rank(runs, rate)
-    limit = float(run_scores[-1 if place is None else place - 1])
+    levels, deviations = _scale(logs)
+    place = rank(runs, rate) if runs >= FEWEST else None
     promised = None if place is None else 1 - place / (runs + 1)
     factor = margin if margin is not None else MARGIN if place is None else 1.0
-    levels, deviations = _scale(logs)
+    limit = float(((logs - levels) / deviations).max() if place is None else np.sort(_run_scores(logs))[place - 1])
     thresholds = np.maximum(factor * np.exp(levels + limit * deviations), LEAST)
-    if place is None:  # a score that the common scale puts below its own largest one
-        thresholds = np.maximum(thresholds, factor * scores.max(axis=0))
     return Calibration(
         tuple(thresholds.tolist()), rate, promised, runs, factor, scores,
         tuple(levels.tolist()), tuple(deviations.tolist()),
@@ -143,7 +142,10 @@ def _run_scores(logs: Floats) -> Floats:
 
 
 def left_out_alarms(scores: Floats, rate: float, margin: float | None = None) -> list[int]:
-    """Give the runs (rows of `scores`) that would raise an alarm if the other runs had set the thresholds."""
+    """Give the runs (rows of `scores`) that would raise an alarm if the other runs had set the thresholds.
+
+    Needs three runs: raises ConfigError for fewer.
+    """
     alarms = []
     for number, row in enumerate(scores):
         thresholds = calibrate(np.delete(scores, number, axis=0), rate, margin).thresholds

@@ -16,6 +16,7 @@ from fame.monitor.calibration import interval, left_out_alarms
 
 if TYPE_CHECKING:
     from fame.monitor.anomaly.model import Model
+    from fame.monitor.calibration import Calibration
     from fame.monitor.pipeline.trained_model import TrainedModel
 
 Card: TypeAlias = dict[str, Any]
@@ -55,16 +56,12 @@ def _trained_card(model: TrainedModel) -> Card:
     conditions, calibration = model.conditions, model.calibration
     alarms: dict[str, Any] = {"promise": "none: trained by an earlier version"}
     if calibration is not None:
-        count = len(left_out_alarms(calibration.scores, calibration.asked, calibration.margin))
-        low, high = interval(count, calibration.runs)
         alarms = {
             "asked": f"{calibration.asked:g} per run",
             "promise": calibration.text,
             "promised per run": calibration.promised,
             "factor on thresholds": calibration.margin,
-            "measured": f"{count} of {calibration.runs} runs, each against the thresholds of the others",
-            "measured per run": count / calibration.runs,
-            "95 % interval": [round(low, 4), round(high, 4)],
+            **_measured(calibration),
         }
     largest = model.metrics["training_max"]
     return {
@@ -89,6 +86,19 @@ def _trained_card(model: TrainedModel) -> Card:
         "Settings": dict(conditions.get("settings", {})),
         "Versions": dict(model.versions),
     }  # fmt: skip
+
+
+def _measured(calibration: Calibration) -> dict[str, Any]:
+    """Give the rate of false alarms of the calibration's runs, each against the thresholds of the others."""
+    if calibration.runs < 3:
+        return {"measured": f"not with {calibration.runs} runs"}
+    count = len(left_out_alarms(calibration.scores, calibration.asked, calibration.margin))
+    low, high = interval(count, calibration.runs)
+    return {
+        "measured": f"{count} of {calibration.runs} runs, each against the thresholds of the others",
+        "measured per run": count / calibration.runs,
+        "95 % interval": [round(low, 4), round(high, 4)],
+    }
 
 
 def _anomaly_card(model: Model) -> Card:
