@@ -64,6 +64,14 @@ class Durable(Field):
     def crash(self) -> None:
         """The engine ends without a word: nothing more is written, all its endpoints are gone."""
         engine = self.engines.pop("A")
+        if engine.running is not None:
+            runner = engine.running.runner
+            for task in runner._tasks.values():
+                if task.due is not None:
+                    task.due.cancel()
+            runner._tasks.clear()
+            runner._untils.clear()
+            engine.running.host.timers.close()
         engine._keeper.recorder._quiet = True
         engine._keeper.recorder.journal.close()
         engine._keeper.recorder = None

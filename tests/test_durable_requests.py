@@ -1,0 +1,234 @@
+"""After a crash a goal is taken up again by its id; else the property `retry` counts; missed timers follow `missed`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from action_server import DRIVE, Server
+from deployment_field import definitions, process
+from test_resumption import POOL, Durable
+
+from fame.middleware.interface import DeferredResponse, Node
+
+CAMUNDA = 'xmlns:camunda="http://camunda.org/schema/1.0/bpmn"'
+
+
+def properties(**named: str) -> str:
+    said = "".join(f'<camunda:property name="{name}" value="{value}"/>' for name, value in named.items())
+    return f"<extensionElements><camunda:properties {CAMUNDA}>{said}</camunda:properties></extensionElements>"
+
+
+def mission(content: str, *flows: tuple[str, str], more: str = "") -> str:
+    return definitions(POOL, more, process("p", content, *flows))
+
+
+def driving(**named: str) -> str:
+    said = properties(action="drive", type=DRIVE, payload="{distance: 3}", **named)
+    return mission(
+        f'<startEvent id="s"/><serviceTask id="t">{said}</serviceTask><userTask id="u"/><endEvent id="l"/>'
+        '<boundaryEvent id="b" attachedToRef="t"><errorEventDefinition errorRef="E"/></boundaryEvent>',
+        ("s", "t"),
+        ("t", "u"),
+        ("b", "l"),
+        more='<error id="E" errorCode="lost"/>',
+    )
+
+
+class Driver(Server):
+    """A server that says what goals it does not know, and keeps those it had for whoever asks again."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(node)
+        self.accepted: list[bytes] = []
+        self.ended: dict[bytes, Any] = {}
+        self.asked: dict[bytes, list[DeferredResponse]] = {}
+
+    def _goal(self, request: Any) -> Any:
+        self.accepted.append(bytes(request.goal_id.uuid))
+        return super()._goal(request)
+
+    def _result(self, request: Any) -> Any:
+        id = bytes(request.goal_id.uuid)
+        if id in self.ended:
+            return self.ended[id]
+        if id not in self.goals:
+            return {"status": 0}
+        self.asked.setdefault(id, []).append(DeferredResponse())
+        return self.asked[id][-1]
+
+    def end(self, id: bytes, status: int) -> None:
+        _, driven = self.goals.pop(id)
+        self.ended[id] = {"status": status, "result": {"driven": driven}}
+        for response in self.asked.get(id, ()):
+            response.respond(self.ended[id])
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Iterator[Durable]:
+    made = Durable(tmp_path / "state")
+    made.driver = Driver(made.middleware.node("driver", "A"))  # type: ignore[attr-defined]
+    yield made
+    for engine in made.engines.values():
+        engine.close()
+
+
+def again(field: Durable) -> None:
+    field.crash()
+    field.start()
+    field.pass_time(1)
+
+
+def test_a_goal_that_the_server_still_has_is_taken_up_again(field: Any) -> None:
+    field.deploy(driving())
+    field.driver.step()
+    again(field)
+    assert len(field.driver.accepted) == 1
+    field.driver.step()
+    field.driver.step()
+    field.pass_time(1)
+    assert field.engine.running.instances[0].waiting == ["u"]
+    assert field.variables("A")["drive"].driven == 3
+
+
+def test_a_goal_that_ended_meanwhile_gives_its_result(field: Any) -> None:
+    field.deploy(driving())
+    field.crash()
+    for _ in range(3):
+        field.driver.step()
+    field.start()
+    field.pass_time(1)
+    assert (len(field.driver.accepted), field.variables("A")["drive"].driven) == (1, 3)
+
+
+def test_a_goal_that_nobody_knows_any_more_is_sent_again_by_default(field: Any) -> None:
+    field.deploy(driving())
+    field.driver.goals.clear()
+    again(field)
+    assert len(field.driver.accepted) == 2
+    assert len(set(field.driver.accepted)) == 2
+    assert field.engine.running.instances[0].waiting == ["t"]
+
+
+def test_with_never_it_fails_as_lost(field: Any) -> None:
+    field.deploy(driving(retry="never"))
+    field.driver.goals.clear()
+    again(field)
+    assert len(field.driver.accepted) == 1
+    assert field.engine.running.instances[-1].visits["l"] == 1
+
+
+def test_with_ask_it_is_an_incident_that_somebody_retries(field: Any) -> None:
+    field.options["hold_errors"] = True
+    field.engines.pop("A").close()
+    field.state.close()
+    field.start()
+    field.deploy(driving(retry="ask"))
+    field.driver.goals.clear()
+    again(field)
+    field.pass_time(1)
+    assert [id for id, code, text in field.engine.running.incidents if code == "lost"] == ["t"]
+    field.engine.running.retry("t")
+    field.pass_time(1)
+    assert len(field.driver.accepted) == 2
+
+
+def test_a_second_crash_finds_the_same_goal(field: Any) -> None:
+    field.deploy(driving())
+    again(field)
+    again(field)
+    assert len(field.driver.accepted) == 1
+    for _ in range(3):
+        field.driver.step()
+    field.pass_time(1)
+    assert field.variables("A")["drive"].driven == 3
+
+
+def test_a_script_that_starts_again_finds_the_results_of_its_goals(field: Any) -> None:
+    drive = f"await robot.act('drive', '{DRIVE}', distance="
+    text = f"one = {drive}1.0)\ntwo = {drive}2.0)"
+    sent = field.deploy(
+        mission(
+            f'<startEvent id="s"/><scriptTask id="t"><script>{text}</script></scriptTask><userTask id="u"/>',
+            ("s", "t"),
+            ("t", "u"),
+        )
+    )
+    assert sent.robots["A"].state == "started", str(sent.robots["A"])
+    field.driver.step()
+    field.pass_time(1)
+    assert len(field.driver.accepted) == 2
+    again(field)
+    assert len(field.driver.accepted) == 2
+    field.driver.step()
+    field.driver.step()
+    field.pass_time(1)
+    assert field.engine.running.instances[0].waiting == ["u"]
+
+
+# ---- timers ----------------------------------------------------------------------------------------------------------
+
+
+def waiting_for(duration: str, kind: str = "Duration", **named: str) -> str:
+    return mission(
+        '<startEvent id="s"/><userTask id="u"/>'
+        f'<boundaryEvent id="b" attachedToRef="u" cancelActivity="false">{properties(**named) if named else ""}'
+        f"<timerEventDefinition><time{kind}>{duration}</time{kind}></timerEventDefinition></boundaryEvent>"
+        '<scriptTask id="k"><script>n = globals().get("n", 0) + 1</script></scriptTask>',
+        ("s", "u"),
+        ("b", "k"),
+    )
+
+
+def visits(field: Durable, element: str) -> int:
+    return field.engine.running.instances[0].visits[element]
+
+
+def away(field: Durable, seconds: float) -> None:
+    field.crash()
+    field.pass_time(seconds)
+    field.start()
+    field.pass_time(1)
+
+
+def test_a_timer_keeps_its_time(field: Durable) -> None:
+    field.deploy(waiting_for("PT40S"))  # which takes 12 s
+    away(field, 10)
+    assert visits(field, "k") == 0
+    field.pass_time(20)
+    assert visits(field, "k") == 1
+
+
+@pytest.mark.parametrize(("missed", "times"), [("fire", 1), ("skip", 0)])
+def test_a_timer_that_came_due_meanwhile_fires_at_once_or_not_at_all(field: Durable, missed: str, times: int) -> None:
+    field.deploy(waiting_for("PT20S", missed=missed))
+    away(field, 60)
+    assert visits(field, "k") == times
+    assert any("came due while the engine was away" in note for note in field.notes)
+
+
+def test_the_times_that_a_cycle_has_missed_count_as_one_and_it_goes_on_in_step(field: Durable) -> None:
+    field.deploy(waiting_for("R/PT10S", "Cycle"))
+    before = visits(field, "k")
+    away(field, 60)
+    assert visits(field, "k") == before + 1
+    field.pass_time(30)
+    assert visits(field, "k") == before + 4
+
+
+def test_a_timer_that_is_to_fail_fails_as_missed(field: Durable) -> None:
+    said = properties(missed="fail")
+    field.deploy(
+        mission(
+            f'<startEvent id="s"/><intermediateCatchEvent id="c">{said}<timerEventDefinition><timeDuration>PT20S'
+            '</timeDuration></timerEventDefinition></intermediateCatchEvent><endEvent id="e"/>',
+            ("s", "c"),
+            ("c", "e"),
+        )
+    )
+    away(field, 60)
+    error = field.engine.running.instances[-1].error
+    assert error is not None
+    assert (error.code, error.element) == ("missed", "c")
