@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
 from sim2d import style
-from sim2d.ground import Circle, Shape, disc
-from sim2d.robot import Appearance, SimulatedRobot
+from sim2d.ground import Circle, Shape, Weed, disc
+from sim2d.record import Record, Track
+from sim2d.robot import Appearance, Cone, Pose, SimulatedRobot, Workpiece
 
 if TYPE_CHECKING:
+    from sim2d.config import WorldConfig
     from sim2d.world import World
 
 Put = Callable[[str, int, str], object]
@@ -115,6 +117,56 @@ def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
         data["note"] = look.note
     data["outline"] = _rounded(robot.outline)
     return data
+
+
+def read_record(
+    config: WorldConfig, samples: Iterable[tuple[float, bytes]], ground: Mapping[str, Any], summary: Mapping[str, Any]
+) -> Record:
+    """The record of a run that drawings need, from its recording.
+
+    `samples` are seconds and scenes, `ground` is how the ground was in the end, `summary` that of the world.
+    """
+    times: list[float] = []
+    tracks: dict[str, Track] = {}
+    for second, scene in samples:
+        entities = json.loads(scene)["entities"]
+        times.append(second)
+        for entity in entities:
+            look = json.loads(entity["metadata"][0]["value"])
+            if entity["id"] not in tracks:
+                tracks[entity["id"]] = Track(entity["id"], look["type"], tuple(_points(look["outline"])))
+            seen = _appearance(look)
+            tracks[entity["id"]].poses.append(seen.pose)
+            tracks[entity["id"]].appearances.append(seen)
+    weeds = [Weed(weed["name"], tuple(weed["at"]), weed["radius"], weed["cut"], weed["by"]) for weed in ground["weeds"]]
+    from sim2d.world import Collision
+
+    collisions = [Collision(each["time"], each["a"], each["b"]) for each in summary.get("collisions", ())]
+    return Record(config, times, list(tracks.values()), collisions, weeds)
+
+
+def _appearance(look: Mapping[str, Any]) -> Appearance:
+    """The opposite of `appearance`."""
+    cone = look.get("cone")
+    return Appearance(
+        Pose(look["x"], look["y"], look["heading"]),
+        altitude=look.get("altitude", 0.0),
+        led=look.get("led", "off"),
+        cone=Cone(Pose(*cone["pose"]), cone["angle"], cone["length"]) if cone is not None else None,
+        footprint=look.get("footprint", 0.0),
+        blade=look.get("blade", 0.0),
+        charge=look.get("charge", 1.0),
+        limb=_points(look.get("limb", ())),
+        jaws=look.get("jaws", -1.0),
+        workpieces=[
+            Workpiece(piece["kind"], _points(piece["corners"]), piece["closed"]) for piece in look.get("workpieces", ())
+        ],
+        note=look.get("note", ""),
+    )
+
+
+def _points(points: Iterable[Sequence[float]]) -> list[Point]:
+    return [(x, y) for x, y in points]
 
 
 def ground_data(world: World) -> dict[str, Any]:

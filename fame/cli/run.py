@@ -280,25 +280,33 @@ def _say_stopping() -> None:
 def _run_team(arguments: Namespace, scenario: Scenario) -> int:
     """World and engines in processes of their own."""
     from fame.scenario import Team
+    from fame.scenario.team_logs import team_logs
 
-    wanted = ("log", "picture", "animate", "robots", "fault")
+    wanted = ("robots", "fault")
     for option in wanted:
         if getattr(arguments, option):
             raise ConfigError(f"--{option} needs --middleware local: world and engines are in other processes")
     if scenario.completions:
         text = "complete needs --middleware local: fame complete reaches robots in processes of their own"
         raise ConfigError(text, file=scenario.file)
-    quiet = arguments.quiet or arguments.json
-    with live_table(sys.stderr, wanted=not quiet) as live:
-        result = Team(
-            scenario,
-            arguments.middleware,
-            on_status=lambda status: live.show(_seen(status)),
-            on_line=lambda name, line: live.say(line),
-            speed=arguments.speed,
-            lockstep=arguments.lockstep,
-            types=arguments.types,
-        ).run()
+    _check_drawings(arguments, scenario)
+    quiet, drawings = arguments.quiet or arguments.json, arguments.picture is not None or arguments.animate is not None
+    with team_logs(scenario, arguments.log, _about(scenario), arguments.log_topics, drawings=drawings) as logs:
+        with live_table(sys.stderr, wanted=not quiet) as live:
+            result = Team(
+                scenario,
+                arguments.middleware,
+                on_status=lambda status: live.show(_seen(status)),
+                on_line=lambda name, line: live.say(line),
+                speed=arguments.speed,
+                lockstep=arguments.lockstep,
+                types=arguments.types,
+                logs=logs,
+            ).run()
+        if logs is not None:
+            result = logs.finish(result, drawings=drawings)
+        with progress_line(sys.stderr, wanted=not quiet) as line:
+            _draw(arguments, result, line)
     return _said(arguments, result, reports=False)
 
 

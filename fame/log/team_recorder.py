@@ -32,7 +32,7 @@ _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/wo
 class TeamRecorder:
     """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
 
-    `open_file` is called before the first message.
+    `open_file` is called before the first message. `models`: attach what each robot runs.
     """
 
     def __init__(
@@ -44,10 +44,12 @@ class TeamRecorder:
         topics: LogTopics = "signals",
         robots: frozenset[str] = frozenset(),
         metadata: Mapping[str, str] | None = None,
+        models: bool = True,
         note: Callable[[str], object] = lambda text: None,
     ) -> None:
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
+        self._models = models
         self._file: RecordingFile | None = None
         self._attached: set[tuple[str, str]] = set()
         self._topics: dict[str, int | None] = {}  # recorded topics -> number of their channel, once there is one
@@ -77,7 +79,7 @@ class TeamRecorder:
         if self._file is None:
             self._file = self._open_file()
             self._file.describe({**self._metadata, **self._dated()})
-            for robot, model in self.team.models.items():
+            for robot, model in self.team.models.items() if self._models else ():
                 self._attach(robot, model)
         return self._file
 
@@ -90,7 +92,7 @@ class TeamRecorder:
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         self._note(f"records {robot}: {model.get('process', '')}")
-        if self._file is not None:
+        if self._file is not None and self._models:
             self._attach(robot, model)
 
     def _attach(self, robot: str, model: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ per robot, deploys to them, monitors them and ends them.
     film_captions  captions: the current activity of each robot's process
     process        scheduler, middleware and signals of a FAME process
     distributed    a scenario in many processes
+    team_logs      its logs and drawings, made from its recording
     world_process  a simulated world in its own process, which publishes the clock; lockstep
     deployment     deploying to present robots and to late joiners
 """

@@ -44,6 +44,7 @@ from fame.scenario.world_process import EMPTY, RESUME, WORLD_STATE
 if TYPE_CHECKING:
     from fame.robot import Event
     from fame.scenario.plan import Plan
+    from fame.scenario.team_logs import TeamLogs
 
 
 _CHECK = SECOND // 5  # ns between two checks of the processes
@@ -57,7 +58,8 @@ class Team:
 
     `on_status` is called with the status of the team several times a second, `on_line` with each line that a process
     prints. A world runs at `speed` times wall-clock speed (1 by default; in `lockstep` as fast as possible). `types`
-    are folders of message types. Raises ModelError for errors of the model before anything is started.
+    are folders of message types; `logs` record the team. Raises ModelError for errors of the model before anything is
+    started.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Team:
         speed: float | None = None,
         lockstep: bool = False,
         types: Sequence[Path] = (),
+        logs: TeamLogs | None = None,
     ) -> None:
         refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
         self.scenario, self.backend, self._on_status, self._on_line = scenario, backend, on_status, on_line
@@ -77,6 +80,7 @@ class Team:
         self._types = types
         self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
+        self._recorder = logs.recorder(self.middleware, self.scheduler) if logs is not None else None
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
         self._children = Subprocesses(
@@ -107,6 +111,8 @@ class Team:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C would leave children behind
             self._problems += self._children.end()
+            if self._recorder is not None:
+                self._recorder.close()
             self.middleware.close()
             signal.signal(signal.SIGINT, signal.default_int_handler)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -1,0 +1,108 @@
+"""The logs and drawings of a run in many processes: they are made from its recording."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from fame.clock import SECOND, Scheduler
+from fame.errors import ConfigError
+from fame.log.channels import WORLD
+from fame.log.conversion import FORMS, convert
+from fame.log.recorder import About, LogTopics, RecordingFile, model_attachments
+from fame.log.recording import Recording
+from fame.log.team_recorder import TeamRecorder
+from fame.log.writing import RECORDING, new_file
+from fame.middleware.interface import Middleware
+from fame.scenario.film_captions import Captions
+
+if TYPE_CHECKING:
+    from fame.scenario.plan import Plan
+    from fame.scenario.result import Result
+
+
+class TeamLogs:
+    """The recording of a run, and the `logs` to be made from it."""
+
+    def __init__(self, scenario: Plan, path: Path, logs: Sequence[Path], about: About, topics: LogTopics) -> None:
+        self._scenario, self._path, self._logs, self._about, self._topics = scenario, path, logs, about, topics
+        self._stack = ExitStack()
+        self._begin = self._stack.enter_context(new_file(path))
+
+    def recorder(self, middleware: Middleware, scheduler: Scheduler) -> TeamRecorder:
+        """The node that records the team."""
+        return TeamRecorder(
+            middleware,
+            scheduler,
+            self._open,
+            topics=self._topics,
+            robots=frozenset(self._scenario.cast),
+            metadata=self._about.metadata,
+            models=False,
+        )
+
+    def _open(self) -> RecordingFile:
+        file = RecordingFile(self._begin())
+        for name, media_type, data in (*model_attachments(self._scenario.closures()), *self._about.attachments):
+            file.attach(name, media_type, data)
+        return file
+
+    def finish(self, result: Result, *, drawings: bool) -> Result:
+        """Close the recording and write the logs; with `drawings`, the result gets what these need."""
+        self._stack.close()
+        if not self._path.exists():  # no robot told anything
+            return result
+        for log in self._logs:
+            if log != self._path and log.suffix.lower() == RECORDING:
+                copyfile(self._path, log)
+            elif log != self._path:
+                convert(self._path, log)
+        return self._with_record(result) if drawings else result
+
+    def _with_record(self, result: Result) -> Result:
+        from sim2d.scene import read_record
+
+        scenario = self._scenario
+        captions = Captions(scenario.closures(), {robot: pool.process for robot, pool in scenario.cast.items()})
+        assert scenario.world is not None
+        with Recording(self._path) as recording:
+            for event in recording.events():
+                captions.add(event)
+            samples = ((message.time / SECOND, message.data) for message in recording.messages((WORLD,)))
+            record = read_record(scenario.world, samples, recording.ground(recording.end), result.world or {})
+        return replace(result, record=record, labels=tuple(captions.labels))
+
+    def close(self) -> None:
+        """Close the recording."""
+        self._stack.close()
+
+
+@contextmanager
+def team_logs(
+    scenario: Plan, logs: Sequence[Path], about: About, topics: LogTopics, *, drawings: bool
+) -> Iterator[TeamLogs | None]:
+    """The logs of a run in many processes; None if there are none and no `drawings`. Raises ConfigError."""
+    if not logs and not drawings:
+        yield None
+        return
+    _check_endings(logs)
+    with TemporaryDirectory(prefix="fame-") as folder:
+        path = next((log for log in logs if log.suffix.lower() == RECORDING), Path(folder) / "run.mcap")
+        made = TeamLogs(scenario, path, logs, about, topics)
+        try:
+            yield made
+        finally:
+            made.close()
+
+
+def _check_endings(logs: Collection[Path]) -> None:
+    known = (*FORMS, RECORDING)
+    for log in logs:
+        if not log.name.lower().endswith(known):
+            text = f"expected a file name that ends in one of {', '.join(known)}, got {log.suffix!r}"
+            raise ConfigError(text, file=str(log))
