@@ -85,6 +85,7 @@ class LiveFeed:
         self._begins = self.watched and not resumed
         self._key_due = self._scheduler.now + _KEY_PERIOD if self._begins else 0
         self._current.resume(active=self.watched)
+        self._send_soon()
         self._models.publish(messages.create(STRING, json.dumps(model_data(node, self._epoch))))
 
     def is_current(self, observer: ProcessFeed) -> bool:
