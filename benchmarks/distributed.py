@@ -15,7 +15,7 @@ redeployed    the same engine after 10 and after 1000 new processes: memory, thr
 
 Engines find their bytecode, as installed ones do: the first start writes it, in a folder that goes with the run.
 
-Run as ``python benchmarks/distributed.py [--json] [--middleware dds|zenoh] [CASE ...]``. Nothing else should
+Run as ``python benchmarks/distributed.py [--json] [--middleware dds|zenoh|ros] [CASE ...]``. Nothing else should
 run meanwhile.
 """
 
@@ -124,13 +124,17 @@ class Field:
         self.last: dict[str, Report] = {}
         for robot in robots:
             self.node.subscription(f"/{robot}/bpmn_status", STRING, partial(self._hear, robot), STATUS_QOS)
-        own = {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": str(ROOT), PARENT: str(os.getpid())}
+        own = {
+            "ROS_DOMAIN_ID": str(domain),
+            "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))),
+            PARENT: str(os.getpid()),
+        }
         environment = {**os.environ, **BYTECODE, **own}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         self.began = time.monotonic()
         self.engines = {
             robot: subprocess.Popen(
-                [sys.executable, "-m", "fame", "engine", robot, "--middleware", MIDDLEWARE[0], *_kind(robot)],
+                [sys.executable, "-m", "fame", "engine", robot, *_middleware(), *_kind(robot)],
                 env=environment,
             )
             for robot in robots
@@ -179,6 +183,11 @@ class Field:
         for engine in self.engines.values():
             engine.wait()
         self.middleware.close()
+
+
+def _middleware() -> list[str]:
+    """ROS confines discovery, not sockets, so that an engine asks for keys or for this word."""
+    return ["--middleware", MIDDLEWARE[0], *(["--insecure"] if MIDDLEWARE == ["ros"] else [])]
 
 
 def _kind(robot: str) -> list[str]:
@@ -259,17 +268,20 @@ def rclpy_trips() -> dds.Trips:
     import atexit
 
     import rclpy
+    from rclpy.executors import SingleThreadedExecutor
     from std_msgs.msg import String
 
     child = subprocess.Popen([sys.executable, __file__, "rclpy-echo"])
     atexit.register(child.kill)
     rclpy.init()
     node = rclpy.create_node("asker")
+    executor = SingleThreadedExecutor()  # kept, as in a program that spins
+    executor.add_node(node)
     heard: list[Any] = []
     publisher = node.create_publisher(String, "/rclpy_ping", 100)
     node.create_subscription(String, "/rclpy_pong", heard.append, 100)
     while not (publisher.get_subscription_count() and node.count_publishers("/rclpy_pong")):
-        rclpy.spin_once(node, timeout_sec=0.1)
+        executor.spin_once(timeout_sec=0.1)
 
     def trips(number: int) -> list[int]:
         taken = []
@@ -278,7 +290,7 @@ def rclpy_trips() -> dds.Trips:
             publisher.publish(String(data=dds.PAYLOAD))
             heard.clear()
             while not heard:
-                rclpy.spin_once(node)
+                executor.spin_once()
             taken.append(time.perf_counter_ns() - began)
         return taken
 

@@ -157,7 +157,8 @@ def dds_world(*, apart: bool) -> WallWorld:
 def ros_world(*, apart: bool) -> WallWorld:
     from fame.middleware.ros import RosMiddleware
 
-    return WallWorld(WallScheduler(), partial(RosMiddleware, domain=DOMAIN), apart=apart)
+    scheduler = WallScheduler() if apart else DataScheduler()
+    return WallWorld(scheduler, partial(RosMiddleware, domain=DOMAIN), apart=apart)
 
 
 def zenoh_world(*, apart: bool) -> WallWorld:

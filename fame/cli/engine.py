@@ -133,7 +133,7 @@ def _serve(arguments: Namespace) -> None:
         if arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time:
             from fame.middleware.simulated_time import ClockFollower
 
-            time, node = ClockFollower(scheduler), middleware.node("fame_time", arguments.name)
+            time, node = ClockFollower(scheduler), middleware.node("_fame_time", arguments.name)
             if arguments.lockstep:
                 time.subscribe_in_lockstep(node, lockstep(middleware, lambda name: name == "fame_engine"))
             else:
@@ -210,7 +210,7 @@ def _is_there(name: str, trusted: Sequence[Any], scheduler: WallScheduler, middl
         if report is not None and proves_presence(report, name, trusted, time.time()):
             heard.append(report)
 
-    node = middleware.node("fame_twin", name)
+    node = middleware.node("_fame_twin", name)
     node.subscription("bpmn_status", STRING, listen, STATUS_QOS)
     until = scheduler.now + round(1.5 * HEARTBEAT * SECOND)
     while name in engines(middleware) and not heard and scheduler.now < until:

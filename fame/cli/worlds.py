@@ -69,7 +69,7 @@ def _expect_no_other(scheduler: WallScheduler, middleware: Middleware) -> None:
     if not any(topic.name == CLOCK and topic.publishers for topic in middleware.graph()):
         return
     heard: list[object] = []
-    node = middleware.node("fame_twin", "world")
+    node = middleware.node("_fame_twin", "world")
     node.subscription(CLOCK, CLOCK_TYPE, heard.append, SENSOR_DATA)
     until = scheduler.now + SECOND
     while not heard and scheduler.now < until:

@@ -46,12 +46,10 @@ class Component(Protocol):
 
 
 def scheduler_for(backend: str) -> WallScheduler:
-    """Return the wall-clock scheduler of a backend: that of DDS waits for data itself. Raises UnavailableError."""
-    if backend in ("dds", "zenoh"):
-        from fame.middleware.data_scheduler import DataScheduler
+    """Return the wall clock for a backend: it waits for the data of the backend itself."""
+    from fame.middleware.data_scheduler import DataScheduler
 
-        return DataScheduler()
-    return WallScheduler()
+    return DataScheduler()
 
 
 def connect(

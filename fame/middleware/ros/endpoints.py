@@ -16,10 +16,13 @@ from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.context import Context
 from rclpy.duration import Duration, Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import Executor
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
@@ -116,13 +119,72 @@ _POLL = SECOND // 10
 """How often a client that waits for a response checks whether its service is still there (ns)."""
 
 
+class _Polled(CallbackGroup):  # type: ignore[misc]
+    """Subscriptions that the executor leaves alone."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    beginning_execution = can_execute
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+class SubscriptionWaiter:
+    """Waits for messages in the thread of a `DataScheduler`.
+
+    The executor of rclpy looks through all entities of all nodes for each message that comes, and takes one. Here the
+    wait set holds nothing but subscriptions, and each takes all that has come for it.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context, self._guard = context, GuardCondition(None, None, context=context)
+        self._actions: dict[Any, Callable[[], object]] = {}
+        self._wait_set: Any = None
+
+    def add(self, end: Any, action: Callable[[], object]) -> None:
+        """Call `action` when messages have come for a subscription of rclpy."""
+        self._actions[end] = action
+        self._wait_set = None
+
+    def remove(self, end: Any) -> None:
+        self._actions.pop(end, None)
+        self._wait_set = None
+
+    def wait(self, timeout: int) -> None:
+        if self._wait_set is None:
+            self._wait_set = rclpy_implementation.WaitSet(len(self._actions), 1, 0, 0, 0, 0, self._context.handle)
+        wait_set = self._wait_set
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(self._guard.handle)
+        for end in self._actions:
+            wait_set.add_subscription(end.handle)
+        wait_set.wait(timeout)
+        ready = set(wait_set.get_ready_entities("subscription"))
+        for end in [end for end in self._actions if end.handle.pointer in ready] if ready else ():
+            if end in self._actions:  # else another one has closed it
+                self._actions[end]()
+
+    def wake(self) -> None:
+        self._guard.trigger()
+
+    def close(self) -> None:
+        self._wait_set = None
+        self._guard.destroy()
+
+
 @dataclass(frozen=True, slots=True)
 class RosHandle:
-    """A node of rclpy, its executor, and what to call with the name of a topic whose endpoints do not match."""
+    """A node of rclpy, its executor, and what to call with the name of a topic whose endpoints do not match.
+
+    `waiter` waits for the messages to its subscriptions; without it, the executor does.
+    """
 
     node: Node
     executor: Executor
     on_mismatch: Callable[[str], object]
+    waiter: SubscriptionWaiter | None
 
 
 class RosPublisher(WirePublisher):
@@ -185,8 +247,19 @@ class RosSubscription(WireSubscription):
         )
         self._end: Any = None
         self._end = ros.node.create_subscription(
-            ros_class(self.type), topic, self._on_data, profile(one_deeper(qos)), event_callbacks=events, raw=True
+            ros_class(self.type),
+            topic,
+            self._on_data,
+            profile(one_deeper(qos)),
+            callback_group=_Polled() if ros.waiter is not None else None,
+            event_callbacks=events,
+            raw=True,
         )
+        if ros.waiter is not None:
+            for handler in self._end.event_handlers:  # these are for the executor nevertheless
+                handler.callback_group = ros.node.default_callback_group
+                ros.node.default_callback_group.add_entity(handler)
+            ros.waiter.add(self._end, self._take_all)
 
     def matches(self, publisher: RosPublisher) -> bool:
         """Whether it is connected to a publisher of its own node."""
@@ -205,18 +278,24 @@ class RosSubscription(WireSubscription):
         return bool(self._end.get_publisher_count() > sum(map(self.matches, self.node.publishers)))
 
     def release(self) -> None:
+        if self._ros.waiter is not None:
+            self._ros.waiter.remove(self._end)
         self._ros.node.destroy_subscription(self._end)
 
     def _on_data(self, data: bytes) -> None:
         """Take what waits in ROS. In the executor's thread."""
         self.enqueue(data)
         if self._end is not None:  # else it is being made
-            with self._end.handle:
-                for _ in range(self._batch):
-                    taken = self._end.handle.take_message(self._end.msg_type, self._end.raw)
-                    if taken is None:
-                        break
-                    self.enqueue(taken[0])
+            self._take_all()
+        self.schedule()
+
+    def _take_all(self) -> None:
+        with self._end.handle:
+            for _ in range(self._batch + 1):
+                taken = self._end.handle.take_message(self._end.msg_type, self._end.raw)
+                if taken is None:
+                    break
+                self.enqueue(taken[0])
         self.schedule()
 
     def _on_lost(self, event: Any) -> None:

@@ -20,6 +20,7 @@ from rclpy.node import Node
 
 from fame.clock import WallScheduler
 from fame.errors import ConfigError
+from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import EndpointWarning, Message, QoS, TopicInfo, resolve
 from fame.middleware.qos import compatible
@@ -29,6 +30,7 @@ from fame.middleware.ros.endpoints import (
     RosPublisher,
     RosService,
     RosSubscription,
+    SubscriptionWaiter,
     from_profile,
     owner,
 )
@@ -70,6 +72,9 @@ class RosMiddleware(WireMiddleware):
             text = " ".join(str(error).split())
             raise ConfigError(f"ROS 2 does not start: {text}") from None
         self.executor.add_node(self._observer)
+        self.waiter: SubscriptionWaiter | None = None
+        if isinstance(scheduler, DataScheduler) and scheduler.waiter is None:
+            scheduler.waiter = self.waiter = SubscriptionWaiter(self.context)
         self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
         self._thread.start()
 
@@ -109,6 +114,9 @@ class RosMiddleware(WireMiddleware):
         )
 
     def release(self) -> None:
+        if isinstance(self.scheduler, DataScheduler) and self.waiter is not None:
+            self.scheduler.waiter = None
+            self.waiter.close()
         self._observer.destroy_node()  # ROS leaves the domain with the last node of a context
         self.context.try_shutdown()
         self._thread.join()
@@ -155,12 +163,18 @@ class RosNode(WireNode):
 
     def __init__(self, middleware: RosMiddleware, name: str, namespace: str) -> None:
         try:
-            self.ros: Node = Node(name, namespace=f"/{namespace}", context=middleware.context)
+            self.ros: Node = Node(
+                name,
+                namespace=f"/{namespace}",
+                context=middleware.context,
+                enable_rosout=False,  # nothing is logged by way of ROS
+                start_parameter_services=not name.startswith("_"),
+            )
         except Exception as error:  # rclpy raises what its C++ gives it
             text = " ".join(str(error).split())
             raise ConfigError(f"ROS 2 refuses a node /{namespace}/{name}: {text}") from None
         super().__init__(middleware, self.ros.get_name(), self.ros.get_namespace().strip("/"))
-        self._handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch)
+        self._handle = RosHandle(self.ros, middleware.executor, middleware.on_mismatch, middleware.waiter)
         middleware.executor.add_node(self.ros)
 
     def make_publisher(self, topic: str, type: str, qos: QoS) -> RosPublisher:
