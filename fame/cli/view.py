@@ -15,7 +15,7 @@ from pathlib import Path
 from subprocess import PIPE
 from typing import TYPE_CHECKING
 
-from fame.cli.arguments import Commands, Parser, command, positive
+from fame.cli.arguments import Commands, Parser, add_library, command, positive
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ _EXAMPLES = (
     "fame view run.mcap",
     "fame view run.mcap --port 8080 --no-open",
     "fame view run.mcap --branch 12.5",
+    "fame view models/agriculture.bpmn",
 )
 
 
@@ -36,14 +37,15 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "view", run, examples=_EXAMPLES,
-        help="show a mission in the browser: a recording",
+        help="show a mission in the browser: a recording, or a model with its findings at each save",
     )  # fmt: skip
-    parser.add_argument("subject", type=Path, metavar="RUN.mcap", help="what to show")
+    parser.add_argument("subject", type=Path, metavar="RUN.mcap|MODEL.bpmn|SCENARIO.yaml", help="what to show")
     parser.add_argument(
         "--branch", type=positive, metavar="S",
         help="run the recorded run again to simulated second S, stop there, and go on from there in the browser",
     )  # fmt: skip
     add_page(parser)
+    add_library(parser)
 
 
 def add_page(parser: Parser) -> None:
@@ -64,19 +66,31 @@ def _port(text: str) -> int:
 def run(arguments: Namespace) -> int:
     """Serve the page until Ctrl-C."""
     path = arguments.subject
-    if path.suffix.lower() != ".mcap":
-        raise ConfigError(f"expected a recording (.mcap), got {path.suffix!r}", file=str(path))
     if arguments.branch is not None:
         return _branch(arguments)
-    from fame.view import Replay, Server
+    source = _source(path, arguments)
+    from fame.view import Server
 
-    source = Replay(path, branch=partial(_in_a_process, arguments))
-    for notice in source.notices:
-        print(f"fame: {notice}", file=sys.stderr, flush=True)
     server = Server(source, host=arguments.host, port=arguments.port)
     announce(server, arguments)
     server.run()
     return 0
+
+
+def _source(path: Path, arguments: Namespace) -> Source:
+    """What shows a file. Raises ConfigError for a file that cannot be shown."""
+    from fame.view import ModelWatch, Replay
+
+    kind = path.suffix.lower()
+    if kind in (".bpmn", ".xml", ".yaml", ".yml"):
+        return ModelWatch(path, arguments.library)
+    if kind != ".mcap":
+        expected = "a recording (.mcap), a model (.bpmn) or a scenario (.yaml)"
+        raise ConfigError(f"expected {expected}, got {kind!r}", file=str(path))
+    replay = Replay(path, branch=partial(_in_a_process, arguments))
+    for notice in replay.notices:
+        print(f"fame: {notice}", file=sys.stderr, flush=True)
+    return replay
 
 
 def announce(server: Server, arguments: Namespace) -> None:

@@ -57,7 +57,7 @@ export class Inspector {
   update(state, time) {
     this.picker();
     const { selected, store, plots } = this.app;
-    const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey()].join();
+    const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey(), this.app.mission.version].join();
     if (key === this.key) return;
     const now = performance.now();
     if (this.app.player.playing && now - (this.last ?? 0) < 90) { // ten times a second is as much as anybody reads
@@ -66,6 +66,10 @@ export class Inspector {
     }
     this.key = key;
     this.last = now;
+    if (this.app.mission.kind === "model") {
+      show(this.body, this.found());
+      return;
+    }
     if (state === null) {
       show(this.body, h("p", { cls: "quiet" }, "Loading this part of the run …"));
       return;
@@ -73,6 +77,16 @@ export class Inspector {
     const top = this.body.scrollTop;
     show(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
     this.body.scrollTop = top;
+  }
+
+  /** The findings of a model, those of the chosen element first. */
+  found() {
+    const { mission, selected } = this.app, all = mission.findings ?? [], rank = { error: 0, warning: 1, note: 2 };
+    const card = selected.element >= 0 ? this.chosenElement({ counts: [], tokens: new Map() }, 0) : null;
+    const rows = [...all].sort((a, b) => rank[a.severity] - rank[b.severity]).map((one) => h("li", { cls: `found ${one.severity}` },
+      h("div", null, h("b", null, one.severity), " ", one.element >= 0 ? this.element(one.element) : null, h("span", { cls: "quiet" }, ` ${one.where}${one.line ? `:${one.line}` : ""}`)),
+      h("div", null, one.text)));
+    return [card, h("h4", null, "Findings"), rows.length ? h("ul", { cls: "findings" }, rows) : h("p", { cls: "quiet" }, "fame check has no finding. Save the file in your modeler: this page follows.")];
   }
 
   chosen(r) {

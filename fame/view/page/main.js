@@ -67,12 +67,14 @@ class App {
       this.findings.set(finding.element, [...known, finding]);
     }
     this.heading();
-    if (models !== this.models) {
+    if (models !== this.models || mission.kind === "model") {
+      const trail = models === this.models ? this.diagram.trail : [];
       this.models = models;
       this.diagram.planes.clear();
-      this.diagram.plane = -1;
-      this.diagram.trail = [];
-      if (mission.planes.length) await this.diagram.open(0);
+      this.diagram.trail = trail;
+      if (!trail.length) this.diagram.plane = -1;
+      if (trail.length) await this.diagram.draw(trail.at(-1)[0]); // the same place, at the same zoom
+      else if (mission.planes.length) await this.diagram.open(0);
       else if (mission.elements.length) this.diagram.draw(-1);
       else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
     }
@@ -247,6 +249,7 @@ class App {
   draw(now) {
     const moved = this.player.frame(now), { time } = this.player;
     this.state = this.store.stateAt(time);
+    if (this.mission.kind === "model") this.selected.element = this.mission.elements[this.selected.element] ? this.selected.element : -1;
     if (this.state !== null) {
       this.world.update(this.state, time);
       this.diagram.update(this.state, this.player.playing);

@@ -1,0 +1,158 @@
+"""The page of a model while somebody draws it: its diagrams with the findings of `fame check`, again at each save."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions
+from fame.bpmn.reader import read
+from fame.check import Finding, check
+from fame.check.scope import of_error
+from fame.errors import ConfigError, FameError, ModelError
+from fame.view.catalogue import NOWHERE, Catalogue
+from fame.view.mission import Chip, mission_json
+
+_POLL = 0.25
+"""Seconds between two looks at the files."""
+
+
+@dataclass(slots=True)
+class _Reading:
+    """What the file said at one time."""
+
+    catalogue: Catalogue
+    findings: list[Finding] = field(default_factory=list)
+    files: tuple[Path, ...] = ()
+
+
+class ModelWatch:
+    """The source of a page that shows a model, or the model of a scenario, as it is now.
+
+    `library` adds folders with called processes. Raises ConfigError if there is no such file.
+    """
+
+    def __init__(self, path: str | Path, library: Sequence[Path] = ()) -> None:
+        self._path, self._folders = Path(path), tuple(library)
+        if not self._path.is_file():
+            raise ConfigError("cannot be read: no such file", file=str(path))
+        self._version = 0
+        self._now = self._read(None)
+        self._stamps = self._stamped()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="fame view: watch", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop watching."""
+        self._closed.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._closed.wait(_POLL):
+            stamps = self._stamped()
+            if stamps != self._stamps:
+                self._stamps = stamps
+                self._now = self._read(self._now)
+                self._version += 1
+
+    def _stamped(self) -> list[tuple[str, int, int]]:
+        """The state of the files on disk; a file that is being replaced is not there for a moment."""
+        found = []
+        for path in (self._path, *self._now.files):
+            with suppress(OSError):
+                stat = path.stat()
+                found.append((str(path), stat.st_mtime_ns, stat.st_size))
+        return found
+
+    def _read(self, before: _Reading | None) -> _Reading:
+        """What the file says; if it cannot be read, the diagrams of before with the error."""
+        try:
+            model, library = self._model()
+            files = _closure(model, library)
+            found = check(model, library=library)
+            if self._path.suffix.lower() in (".yaml", ".yml") and not any(one.level == "error" for one in found):
+                from fame.scenario.scenario import scenario_findings
+
+                found += scenario_findings(self._path, library=self._folders)
+        except (ModelError, ConfigError) as error:
+            last = before or _Reading(Catalogue([]))
+            return _Reading(last.catalogue, [of_error(error)], last.files)
+        except FameError as error:
+            last = before or _Reading(Catalogue([]))
+            return _Reading(last.catalogue, [Finding("error", str(error), str(self._path))], last.files)
+        return _Reading(Catalogue(files), found, tuple(Path(file.file) for file in files))
+
+    def _model(self) -> tuple[Definitions, Library]:
+        if self._path.suffix.lower() in (".yaml", ".yml"):
+            from fame.scenario.plan import read_scenario
+
+            said = read_scenario(self._path)
+            return read(said.model), Library([*self._folders, *said.library])
+        return read(self._path), Library(self._folders)
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def mission(self) -> Mapping[str, Any]:
+        now = self._now
+        return mission_json(
+            "model",
+            self._path.name,
+            now.catalogue,
+            (),
+            chips=_chips(now.findings),
+            findings=[self._finding(now.catalogue, one) for one in now.findings],
+            version=self._version,
+            empty=["The file cannot be shown", "\n".join(map(str, now.findings[:3]))],
+        )
+
+    def _finding(self, catalogue: Catalogue, finding: Finding) -> dict[str, Any]:
+        number = next((file for file, one in enumerate(catalogue.files) if one.file == finding.file), 0)
+        known = bool(finding.element) and bool(catalogue.candidates(finding.element))
+        return {
+            "severity": finding.level,
+            "text": finding.text,
+            "element": catalogue.number(number, finding.element) if known else NOWHERE,
+            "where": PurePath(finding.file).name if finding.file else "",
+            "line": finding.line,
+        }
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        catalogue = self._now.catalogue
+        if not 0 <= number < len(catalogue.drawings):
+            raise LookupError(number)
+        return catalogue.plane_json(number)
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        raise LookupError(number)
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        version = self._version
+        return version, [] if known == version else [{"type": "reload"}]
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        raise FameError("a model is only shown: there is nothing to control")
+
+
+def _closure(model: Definitions, library: Library) -> list[Definitions]:
+    """The file and those of all that it calls; what is not found is a finding of the check."""
+    files = {model.file: model}
+    for process in model.processes:
+        with suppress(ModelError):
+            files.update((home.file, home) for home, _ in library.closure(model, process))
+    return list(files.values())
+
+
+def _chips(findings: Sequence[Finding]) -> list[Chip]:
+    """How many findings there are of each level."""
+    chips: list[Chip] = []
+    for level, look in (("error", "failed"), ("warning", "warning"), ("note", "")):
+        count = sum(finding.level == level for finding in findings)
+        if count:
+            chips.append((f"{count} {level}{'s' if count > 1 else ''}", look, "findings of fame check"))
+    return chips or [("no problems found", "completed", "fame check has no finding")]

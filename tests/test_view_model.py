@@ -1,0 +1,84 @@
+"""A model is watched while it is drawn: its findings are on the page at each save."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from view_page import browser, eventually, opened, until
+
+from fame.errors import ConfigError
+from fame.view import ModelWatch
+
+MODELS = Path(__file__).parent.parent / "models"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "mission.bpmn"
+    path.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
+    return path
+
+
+@pytest.fixture
+def watch(model: Path) -> Iterator[ModelWatch]:
+    found = ModelWatch(model)
+    yield found
+    found.close()
+
+
+def break_it(model: Path) -> None:
+    model.write_text(
+        model.read_text(encoding="utf-8").replace('calledElement="Explore"', 'calledElement="Nowhere"'), "utf-8"
+    )
+
+
+def test_a_model_without_problems_says_so(watch: ModelWatch) -> None:
+    assert watch.mission()["chips"] == [("no problems found", "completed", "fame check has no finding")]
+
+
+def test_a_save_brings_its_findings(watch: ModelWatch, model: Path) -> None:
+    break_it(model)
+    eventually(lambda: watch.mission()["findings"])
+    finding = watch.mission()["findings"][0]
+    element = watch.mission()["elements"][finding["element"]]
+    assert (finding["severity"], element["name"]) == ("error", "Explore")
+    assert "Nowhere" in finding["text"]
+
+
+def test_a_file_that_is_not_bpmn_keeps_the_last_diagram(watch: ModelWatch, model: Path) -> None:
+    model.write_text("<half a", encoding="utf-8")
+    eventually(lambda: watch.mission()["findings"])
+    assert watch.mission()["findings"][0]["severity"] == "error"
+    assert len(watch.mission()["planes"]) > 1
+
+
+def test_a_file_that_is_replaced_is_read_again(watch: ModelWatch, model: Path) -> None:
+    model.unlink()
+    eventually(lambda: watch.news(0)[0] > 0)
+    model.write_bytes((MODELS / "agriculture.bpmn").read_bytes())
+    eventually(lambda: any(one.get("name") == "Weed Found" for one in watch.mission()["elements"]))
+
+
+def test_a_scenario_is_watched_with_its_model() -> None:
+    watch = ModelWatch(MODELS.parent / "examples" / "agriculture.yaml")
+    assert watch.mission()["planes"][0]["title"] == "agriculture"
+    assert not [one for one in watch.mission()["findings"] if one["severity"] == "error"]
+    watch.close()
+
+
+def test_no_file_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such file"):
+        ModelWatch(tmp_path / "none.bpmn")
+
+
+def test_the_page_marks_the_element_and_follows_the_file(watch: ModelWatch, model: Path) -> None:
+    with browser() as chromium, opened(chromium, watch) as page:
+        until(page, "document.querySelector('.chip.completed') !== null")
+        break_it(model)
+        until(page, "document.querySelector('.badge.error title') !== null")
+        assert "Nowhere" in page.evaluate("document.querySelector('.badge.error title').textContent")
+        assert "Nowhere" in page.locator("#inspector").inner_text()
+        model.write_bytes((MODELS / "ground_vehicles.bpmn").read_bytes())
+        until(page, "document.querySelector('.badge.error') === null")
