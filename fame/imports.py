@@ -11,6 +11,9 @@ from fame.errors import UnavailableError
 
 _EXTRAS = {
     "PIL": ("animations need Pillow", "sim"),
+    "joblib": ("campaigns need joblib", "campaign"),
+    "distributed": ("--backend dask needs distributed", "dask"),
+    "ray": ("--backend ray needs ray", "ray"),
     "matplotlib": ("pictures need matplotlib", "sim"),
     "pandas": ("tables of events need pandas", "pandas"),
     "pytest": ("tests of missions need pytest", "test"),

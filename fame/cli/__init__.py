@@ -50,6 +50,7 @@ _DECLARATIONS: Mapping[str, str] = {
     "topic": "ros.add_topic",
     "adm": "adm.add",
     "test": "testing.add",
+    "campaign": "campaign.add",
 }
 """The function that declares each command. A module is imported when one of its commands is asked for: an engine starts
 without what the other commands need."""

@@ -66,6 +66,10 @@ def add(commands: Commands) -> None:
         help="value of a variable of the mission, instead of that of the model (fame check --explain); repeatable",
     )  # fmt: skip
     parser.add_argument(
+        "--change", action="append", default=[], type=_change, metavar="PATH=VALUE",
+        help="another value in the scenario file, as in world.robots.REX.at=[1, 2]; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
         "--network-delay", type=_seconds, metavar="S", help="delay of each message between robots (s); local only"
     )
     parser.add_argument(
@@ -157,6 +161,19 @@ def _setting(text: str) -> tuple[str, str, Any]:
     return (robot, *value(text[len(robot) + len(dot) :]))
 
 
+def _change(text: str) -> tuple[str, Any]:
+    """``world.robots.REX.at=[1, 2]``."""
+    import yaml
+
+    path, equals, given = text.partition("=")
+    try:
+        if equals and path.strip():
+            return path.strip(), yaml.safe_load(given)
+    except yaml.YAMLError:
+        pass
+    raise ArgumentTypeError(f"expected PATH=VALUE, as in world.robots.REX.at=[1, 2], got {text!r}")
+
+
 def _seconds(text: str) -> float:
     return positive(text) if text.strip("0.") else 0.0
 
@@ -246,6 +263,8 @@ def scenario_of(arguments: Namespace) -> Scenario:
     variables: dict[str, dict[str, Any]] = {}
     for robot, name, setting in arguments.set:
         variables.setdefault(robot, {})[name] = setting
+    if arguments.change and arguments.middleware != "local":
+        raise ConfigError("--change needs --middleware local: other processes read the file as it is")
     if variables and arguments.middleware != "local":
         raise ConfigError("--set needs --middleware local: deployed processes have the values of the model")
     return Scenario.load(
@@ -260,6 +279,7 @@ def scenario_of(arguments: Namespace) -> Scenario:
         completions=[Completion(*done) for done in arguments.complete],
         network=_network(arguments),
         variables=variables,
+        changes=dict(arguments.change),
     )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from fame.bpmn.library import Library
@@ -106,13 +107,16 @@ class ScenarioFile:
     variables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def read_scenario(path: Path) -> ScenarioFile:
-    """Read a scenario file. Raises ConfigError with file, line and key."""
+def read_scenario(path: Path, changes: Mapping[str, Any] = MappingProxyType({})) -> ScenarioFile:
+    """Read a scenario file, with other values at the paths of `changes`. Raises ConfigError with file, line and key."""
     from fame.config.loader import read_document
     from fame.scenario.settings import read_network, read_variables
+    from fame.scenario.variation import changed
     from sim2d.config import read_world, world_config
 
     document = read_document(path, "scenario")
+    if changes:
+        document = replace(document, data=changed(document.data, changes, str(path)))
     keys = document.mapping(_KEYS)
     model = document.required("model", "FILE.bpmn").text()
     world = None

@@ -53,6 +53,7 @@ class Scenario(Plan):
         completions: Sequence[Completion] = (),
         network: NetworkConfig | None = None,
         variables: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+        changes: Mapping[str, Any] = MappingProxyType({}),
     ) -> Scenario:
         """Load a scenario file (.yaml), or a model (.bpmn), whose robots are then engines without a world.
 
@@ -61,6 +62,7 @@ class Scenario(Plan):
         minimum of its multiplicity); robots beyond those of the file are copies of its last one, placed by the seed.
         `faults` are injected; `completions` are added to those of the file. `network` adds links and partitions to the
         file's; `variables` are mission parameters by robot (empty: all) and override the file.
+        `changes` are other values of the file, by path (`world.robots.REX.at`).
 
         Raises ConfigError and ModelError with file, line, expected and actual value.
         """
@@ -68,7 +70,7 @@ class Scenario(Plan):
 
         _expect_arguments(path, seed, duration, epoch, robots, faults, completions)
         path = Path(path)
-        content = _scenario_file(path)
+        content = _scenario_file(path, changes)
         definitions = read(content.model)
         if semantics is not None:
             definitions = with_semantics(definitions, semantics)
@@ -212,11 +214,13 @@ def _names(pools: Sequence[Pool], counts: Mapping[str, int]) -> list[str]:
     return names
 
 
-def _scenario_file(path: Path) -> ScenarioFile:
+def _scenario_file(path: Path, changes: Mapping[str, Any]) -> ScenarioFile:
     """Read a scenario file, or take a model alone. Raises ConfigError for other files."""
     if path.suffix.lower() in (".yaml", ".yml"):
-        return read_scenario(path)
+        return read_scenario(path, changes)
     if path.suffix.lower() in (".bpmn", ".xml"):
+        if changes:
+            raise ConfigError("expected a scenario (.yaml) to change, got a model", file=str(path))
         return ScenarioFile(model=path)
     raise ConfigError("expected a scenario (.yaml) or a model (.bpmn)", file=str(path))
 

@@ -1,0 +1,119 @@
+"""``fame campaign``: many runs of a scenario with other seeds, values, faults and networks, and their statistics."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentTypeError, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fame.cli.arguments import Commands, add_json, command, natural, positive
+from fame.cli.output import print_json, progress_line
+from fame.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fame.scenario.campaign import Campaign, Folder
+
+_EXAMPLES = (
+    "fame campaign examples/ground_vehicles.yaml --runs 200",
+    "fame campaign examples/agriculture.yaml --runs 1000 --vary examples/campaign.yaml -o out/campaign",
+    "fame campaign --resume out/campaign",
+)
+
+
+def add(commands: Commands) -> None:
+    """Declare the command."""
+    parser = command(
+        commands, "campaign", run, examples=_EXAMPLES,
+        help="run a scenario many times with other seeds and values: probability of success, failures by cause",
+    )  # fmt: skip
+    parser.add_argument("scenario", nargs="?", type=Path, metavar="SCENARIO.yaml|MODEL.bpmn")
+    parser.add_argument("--runs", type=_count, default=100, metavar="N", help="number of runs (100)")
+    parser.add_argument("--vary", type=Path, metavar="CAMPAIGN.yaml", help="what varies, besides the seed")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows and reports (out/campaign)")
+    parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the campaign of a folder")
+    parser.add_argument("--seed", type=natural, default=1, metavar="N", help="seed of the first run (1)")
+    parser.add_argument("--duration", type=positive, metavar="S", help="simulated seconds after which a run ends")
+    parser.add_argument(
+        "--width", type=positive, metavar="W", help="stop when the interval of the success rate is narrower (0.02)"
+    )
+    parser.add_argument("--jobs", type=_count, metavar="N", help="runs at a time (all cores)")
+    parser.add_argument(
+        "--backend", choices=("loky", "dask", "ray"), default="loky",
+        help="of joblib: processes of this machine (loky, the default), or a cluster at --address",
+    )  # fmt: skip
+    parser.add_argument("--address", default="", metavar="URL", help="scheduler of the cluster: tcp://127.0.0.1:8786")
+    parser.add_argument("--parquet", action="store_true", help="write the rows as runs.parquet, not runs.csv")
+    parser.add_argument("--library", action="append", default=[], type=Path, metavar="DIR", help="called processes")
+    add_json(parser)
+
+
+def _count(text: str) -> int:
+    number = natural(text)
+    if number < 1:
+        raise ArgumentTypeError(f"expected a whole number from 1 on, got {text!r}")
+    return number
+
+
+def run(arguments: Namespace) -> int:
+    """Do the runs, write the reports, and print what they say."""
+    from fame.scenario.campaign import run_campaign
+    from fame.scenario.campaign_report import summary, text_report, write_reports
+
+    campaign, folder = _campaign(arguments)
+    interrupted = False
+    with progress_line(sys.stderr, wanted=not arguments.json) as line:
+
+        def show(rows: list[dict[str, Any]]) -> None:
+            if line is not None:
+                done = sum(row["status"] == "completed" for row in rows)
+                line.say(f"{len(rows)} of {campaign.runs} runs, {done} completed")
+
+        try:
+            rows = run_campaign(campaign, folder, width=arguments.width, progress=show)
+        except KeyboardInterrupt:
+            interrupted, rows = True, folder.rows()
+    if not rows:
+        return 130
+    written = write_reports(rows, folder.path, campaign.scenario, parquet=arguments.parquet)
+    found = summary(rows)
+    if arguments.json:
+        print_json({"status": "interrupted" if interrupted else "completed", **found, "files": list(map(str, written))})
+    else:
+        print("\n".join(text_report(rows)))
+        print("\n".join(map(str, written)))
+        if interrupted:
+            print(f"interrupted: fame campaign --resume {folder.path} goes on")
+    return 130 if interrupted else 0
+
+
+def _campaign(arguments: Namespace) -> tuple[Campaign, Folder]:
+    """What to do, and where its rows go. Raises ConfigError and ModelError for what is wrong before the first run."""
+    from fame.scenario.campaign import Campaign, Folder
+    from fame.scenario.variation import Variation, read_variation
+
+    if arguments.resume is not None:
+        if arguments.scenario is not None:
+            raise ConfigError("expected a scenario or --resume DIR, got both")
+        folder = Folder(arguments.resume)
+        return folder.campaign(), folder
+    if arguments.scenario is None:
+        raise ConfigError("expected a scenario, or --resume DIR (see fame campaign --help)")
+    if arguments.backend != "loky" and not arguments.address:
+        raise ConfigError(f"--backend {arguments.backend} needs --address of the scheduler")
+    campaign = Campaign(
+        scenario=str(arguments.scenario.resolve() if arguments.backend != "loky" else arguments.scenario),
+        runs=arguments.runs,
+        seed=arguments.seed,
+        variation=read_variation(arguments.vary) if arguments.vary is not None else Variation(),
+        duration=arguments.duration,
+        library=tuple(map(str, arguments.library)),
+        workers=arguments.jobs or -1,
+        backend=arguments.backend,
+        address=arguments.address,
+    )
+    campaign.check()
+    campaign.jobs()
+    folder = Folder(arguments.output or Path("out/campaign"))
+    folder.begin(campaign)
+    return campaign, folder

@@ -1,0 +1,340 @@
+"""A campaign: many runs of one scenario with other seeds, values, faults and networks.
+
+Each run is a `Job`, done in a process of joblib's (on all cores, or on a cluster by joblib's backends), and gives a row
+of plain data. Rows are written as they come, to ``runs.jsonl`` in the folder of the campaign, so that a campaign that
+was interrupted can go on.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from fame.errors import ConfigError, FameError
+from fame.imports import require
+from fame.scenario.plan import Fault
+from fame.scenario.variation import FAULTS, Variation, points
+
+ROWS, ABOUT = "runs.jsonl", "campaign.json"
+Row = dict[str, Any]
+_ATTEMPTS = 3
+"""How often a run is tried whose process dies."""
+_BATCH = 8
+"""Runs for each process between two looks at whether it is enough."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One run. `changes` by path of the scenario; `measures` are expressions over the variables of each robot."""
+
+    number: int
+    scenario: str
+    seed: int
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    measures: Mapping[str, str] = field(default_factory=dict)
+    duration: float | None = None
+    library: tuple[str, ...] = ()
+
+    def command(self) -> str:
+        """The command that does this run again."""
+        words = ["fame", "run", self.scenario, "--seed", str(self.seed)]
+        for path, value in self.changes.items():
+            if path == FAULTS:
+                words += [word for one in _fault_texts(value) for word in ("--fault", one)]
+            else:
+                words += ["--change", f"{path}={json.dumps(value)}"]
+        if self.duration is not None:
+            words += ["--duration", f"{self.duration:g}"]
+        words += [word for folder in self.library for word in ("--library", folder)]
+        return shlex.join(words)
+
+
+def run_job(job: Job) -> Row:
+    """Do a run, and tell how it went. An impossible world is a status, not an error."""
+    from fame.scenario.run import Run
+    from fame.scenario.scenario import Scenario
+
+    row: Row = {"run": job.number, "seed": job.seed, "command": job.command(), "changes": dict(job.changes)}
+    try:
+        changes = {path: value for path, value in job.changes.items() if path != FAULTS}
+        scenario = Scenario.load(
+            job.scenario,
+            seed=job.seed,
+            duration=job.duration,
+            library=job.library,
+            faults=[parse_fault(text) for text in _fault_texts(job.changes.get(FAULTS))],
+            changes=changes,
+        )
+        run = Run(scenario, False, None, None)
+    except FameError as error:
+        return {**row, "status": "impossible", "cause": str(error)}
+    result = run.result()
+    variables = {
+        node.name: _Variables(node.instances[-1].variables) if node.instances else _Variables({}) for node in run.nodes
+    }
+    world = result.world or {}
+    return {
+        **row,
+        "status": result.status,
+        "cause": cause_of(result),
+        "duration": round(result.simulated, 6),
+        "wall": round(result.wall, 3),
+        "collisions": len(world.get("collisions", ())),
+        "lost": sum(run.network.lost.values()) if run.network is not None else 0,
+        **{f"measure.{name}": _measured(text, variables) for name, text in job.measures.items()},
+    }
+
+
+class _Variables:
+    """The variables of a robot as attributes, for expressions such as ``REX.x_target``."""
+
+    def __init__(self, variables: Mapping[str, Any]) -> None:
+        self.__dict__.update(variables)
+
+
+def _measured(text: str, variables: Mapping[str, _Variables]) -> Any:
+    """The value of a measure; None if it cannot be computed, as for a variable that was never set."""
+    from fame.bpmn.model import Expression
+    from fame.scripting import compile_expression
+
+    try:
+        value = compile_expression(Expression(text), file="measure", element="")(dict(variables))
+    except Exception:
+        return None
+    return value if isinstance(value, bool | int | float | str) else None
+
+
+def cause_of(result: Any) -> str:
+    """Why a run did not complete: robot, element and code of the first error, else who waited at what."""
+    if result.status == "completed":
+        return ""
+    for robot in result.robots:
+        for error in robot.errors:
+            return f"{robot.name} failed at {error.element} ({error.code or 'error'})"
+    waits = [f"{wait.robot} waited at {wait.element}" for robot in result.robots for wait in robot.waits]
+    if result.never_started:
+        return f"{', '.join(result.never_started)} never started" + (f"; {waits[0]}" if waits else "")
+    return "; ".join(dict.fromkeys(waits[:2])) or "not over"
+
+
+def parse_fault(text: str) -> Fault:
+    """A fault as on the command line: ``REX@40:engine``. Raises ConfigError."""
+    robot, at, rest = text.partition("@")
+    time, colon, kind = rest.partition(":")
+    try:
+        return Fault(robot, float(time), kind) if at and colon and kind else _no_fault(text)
+    except ValueError:
+        return _no_fault(text)
+
+
+def _no_fault(text: str) -> Fault:
+    raise ConfigError(f"expected a fault ROBOT@SECOND:KIND, as in REX@40:engine, got {text!r}")
+
+
+def _fault_texts(value: Any) -> list[str]:
+    """The faults of one run: a text, several, or none."""
+    if value in (None, "", "none", False):
+        return []
+    return [str(one) for one in value] if isinstance(value, list) else [str(value)]
+
+
+# ---- many runs -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Campaign:
+    """Many runs of a scenario. `workers` processes at a time (-1: all cores), on a `backend` of joblib."""
+
+    scenario: str
+    runs: int
+    seed: int = 1
+    variation: Variation = field(default_factory=Variation)
+    duration: float | None = None
+    library: tuple[str, ...] = ()
+    workers: int = -1
+    backend: Literal["loky", "dask", "ray"] = "loky"
+    address: str = ""
+
+    def jobs(self) -> list[Job]:
+        """All runs, in order. Raises ConfigError for a scenario or variation that is wrong."""
+        from fame.scenario.plan import read_scenario
+
+        yaml = Path(self.scenario).suffix.lower() in (".yaml", ".yml")
+        world = read_scenario(Path(self.scenario)).world if yaml else None
+        return [
+            Job(
+                number,
+                self.scenario,
+                self.seed + number - 1,
+                values,
+                self.variation.measures,
+                self.duration,
+                self.library,
+            )
+            for number, values in enumerate(points(self.variation, self.runs, self.seed, world), 1)
+        ]
+
+    def check(self) -> None:
+        """Raise the error of a scenario or model that is wrong whatever varies."""
+        from fame.scenario.run import Run
+        from fame.scenario.scenario import Scenario
+
+        Run(Scenario.load(self.scenario, duration=self.duration, library=self.library), False, None, None).close()
+
+    def rows(self, done: Sequence[int] = ()) -> Iterator[Row]:
+        """Do the runs that are not done yet, and give their rows as they end."""
+        pending = [job for job in self.jobs() if job.number not in done]
+        if self.backend == "loky":
+            yield from _local(pending, self.workers)
+        else:
+            yield from _on_cluster(pending, self.backend, self.address)
+
+
+def _local(pending: Sequence[Job], workers: int) -> Iterator[Row]:
+    """Runs in processes of this machine. A process that dies takes its runs with it: they are tried again."""
+    require("joblib")
+    from joblib import Parallel, cpu_count, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    count = workers if workers > 0 else cpu_count()
+    left = {job.number: job for job in pending}
+    tried: dict[int, int] = {}
+    while left:
+        batch = list(left.values())[: count * _BATCH]
+        alone = any(tried.get(job.number) for job in batch)
+        batch = batch[:1] if alone else batch
+        try:
+            for row in Parallel(n_jobs=1 if count == 1 else count, return_as="generator_unordered", batch_size=1)(
+                delayed(run_job)(job) for job in batch
+            ):
+                left.pop(row["run"])
+                yield row
+        except TerminatedWorkerError:
+            for job in batch:
+                if job.number in left:
+                    tried[job.number] = tried.get(job.number, 0) + 1
+                    if tried[job.number] >= _ATTEMPTS:
+                        del left[job.number]
+                        yield _died(job)
+
+
+def _on_cluster(pending: Sequence[Job], backend: str, address: str) -> Iterator[Row]:
+    """Runs on a cluster by a backend of joblib. Its scheduler tries runs again whose worker dies."""
+    require("joblib")
+    from joblib import Parallel, delayed, parallel_config
+
+    if backend == "dask":
+        require("distributed")
+        from distributed import Client
+
+        with Client(address) as client, parallel_config(backend="dask", client=client):  # type: ignore[no-untyped-call]
+            for start in range(0, len(pending), 32 * _BATCH):
+                yield from Parallel()(delayed(run_job)(job) for job in pending[start : start + 32 * _BATCH])
+        return
+    require("ray")
+    import ray
+    from ray.util.joblib import register_ray
+
+    ray.init(address=address)
+    register_ray()
+    with parallel_config(backend="ray"):
+        for start in range(0, len(pending), 32 * _BATCH):
+            yield from Parallel()(delayed(run_job)(job) for job in pending[start : start + 32 * _BATCH])
+
+
+def _died(job: Job) -> Row:
+    return {
+        "run": job.number,
+        "seed": job.seed,
+        "command": job.command(),
+        "changes": dict(job.changes),
+        "status": "crashed",
+        "cause": f"the process died {_ATTEMPTS} times",
+    }
+
+
+# ---- the folder of a campaign ----------------------------------------------------------------------------------------
+
+
+class Folder:
+    """The folder of a campaign: what it is, and the rows of the runs that are done."""
+
+    def __init__(self, path: Path) -> None:
+        self.path: Path = path
+
+    def begin(self, campaign: Campaign) -> None:
+        """Write what the campaign is. Raises ConfigError if another one is in the folder."""
+        if (self.path / ABOUT).exists():
+            raise ConfigError("has a campaign already: --resume goes on with it", file=str(self.path))
+        self.path.mkdir(parents=True, exist_ok=True)
+        (self.path / ABOUT).write_text(json.dumps(asdict(campaign), indent=2) + "\n", encoding="utf-8")
+
+    def campaign(self) -> Campaign:
+        """The campaign of the folder. Raises ConfigError."""
+        from fame.scenario.variation import Distribution
+
+        try:
+            said = json.loads((self.path / ABOUT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            raise ConfigError(f"has no campaign: expected a file {ABOUT}", file=str(self.path)) from None
+        variation = said.pop("variation")
+        distributions = tuple(
+            Distribution(one["path"], one["kind"], tuple(one["numbers"]), tuple(one["choices"]))
+            for one in variation["distributions"]
+        )
+        said["library"] = tuple(said["library"])
+        return Campaign(
+            **said, variation=Variation(distributions, variation["design"], dict(variation["measures"] or {}))
+        )
+
+    def rows(self) -> list[Row]:
+        """The rows of the runs that are done; a line that was cut off is left out."""
+        path = self.path / ROWS
+        if not path.exists():
+            return []
+        found: dict[int, Row] = {}
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                row = json.loads(line)
+            except ValueError:
+                continue
+            found[row["run"]] = row
+        return list(found.values())
+
+    def add(self, row: Row) -> None:
+        """Write a row."""
+        with (self.path / ROWS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def run_campaign(
+    campaign: Campaign,
+    folder: Folder,
+    *,
+    width: float | None = None,
+    progress: Callable[[list[Row]], object] = lambda rows: None,
+) -> list[Row]:
+    """Do what is left of a campaign, until the interval of the success rate is narrower than `width`, if given.
+
+    Raises KeyboardInterrupt after Ctrl-C; what is done is in the folder. `progress` gets all rows after each run.
+    """
+    from fame.scenario.campaign_report import interval
+
+    rows = folder.rows()
+    runs = campaign.rows([row["run"] for row in rows])
+    try:
+        for row in runs:
+            folder.add(row)
+            rows.append(row)
+            progress(rows)
+            if width is not None and len(rows) >= 20:
+                low, high = interval(rows)
+                if high - low <= width:
+                    break
+    finally:
+        runs.close()  # type: ignore[attr-defined]
+    return rows

@@ -1,0 +1,295 @@
+"""What a campaign has found: the probability of success, distributions, failures by cause, which parameter matters."""
+
+from __future__ import annotations
+
+import csv
+import json
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from fame.imports import require
+from fame.scenario.variation import is_number
+
+Row = Mapping[str, Any]
+COUNTED = ("completed", "failed", "timeout")
+"""The statuses of runs that took place: impossible worlds and crashed processes are counted apart."""
+
+
+def counted(rows: Iterable[Row]) -> list[Row]:
+    """The runs that took place."""
+    return [row for row in rows if row["status"] in COUNTED]
+
+
+def interval(rows: Sequence[Row], confidence: float = 0.95) -> tuple[float, float]:
+    """The Wilson interval of the probability of completion; (0, 1) without runs (Wilson 1927, by scipy)."""
+    runs = counted(rows)
+    if not runs:
+        return 0.0, 1.0
+    require("scipy")
+    from scipy.stats import binomtest
+
+    found = binomtest(sum(row["status"] == "completed" for row in runs), len(runs)).proportion_ci(
+        confidence, method="wilson"
+    )
+    return float(found.low), float(found.high)
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """The result of a campaign as data."""
+    runs = counted(rows)
+    done = [row for row in runs if row["status"] == "completed"]
+    low, high = interval(rows)
+    statuses: defaultdict[str, int] = defaultdict(int)
+    for row in rows:
+        statuses[row["status"]] += 1
+    measures = sorted({name for row in rows for name in row if name.startswith("measure.")})
+    return {
+        "runs": len(rows),
+        "statuses": dict(statuses),
+        "probability": round(len(done) / len(runs), 6) if runs else None,
+        "interval": [round(low, 6), round(high, 6)],
+        "distributions": {
+            name.removeprefix("measure."): spread
+            for name in ("duration", "collisions", "lost", *measures)
+            if (spread := _spread([row.get(name) for row in done]))
+        },
+        "causes": causes(rows),
+        "parameters": importance(rows),
+    }
+
+
+def _spread(values: Sequence[Any]) -> dict[str, float]:
+    """Mean and quantiles of the numbers among some values; of booleans the share that is true."""
+    numbers = [float(value) for value in values if isinstance(value, bool) or is_number(value)]
+    if not numbers:
+        return {}
+    ordered = sorted(numbers)
+    cut = {name: ordered[min(int(share * len(ordered)), len(ordered) - 1)] for name, share in _QUANTILES.items()}
+    return {"mean": round(statistics.fmean(numbers), 6), **{name: round(value, 6) for name, value in cut.items()}}
+
+
+_QUANTILES = {"min": 0.0, "p5": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
+
+
+def causes(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """What did not complete, grouped by cause, the most frequent first; each with its shortest run."""
+    groups: defaultdict[tuple[str, str], list[Row]] = defaultdict(list)
+    for row in rows:
+        if row["status"] != "completed":
+            groups[row["status"], row["cause"]].append(row)
+    found = []
+    for (status, cause), members in sorted(groups.items(), key=lambda item: -len(item[1])):
+        shortest = min(members, key=lambda row: (row.get("duration", 0.0), row["run"]))
+        found.append(
+            {
+                "status": status,
+                "cause": cause,
+                "count": len(members),
+                "seed": shortest["seed"],
+                "run": shortest["run"],
+                "command": shortest["command"],
+            }
+        )
+    return found
+
+
+# ---- which parameter matters -----------------------------------------------------------------------------------------
+
+
+def importance(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """How much each varied value goes with success, and with the duration of completed runs, the strongest first.
+
+    ``strength`` is from 0 (none) to 1: Spearman's rank correlation for numbers, the correlation ratio for choices.
+    Places (x, y) count by the stronger coordinate.
+    """
+    runs = counted(rows)
+    paths = list(dict.fromkeys(path for row in runs for path in row["changes"]))
+    found = []
+    for path in paths:
+        done = [row for row in runs if row["status"] == "completed"]
+        success = _strength(
+            [row["changes"].get(path) for row in runs], [float(row["status"] == "completed") for row in runs]
+        )
+        duration = _strength([row["changes"].get(path) for row in done], [float(row["duration"]) for row in done])
+        found.append({"path": path, "success": round(success, 4), "duration": round(duration, 4)})
+    return sorted(found, key=lambda one: (-one["success"], -one["duration"]))
+
+
+def _strength(values: Sequence[Any], outcomes: Sequence[float]) -> float:
+    if len(values) < 3 or len(set(outcomes)) < 2:
+        return 0.0
+    if all(is_number(value) for value in values):
+        return _rank_correlation([float(value) for value in values], outcomes)
+    if all(isinstance(value, list) and len(value) == 2 and all(map(is_number, value)) for value in values):
+        return max(_rank_correlation([float(value[axis]) for value in values], outcomes) for axis in (0, 1))
+    return _correlation_ratio([json.dumps(value) for value in values], outcomes)
+
+
+def _rank_correlation(values: Sequence[float], outcomes: Sequence[float]) -> float:
+    if len(set(values)) < 2:
+        return 0.0
+    require("scipy")
+    from scipy.stats import spearmanr
+
+    return abs(float(spearmanr(values, outcomes).statistic))
+
+
+def _correlation_ratio(values: Sequence[str], outcomes: Sequence[float]) -> float:
+    """The share of variance between groups, as its root (Pearson's eta)."""
+    mean = statistics.fmean(outcomes)
+    groups: defaultdict[str, list[float]] = defaultdict(list)
+    for value, outcome in zip(values, outcomes, strict=True):
+        groups[value].append(outcome)
+    total = sum((outcome - mean) ** 2 for outcome in outcomes)
+    between = sum(len(group) * (statistics.fmean(group) - mean) ** 2 for group in groups.values())
+    return float((between / total) ** 0.5) if total else 0.0
+
+
+# ---- text, tables, page ----------------------------------------------------------------------------------------------
+
+
+def text_report(rows: Sequence[Row]) -> Iterator[str]:
+    """The result for people, a line each."""
+    found = summary(rows)
+    statuses = ", ".join(f"{count} {status}" for status, count in found["statuses"].items())
+    yield f"{found['runs']} runs: {statuses}"
+    if found["probability"] is not None:
+        low, high = found["interval"]
+        yield f"probability of completion: {found['probability']:.3f} (95 % interval {low:.3f} to {high:.3f}, Wilson)"
+    for name, spread in found["distributions"].items():
+        values = "  ".join(f"{key} {value:g}" for key, value in spread.items())
+        yield f"{name} of completed runs: {values}"
+    for cause in found["causes"]:
+        yield f"{cause['count']} x {cause['status']}: {cause['cause']}"
+        yield f"    {cause['command']}"
+    for one in found["parameters"]:
+        yield f"{one['path']}: strength {one['success']:.2f} on success, {one['duration']:.2f} on duration"
+
+
+def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: bool = False) -> list[Path]:
+    """Write ``runs.csv`` (or ``runs.parquet``), ``summary.json`` and ``index.html``. Returns their paths."""
+    rows = sorted(rows, key=lambda row: row["run"])
+    flat = [_flat(row) for row in rows]
+    columns = list(dict.fromkeys(name for row in flat for name in row))
+    table = folder / ("runs.parquet" if parquet else "runs.csv")
+    if parquet:
+        require("pandas")
+        import pandas
+
+        texts = [
+            {name: value if is_number(value) or value is None else str(value) for name, value in row.items()}
+            for row in flat
+        ]
+        pandas.DataFrame(texts, columns=columns).to_parquet(table)
+    else:
+        with table.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerows(flat)
+    (folder / "summary.json").write_text(json.dumps(summary(rows), indent=2) + "\n", encoding="utf-8")
+    (folder / "index.html").write_text(html_report(rows, scenario), encoding="utf-8")
+    return [table, folder / "summary.json", folder / "index.html"]
+
+
+def _flat(row: Row) -> dict[str, Any]:
+    """A row without nesting: a column for each varied value."""
+    changes = {
+        path: value if is_number(value) or isinstance(value, str) else json.dumps(value)
+        for path, value in row["changes"].items()
+    }
+    return {
+        **{name: value for name, value in row.items() if name not in ("changes", "command")},
+        **changes,
+        "command": row["command"],
+    }
+
+
+def html_report(rows: Sequence[Row], scenario: str) -> str:
+    """One page: the result, the distribution of durations, failures with the commands that repeat them, parameters."""
+    found = summary(rows)
+    done = [float(row["duration"]) for row in rows if row["status"] == "completed"]
+    low, high = found["interval"]
+    share = f"{found['probability']:.1%}" if found["probability"] is not None else "no runs"
+    body = [
+        f"<h1>{escape(Path(scenario).name)}: {share} completed</h1>",
+        f"<p>{found['runs']} runs; 95&nbsp;% interval {low:.1%} to {high:.1%} (Wilson).</p>",
+        _interval_picture(found["probability"] or 0.0, low, high),
+        _table(("status", "runs"), found["statuses"].items()),
+    ]
+    if done:
+        body += ["<h2>Duration of completed runs (simulated s)</h2>", _histogram(done)]
+    if found["distributions"]:
+        heads = ("", "mean", *_QUANTILES)
+        body.append(_table(heads, ((name, *spread.values()) for name, spread in found["distributions"].items())))
+    if found["causes"]:
+        body.append("<h2>Why runs did not complete</h2>")
+        lines = ((c["count"], c["status"], c["cause"], c["seed"], c["command"]) for c in found["causes"])
+        body.append(_table(("runs", "status", "cause", "seed of the shortest", "command"), lines))
+    if found["parameters"]:
+        body.append("<h2>Which parameter matters</h2>")
+        body.append(_bars([(one["path"], one["success"], one["duration"]) for one in found["parameters"]]))
+    head = f'<meta charset="utf-8"><title>{escape(Path(scenario).name)}</title><style>{_STYLE}</style>'
+    return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(body)}</body></html>\n"
+
+
+_STYLE = """body{font-family:Arial,Helvetica,sans-serif;margin:2em auto;max-width:70em;color:#1f2328}
+table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #d0d7de;padding:.25em .7em;text-align:left}
+td:last-child{word-break:break-word}svg{display:block;margin:1em 0}text{font-size:12px}"""
+_GREEN, _GREY, _BLUE = "#1a7f37", "#d0d7de", "#0969da"
+
+
+def _table(heads: Sequence[str], lines: Iterable[Sequence[Any]]) -> str:
+    cells = "".join(f"<th>{escape(head)}</th>" for head in heads)
+    rows = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in line) + "</tr>" for line in lines)
+    return f"<table><tr>{cells}</tr>{rows}</table>"
+
+
+def _interval_picture(probability: float, low: float, high: float) -> str:
+    x = [20 + 560 * value for value in (low, high, probability)]
+    ticks = "".join(
+        f'<text x="{20 + 560 * tick / 10:g}" y="48" text-anchor="middle">{tick * 10} %</text>'
+        for tick in range(0, 11, 2)
+    )
+    return (
+        f'<svg width="600" height="56"><rect x="20" y="18" width="560" height="4" fill="{_GREY}"/>'
+        f'<rect x="{x[0]:.1f}" y="12" width="{max(1.0, x[1] - x[0]):.1f}" height="16" fill="{_GREEN}" opacity="0.35"/>'
+        f'<circle cx="{x[2]:.1f}" cy="20" r="6" fill="{_GREEN}"/>{ticks}</svg>'
+    )
+
+
+def _histogram(values: Sequence[float], bins: int = 30) -> str:
+    low, high = min(values), max(values)
+    width = (high - low) / bins or 1.0
+    counts = [0] * bins
+    for value in values:
+        counts[min(int((value - low) / width), bins - 1)] += 1
+    top = max(counts)
+    heights = [130 * count / top for count in counts]
+    bars = "".join(
+        f'<rect x="{40 + 18 * place}" y="{150 - height:.1f}" width="17" height="{height:.1f}" fill="{_BLUE}"/>'
+        for place, height in enumerate(heights)
+    )
+    marks = ((40, low, "start"), (40 + 9 * bins, (low + high) / 2, "middle"), (40 + 18 * bins, high, "end"))
+    labels = "".join(f'<text x="{x}" y="168" text-anchor="{anchor}">{value:.4g}</text>' for x, value, anchor in marks)
+    scale = f'<text x="36" y="26" text-anchor="end">{top}</text>'
+    return f'<svg width="{60 + 18 * bins}" height="176">{bars}{scale}{labels}</svg>'
+
+
+def _bars(lines: Sequence[tuple[str, float, float]]) -> str:
+    height = 30 * len(lines) + 24
+    parts = [
+        f'<text x="300" y="14" fill="{_GREEN}">on success</text><text x="390" y="14" fill="{_BLUE}">on duration</text>'
+    ]
+    for number, (name, success, duration) in enumerate(lines):
+        y = 24 + 30 * number
+        parts.append(f'<text x="290" y="{y + 16}" text-anchor="end">{escape(name)}</text>')
+        for offset, value, colour in ((0, success, _GREEN), (12, duration, _BLUE)):
+            parts.append(
+                f'<rect x="300" y="{y + offset}" width="{max(1.0, 300 * value):.1f}" height="10" fill="{colour}"/>'
+            )
+            parts.append(f'<text x="{306 + 300 * value:.1f}" y="{y + offset + 9}" font-size="10">{value:.2f}</text>')
+    return f'<svg width="680" height="{height}">{"".join(parts)}</svg>'
