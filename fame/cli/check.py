@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli import exploration
-from fame.cli.arguments import Commands, add_json, add_library, command
+from fame.cli.arguments import Commands, add_json, add_library, command, positive
+from fame.cli.network import connected, interface
 from fame.cli.output import coloured, print_json
 from fame.errors import ConfigError, ModelError
 
@@ -18,10 +19,12 @@ if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.bpmn.model import Definitions
     from fame.check import Finding
+    from fame.check.contract import ContractEndpoint
 
 _LEVELS = ("error", "warning", "note")
 _EXAMPLES = ("fame check models/ground_vehicles.bpmn", "fame check models/*.bpmn --json",
              "fame check examples/delivery.yaml", "fame check --explain foreign.bpmn",
+             "fame check --against-graph examples/warehouse.yaml",
              "fame check --explore models/ground_vehicles.bpmn",
              "fame check --explore examples/convoy.yaml --faults")  # fmt: skip
 
@@ -38,7 +41,21 @@ def add(commands: Commands) -> None:
              "what fame split wrote of one mission is checked as one",
     )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="an undefined name in a payload is an error")
-    parser.add_argument("--explain", action="store_true", help="say first what each file was read as")
+    parser.add_argument(
+        "--explain", action="store_true",
+        help="say first what each file was read as, and every topic, service and action that its robots use",
+    )  # fmt: skip
+    parser.add_argument(
+        "--against-graph", type=positive, nargs="?", const=5.0, metavar="SECONDS",
+        help="compare these topics, services and actions with the running nodes, waiting up to 5 s for missing ones",
+    )  # fmt: skip
+    parser.add_argument(
+        "--middleware", choices=("dds", "zenoh", "ros"), default="dds", help="--against-graph: how to reach the nodes"
+    )
+    parser.add_argument(
+        "--interface", type=interface, metavar="IFACE",
+        help="--against-graph: open this network interface, by name or address (default: stay on this machine)",
+    )  # fmt: skip
     add_library(parser)
     add_json(parser)
     exploration.add_arguments(parser)
@@ -63,9 +80,12 @@ def run(arguments: Namespace) -> int:
             from fame.scenario.scenario import scenario_findings
 
             file.found += scenario_findings(file.scenario, library=arguments.library, strict=arguments.strict)
+    if arguments.against_graph is not None:
+        _compare(files, arguments)
     found = [finding for file in files for finding in file.found]
     explained = [(file.model, file.library) for file in files if file.model is not None and arguments.explain]
     readings = [one for model, library in explained for one in explain(model, library=library)]
+    contract = [one for model, library in explained for one in _contract(model, library)]
     failed = _failed(found)
     if arguments.json:
         print_json(
@@ -73,13 +93,36 @@ def run(arguments: Namespace) -> int:
                 "status": "failed" if failed else "completed",
                 **{f"{level}s": sum(finding.level == level for finding in found) for level in _LEVELS},
                 **({"readings": [asdict(reading) for reading in readings]} if arguments.explain else {}),
+                **({"contract": [one.to_json() for one in contract]} if arguments.explain else {}),
                 "findings": [asdict(finding) for finding in found],
             }
         )
     else:
-        for line in (*readings, *found, summary(found)):
+        for line in (*readings, *contract, *found, summary(found)):
             print(coloured(str(line), sys.stdout))
     return 1 if failed else 0
+
+
+def _contract(model: Definitions, library: Library) -> list[ContractEndpoint]:
+    """The contract of a model; empty if an error of the model prevents it, which is reported elsewhere."""
+    from fame.check.contract import contract_of
+
+    try:
+        return contract_of(model, library)
+    except ModelError:
+        return []
+
+
+def _compare(files: Sequence[_File], arguments: Namespace) -> None:
+    """Add what the running graph lacks to the findings of files without errors."""
+    from fame.check.contract import compare
+
+    reach = Namespace(middleware=arguments.middleware, network=arguments.interface)
+    with connected(reach) as (scheduler, middleware):
+        for file in files:
+            if file.model is not None and not _failed(file.found):
+                contract = _contract(file.model, file.library)
+                file.found += compare(contract, middleware, scheduler, arguments.against_graph)
 
 
 def _explore(arguments: Namespace) -> int:

@@ -1,0 +1,219 @@
+"""The contract of a mission with the software of its robots: every topic, service and action that each pool uses.
+
+`contract_of` derives it from the model and all processes that it calls, scripts included as far as they name topics
+literally. `compare` makes the same endpoints as an engine would, on nodes of their own that neither publish nor call
+anything, waits for discovery, and reports what the running graph lacks: servers, publishers and subscribers of the
+robots' own topics, other types, incompatible QoS.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from fame.bpmn.library import Library
+from fame.bpmn.model import Definitions, FlowNode, Process, Task
+from fame.bpmn.pools import Pool, pools_of, shared_topics
+from fame.bpmn.topics import EMPTY_TYPE, topic_table
+from fame.check.scope import Finding
+from fame.clock import SECOND, Scheduler
+from fame.errors import MessageError, ModelError
+from fame.middleware import messages, qos
+from fame.middleware.actions import ActionClient
+from fame.middleware.interface import SIGNAL, Client, Middleware, Node, QoS, resolve
+from fame.scripting import script_topics
+
+Direction = Literal["publishes", "subscribes to", "calls the service", "calls the action"]
+NODE = "fame_check"
+_STEP = SECOND // 10
+
+
+@dataclass(frozen=True, slots=True)
+class ContractEndpoint:
+    """One endpoint of a pool's robots.
+
+    `name` is absolute (``/weed_found``) or relative to the robot (``~/odom``). `type` is empty if only a script uses
+    it and does not give it. `qos` is None for services and actions. `multi_instance`: the pool has numbered robots.
+    """
+
+    robot: str
+    direction: Direction
+    name: str
+    type: str
+    qos: QoS | None = None
+    multi_instance: bool = False
+    file: str = ""
+
+    @property
+    def full_name(self) -> str:
+        """The name with the robot's namespace; ``<n>`` stands for the number of a robot of a multi-instance pool."""
+        return resolve(self.name, f"{self.robot}_<n>" if self.multi_instance else self.robot)
+
+    def __str__(self) -> str:
+        """One line: ``m.bpmn: contract: REX subscribes to /REX/odom, nav_msgs/msg/Odometry, reliable, keep last 9``."""
+        parts = [self.full_name, self.type or "type unknown", *([qos_text(self.qos)] if self.qos is not None else [])]
+        return f"{self.file}: contract: {self.robot} {self.direction} {', '.join(parts)}"
+
+    def to_json(self) -> dict[str, object]:
+        """Return the endpoint, JSON-serialisable."""
+        profile = qos_text(self.qos) if self.qos is not None else None
+        text = {"robot": self.robot, "direction": self.direction, "name": self.full_name, "type": self.type}
+        return {**text, "qos": profile, "file": self.file}
+
+
+def qos_text(profile: QoS) -> str:
+    """Return a QoS profile in words."""
+    depth = f"keep last {profile.depth}" if profile.history == "keep_last" else "keep all"
+    durability = ["transient local"] if profile.durability == "transient_local" else []
+    return ", ".join([profile.reliability.replace("_", " "), *durability, depth])
+
+
+def contract_of(definitions: Definitions, library: Library) -> list[ContractEndpoint]:
+    """Return the endpoints of all pools, by pool, direction and name. Raises ModelError."""
+    pools = pools_of(definitions)
+    shared = {name: use.declared for name, use in shared_topics(definitions, pools, library).items() if use.declared}
+    found: dict[ContractEndpoint, None] = {}
+    for pool in pools:
+        closure = library.closure(definitions, pool.process)
+        found.update(dict.fromkeys(_of_pool(pool, closure, shared, definitions.file)))
+    order = {pool.name: number for number, pool in enumerate(pools)}
+    return sorted(found, key=lambda one: (order[one.robot], one.direction, one.name))
+
+
+def _of_pool(
+    pool: Pool, closure: Sequence[tuple[Definitions, Process]], shared: dict[str, str], file: str
+) -> Iterator[ContractEndpoint]:
+    def made(direction: Direction, name: str, type: str, profile: QoS | None = None) -> ContractEndpoint:
+        return ContractEndpoint(pool.name, direction, name, type, profile, pool.multi_instance, file)
+
+    homes = list({home.file: home for home, _ in closure}.values())
+    public = {name: type for name, type in shared.items() if name.startswith("/")}
+    table = topic_table(homes, [process.id for _, process in closure], types=public)
+    for use in table.values():
+        profile = qos.parse(use.qos) if use.qos else SIGNAL
+        if use.throws:
+            yield made("publishes", use.name, use.type, profile)
+        if use.catches:
+            yield made("subscribes to", use.name, use.type, profile)
+    for _, process in closure:
+        for node in process.body.walk():
+            yield from (made(*one) for one in _services(node))
+            for direction, name, type in _scripted(node):
+                if name not in table:
+                    yield made(direction, name, type, SIGNAL)
+
+
+def _services(node: FlowNode) -> Iterator[tuple[Direction, str, str]]:
+    if isinstance(node, Task) and node.kind == "service" and node.topic is not None:
+        type = node.topic.type or ""
+        yield "calls the action" if messages.is_action(type) else "calls the service", _own(node.topic.name), type
+    for topic in script_topics(node.script) if isinstance(node, Task) and node.script is not None else ():
+        if topic.direction in ("call", "act"):
+            kind: Direction = "calls the service" if topic.direction == "call" else "calls the action"
+            yield kind, _own(topic.name), topic.type or ""
+
+
+def _scripted(node: FlowNode) -> Iterator[tuple[Direction, str, str]]:
+    for topic in script_topics(node.script) if isinstance(node, Task) and node.script is not None else ():
+        if topic.direction in ("publish", "subscribe"):
+            direction: Direction = "publishes" if topic.direction == "publish" else "subscribes to"
+            type = topic.type or ""
+            yield direction, _own(topic.name), type.replace("/", "/msg/") if type.count("/") == 1 else type
+
+
+def _own(name: str) -> str:
+    """A name that is absolute, or relative to the robot."""
+    return name if name.startswith(("/", "~/")) else f"~/{name}"
+
+
+# ---- the running graph -----------------------------------------------------------------------------------------------
+
+
+def compare(
+    contract: Sequence[ContractEndpoint], middleware: Middleware, scheduler: Scheduler, patience: float
+) -> list[Finding]:
+    """Compare a contract with the running graph; wait up to `patience` s until nothing is missing.
+
+    A missing server, publisher or type is an error; a topic of a robot that nobody subscribes to is a warning.
+    """
+    scheduler.run(scheduler.now + _STEP * 5)  # discovery, before the namespaces are asked for
+    nodes: dict[str, Node] = {}
+    own = {(one.robot, one.name) for one in contract if one.direction == "publishes"}  # delivered inside the engine
+    own &= {(one.robot, one.name) for one in contract if one.direction == "subscribes to"}
+    wanted = [one for one in contract if (one.robot, one.name) not in own or one.name.startswith("/")]
+    probes = [_Probe(one, robot) for one in wanted for robot in _robots(one, middleware)]
+    for probe in probes:
+        if probe.robot not in nodes:
+            nodes[probe.robot] = middleware.node(NODE, probe.robot)
+        probe.open(nodes[probe.robot])
+    until = scheduler.now + round(patience * SECOND)
+    found = _missing(probes, middleware)
+    while found and scheduler.now < until:
+        scheduler.run(min(until, scheduler.now + _STEP))
+        found = _missing(probes, middleware)
+    names = {probe.name for probe in probes}
+    warnings = [one for one in middleware.warnings if one.kind == "mismatch" and one.topic in names]
+    files = {probe.name: probe.endpoint.file for probe in probes}
+    return [*found, *(Finding("error", str(one), files[one.topic]) for one in warnings)]
+
+
+def _robots(endpoint: ContractEndpoint, middleware: Middleware) -> list[str]:
+    """The robots of the endpoint's pool; of a multi-instance pool those that are in the graph, else the first."""
+    if not endpoint.multi_instance:
+        return [endpoint.robot]
+    pattern = re.compile(rf"{re.escape(endpoint.robot)}_\d+", re.IGNORECASE)
+    return [name for name in middleware.namespaces() if pattern.fullmatch(name)] or [f"{endpoint.robot}_1"]
+
+
+class _Probe:
+    """An endpoint of one robot, as its engine would make it."""
+
+    def __init__(self, endpoint: ContractEndpoint, robot: str) -> None:
+        self.endpoint, self.robot, self.name = endpoint, robot, resolve(endpoint.name, robot)
+        self.error = ""
+        self._client: Client | ActionClient | None = None
+
+    def open(self, node: Node) -> None:
+        one = self.endpoint
+        if not one.type or (one.type == EMPTY_TYPE and one.name.startswith("~/")):
+            return
+        try:
+            if one.direction == "publishes":
+                node.publisher(self.name, one.type, one.qos or SIGNAL)
+            elif one.direction == "subscribes to":
+                node.subscription(self.name, one.type, lambda message: None, one.qos or SIGNAL)
+            elif one.direction == "calls the service":
+                self._client = node.client(self.name, one.type)
+            else:
+                self._client = ActionClient(node, self.name, one.type)
+        except (MessageError, ModelError) as error:
+            self.error = str(error)
+
+    def finding(self, middleware: Middleware) -> Finding | None:
+        """What is missing now."""
+        one = self.endpoint
+        if self.error:
+            return Finding("error", f"{self.robot} {one.direction} {self.name}: {self.error}", one.file)
+        if one.qos is None:
+            kind = "service" if one.direction == "calls the service" else "action"
+            if self._client is not None and not self._client.available:
+                return Finding("error", f"no node offers the {kind} {self.name} ({one.type})", one.file)
+            return None
+        info = next((info for info in middleware.graph() if info.name == self.name), None)
+        others = [type for type in info.types if one.type and type != one.type] if info is not None else []
+        if others:
+            return Finding("error", f"{self.name} is {', '.join(others)} in the graph; expected {one.type}", one.file)
+        if one.name.startswith("/"):
+            return None  # between the robots of the mission
+        ends = () if info is None else info.publishers if one.direction == "subscribes to" else info.subscribers
+        if any(end.rpartition("/")[2] != NODE for end in ends):
+            return None
+        if one.direction == "subscribes to":
+            return Finding("error", f"no node publishes {self.name} ({one.type or 'type unknown'})", one.file)
+        return Finding("warning", f"no node subscribes to {self.name} ({one.type or 'type unknown'})", one.file)
+
+
+def _missing(probes: Sequence[_Probe], middleware: Middleware) -> list[Finding]:
+    return [finding for probe in probes if (finding := probe.finding(middleware)) is not None]
