@@ -50,7 +50,10 @@ def add(commands: Commands) -> None:
         help="compare these topics, services and actions with the running nodes, waiting up to 5 s for missing ones",
     )  # fmt: skip
     parser.add_argument(
-        "--middleware", choices=("dds", "zenoh", "ros"), default="dds", help="--against-graph: how to reach the nodes"
+        "--middleware",
+        choices=("dds", "zenoh", "ros"),
+        default="dds",
+        help="--against-graph: how to reach the nodes; what follows --ros-args counts with ros only",
     )
     parser.add_argument(
         "--interface", type=interface, metavar="IFACE",
