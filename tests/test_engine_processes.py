@@ -74,6 +74,57 @@ def test_an_engine_gets_its_process_waits_goes_on_and_leaves(
     assert engine.wait(timeout=20) == 0
 
 
+def refused(*words: str) -> str:
+    """What a command says that fails."""
+    done = subprocess.run(fame(*words), env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1, done
+    return done.stdout + done.stderr
+
+
+@pytest.mark.processes
+def test_an_engine_with_keys_runs_only_what_is_signed(middleware: str, tmp_path: Path) -> None:
+    (tmp_path / "wait.bpmn").write_text(MODEL)
+    over = ("--middleware", middleware)
+    told("keys", "new", str(tmp_path / "team"))
+    words = fame("engine", "REX", "--trust", str(tmp_path / "team.pub"), *over)
+    engine = subprocess.Popen(words, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    try:
+        assert "not signed" in refused("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", *over)
+        told("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", "--key", str(tmp_path / "team.key"), *over)
+        assert '"wait"' in told("status", "--json", "--trust", str(tmp_path / "team.pub"), *over)
+    finally:
+        engine.kill()
+        engine.wait()
+
+
+@pytest.mark.processes
+def test_a_process_that_replaces_another_is_recorded_and_nobody_warns(
+    middleware: str, engine: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    (tmp_path / "wait.bpmn").write_text(MODEL)
+    file, over = tmp_path / "team.mcap", ("--middleware", middleware)
+    recorder = subprocess.Popen(
+        fame("log", "record", "-o", str(file), *over), env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert recorder.stderr is not None
+        recorder.stderr.readline()  # it is there
+        for _ in range(2):
+            told("deploy", str(tmp_path / "wait.bpmn"), "--wait", "30", *over)
+        told("complete", "REX", "wait", *over)
+        told("status", *over)
+    finally:
+        recorder.send_signal(signal.SIGINT)
+        recorder.communicate(timeout=30)
+    engine.send_signal(signal.SIGINT)
+    _, said = engine.communicate(timeout=20)
+    assert "already registered" not in said
+    told("log", "convert", str(file), "-o", str(tmp_path / "team.csv"))
+    events = (tmp_path / "team.csv").read_text()
+    assert "REX" in events
+    assert "wait" in events
+
+
 def run(example: str, *words: str) -> tuple[str, str]:
     """What `fame run` of an example says on ROS, on stdout and stderr."""
     command = fame("run", f"examples/{example}.yaml", "--middleware", "ros", "--speed", "8", *words)
