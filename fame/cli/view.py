@@ -16,10 +16,13 @@ from subprocess import PIPE
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, Parser, add_library, command, positive
+from fame.cli.network import add_network
 from fame.errors import ConfigError, FameError
 
 if TYPE_CHECKING:
+    from fame.clock import WallScheduler
     from fame.log import Recording
+    from fame.middleware.interface import Middleware
     from fame.scenario import Scenario
     from fame.view import LiveRun, Server, Source
 
@@ -30,6 +33,7 @@ _EXAMPLES = (
     "fame view run.mcap --port 8080 --no-open",
     "fame view run.mcap --branch 12.5",
     "fame view models/agriculture.bpmn",
+    "fame view --robot REX --control",
 )
 
 
@@ -37,14 +41,25 @@ def add(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "view", run, examples=_EXAMPLES,
-        help="show a mission in the browser: a recording, or a model with its findings at each save",
+        help="show a mission in the browser: a recording, a model and its findings at each save, or a running team",
     )  # fmt: skip
-    parser.add_argument("subject", type=Path, metavar="RUN.mcap|MODEL.bpmn|SCENARIO.yaml", help="what to show")
+    parser.add_argument(
+        "subject", type=Path, nargs="?", metavar="RUN.mcap|MODEL.bpmn|SCENARIO.yaml",
+        help="what to show; without it, the team on the network",
+    )  # fmt: skip
     parser.add_argument(
         "--branch", type=positive, metavar="S",
         help="run the recorded run again to simulated second S, stop there, and go on from there in the browser",
     )  # fmt: skip
+    parser.add_argument(
+        "--robot", action="append", default=[], metavar="NAME", help="of the team: only this one; repeatable"
+    )
+    parser.add_argument(
+        "--control", action="store_true", help="of the team: the page may complete and activate tasks, as fame complete"
+    )
+    parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign what --control asks (see fame keys)")
     add_page(parser)
+    add_network(parser)
     add_library(parser)
 
 
@@ -66,6 +81,8 @@ def _port(text: str) -> int:
 def run(arguments: Namespace) -> int:
     """Serve the page until Ctrl-C."""
     path = arguments.subject
+    if path is None:
+        return _team(arguments)
     if arguments.branch is not None:
         return _branch(arguments)
     source = _source(path, arguments)
@@ -91,6 +108,27 @@ def _source(path: Path, arguments: Namespace) -> Source:
     for notice in replay.notices:
         print(f"fame: {notice}", file=sys.stderr, flush=True)
     return replay
+
+
+def _team(arguments: Namespace) -> int:
+    """The team on the network, until Ctrl-C."""
+    from fame.deploy.signing import read_private
+    from fame.scenario import serve
+    from fame.view import TeamView
+
+    if arguments.branch is not None:
+        raise ConfigError("--branch needs a recording: fame view run.mcap --branch S")
+    key = read_private(arguments.key) if arguments.key is not None else None
+    with ExitStack() as served:
+
+        def build(scheduler: WallScheduler, middleware: Middleware) -> TeamView:
+            robots = frozenset(arguments.robot)
+            view = TeamView(middleware, scheduler, robots=robots, control=arguments.control, key=key)
+            served.enter_context(_serving(view, arguments))
+            return view
+
+        serve(arguments.middleware, arguments.network, build)
+    return 0
 
 
 def announce(server: Server, arguments: Namespace) -> None:

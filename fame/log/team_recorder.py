@@ -32,7 +32,7 @@ _GENERAL = frozenset(("/rosout", "/parameter_events", CLOCK, "/clock_done", "/wo
 class TeamRecorder:
     """Records the robots of a team, or those named in `robots`, until `close`. `note` gets lines for people.
 
-    `open_file` is called before the first message. `models`: attach what each robot runs.
+    `open_file` is called before the first message. `models`: attach what each robot runs; `on_model` gets it, too.
     """
 
     def __init__(
@@ -46,7 +46,9 @@ class TeamRecorder:
         metadata: Mapping[str, str] | None = None,
         models: bool = True,
         note: Callable[[str], object] = lambda text: None,
+        on_model: Callable[[str, Mapping[str, Any]], object] = lambda robot, model: None,
     ) -> None:
+        self._told_model = on_model
         self._middleware, self._scheduler, self._open_file = middleware, scheduler, open_file
         self._every, self._metadata, self._note = topics == "all", dict(metadata or {}), note
         self._models = models
@@ -92,6 +94,7 @@ class TeamRecorder:
 
     def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
         self._note(f"records {robot}: {model.get('process', '')}")
+        self._told_model(robot, model)
         if self._file is not None and self._models:
             self._attach(robot, model)
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fame.view.live import LiveRun as LiveRun, SameRun as SameRun
     from fame.view.replay import Replay as Replay
     from fame.view.server import Server as Server, Source as Source
+    from fame.view.team import TeamView as TeamView
     from fame.view.watch import ModelWatch as ModelWatch
 
 __getattr__, __dir__, __all__ = attach(
@@ -24,6 +25,7 @@ __getattr__, __dir__, __all__ = attach(
         "live": ["LiveRun", "SameRun"],
         "replay": ["Replay"],
         "server": ["Server", "Source"],
+        "team": ["TeamView"],
         "watch": ["ModelWatch"],
     },
 )

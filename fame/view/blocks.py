@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from fame.bpmn.model import CallActivity, SubProcess
-from fame.log.channels import EVENTS, GROUND, VARIABLES, WAITING, WORLD
+from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.robot.plain_values import json_text
 from fame.view.catalogue import NOWHERE, Catalogue
 
@@ -237,6 +237,8 @@ class Packer:
                     self.variables(time, data["robot"], change["scope"], values, gone)
         elif topic == WAITING:
             self.waits(time, data["robot"], data["tokens"], data["gone"])
+        elif topic == KEY:
+            self.key(time, data)
         elif topic == WORLD:
             for entity in data["entities"]:
                 self.pose(time, entity["id"], scene_value(entity, "appearance"))
@@ -265,6 +267,38 @@ class Packer:
             e.append(place)
             w.append(what)
             state.event(time, TokenKey(number, instance, scope, place), what)
+
+    def key(self, time: int, data: Mapping[str, Any]) -> None:
+        """The whole state of the robots, as ``/fame/key`` has it: for who joins later, and after a gap."""
+        self.state = State(poses=self.state.poses, world=self.state.world)
+        for name, robot in data["robots"].items():
+            self._synchronise(time, self.robot(name), robot)
+        block = Block(len(self.blocks), time, self.state.to_json())
+        if not self.blocks[-1].events and len(self.blocks) == 1:
+            block.number = 0
+            self.blocks[0] = block
+        else:
+            self.blocks.append(block)
+
+    def _synchronise(self, time: int, robot: int, data: Mapping[str, Any]) -> None:
+        state = self.state
+        for token in data["tokens"]:
+            number = next(iter(self.catalogue.candidates(token["element"])), NOWHERE)
+            place = TokenKey(robot, token["instance"], token["scope"], number)
+            held = state.tokens.setdefault(place, [0, token["since"]])
+            held[0] += 1
+            openers = [next(iter(self.catalogue.candidates(id)), NOWHERE) for id in token["path"]]
+            file = self.catalogue.elements[number].file if number != NOWHERE else 0
+            opener = openers[-1] if openers else NOWHERE
+            state.scopes[robot, token["scope"]] = ScopeInfo(token["instance"], file, NOWHERE, opener, len(openers))
+            state.waits.setdefault(robot, {})[token["key"]] = {**token, "e": number}
+        for change in data["variables"]:
+            values = {name: [value, time] for name, value in change.get("set", {}).items()}
+            state.variables[robot, change["scope"]] = values
+        for id, counts in data["counts"].items():
+            number = next(iter(self.catalogue.candidates(id)), NOWHERE)
+            completed = counts.get("leave", 0) + counts.get("take", 0)
+            state.counts[robot, number] = [completed, counts.get("fail", 0), counts.get("cancel", 0)]
 
     def variables(self, time: int, robot: str, scope: int, values: Mapping[str, Any], gone: Iterable[str] = ()) -> None:
         """Variables of a scope changed, or are gone."""

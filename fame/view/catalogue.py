@@ -37,7 +37,7 @@ class Catalogue:
     """
 
     def __init__(self, files: Sequence[Definitions]) -> None:
-        self.files = tuple(files)
+        self.files: tuple[Definitions, ...] = ()
         self.elements: list[Entry] = []
         self.called: dict[int, int] = {}
         self.drawings: list[Drawing] = []
@@ -45,17 +45,33 @@ class Catalogue:
         self._number: dict[tuple[int, str], int] = {}
         self._by_id: dict[str, list[int]] = {}
         self._plane_of: dict[int, int] = {}
-        for file, definitions in enumerate(self.files):
+        self.extend(files)
+
+    def extend(self, files: Sequence[Definitions]) -> None:
+        """Add files; the numbers of what there is stay."""
+        first = len(self.files)
+        self.files += tuple(files)
+        for file, definitions in enumerate(files, first):
             for process in definitions.processes:
                 number = self._add(file, process, NOWHERE)
                 self._add_body(file, process.body, number)
             for pool in definitions.participants:
                 self._add(file, pool, NOWHERE)
-        for file, definitions in enumerate(self.files):
+        for file, definitions in enumerate(files, first):
             self._draw(file, definitions)
         self._link_calls()
 
     # ---- looking up --------------------------------------------------------------------------------------------------
+
+    def plane_of(self, process: str) -> int:
+        """The plane that shows a process, by its id."""
+        for number in self.candidates(process):
+            body = self.elements[number].element
+            for node in body.body.nodes if isinstance(body, Process) else ():
+                plane = self._plane_of.get(self._number[self.elements[number].file, node.id])
+                if plane is not None:
+                    return plane
+        return NOWHERE
 
     def number(self, file: int, id: str) -> int:
         """The number of an element of a file, which is added if the file does not have it."""

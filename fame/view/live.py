@@ -121,7 +121,7 @@ class LiveRun:
                 self.catalogue,
                 self._packer.robots,
                 chips=self._chips(),
-                blocks=self._index(),
+                blocks=index_of(self._packer),
                 end=max(self._packer.end, self._time),
                 control=[] if self._ended else list(COMMANDS),
                 faults=faults_of(self._run) if self._run is not None else [],
@@ -133,9 +133,6 @@ class LiveRun:
             (self._ended, self._ended, "how the run ended") if self._ended else ("live", "live", "the run lasts")
         )
         return [state, (f"seed {self._scenario.seed}", "", "seed of all noise")]
-
-    def _index(self, first: int = 0) -> list[list[int]]:
-        return [[block.number, block.start, block.end, block.events] for block in self._packer.blocks[first:]]
 
     def plane(self, number: int) -> Mapping[str, Any]:
         if not 0 <= number < len(self.catalogue.drawings):
@@ -150,30 +147,7 @@ class LiveRun:
 
     def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
         with self._lock:
-            return self._news(known)
-
-    def _news(self, known: Known | None) -> tuple[Known, list[Mapping[str, Any]]]:
-        blocks, elements = self._packer.blocks, len(self.catalogue.elements)
-        status = self._status()
-        text = json.dumps(status)
-        last = blocks[-1]
-        now = Known(last.number, last.mark(), elements, text, self._missions)
-        if known == now:
-            return now, []
-        news: list[Mapping[str, Any]] = []
-        if known is None or known.mission != now.mission:
-            news.append({"type": "reload"})
-        if known is None or known.elements != elements or known.block != now.block:
-            first, start = (known.elements, known.block) if known is not None else (0, 0)
-            index = {"type": "index", "blocks": self._index(start), "end": self._packer.end, "reading": 1}
-            news.append(index | {"from": first, "elements": self.catalogue.elements_json(first)})
-        for block in blocks[known.block if known is not None else last.number :]:
-            mark = known.mark if known is not None and block.number == known.block else None
-            if mark != block.mark():
-                news.append({"type": "data", "block": block.to_json(mark)})
-        if known is None or known.status != text:
-            news.append(status)
-        return now, news
+            return growth(self._packer, known, self._status(), self._missions)
 
     def _status(self) -> dict[str, Any]:
         control = self.control_of_run
@@ -191,6 +165,37 @@ class LiveRun:
         if self._ended:
             raise FameError("the run is over")
         return {"said": self.control_of_run.ask(command)}
+
+
+def growth(
+    packer: Packer, known: Known | None, status: Mapping[str, Any], missions: int
+) -> tuple[Known, list[Mapping[str, Any]]]:
+    """What is new in the blocks of a run for a page that knows `known`, and what it knows then."""
+    blocks, elements = packer.blocks, len(packer.catalogue.elements)
+    text = json.dumps(status)
+    last = blocks[-1]
+    now = Known(last.number, last.mark(), elements, text, missions)
+    if known == now:
+        return now, []
+    news: list[Mapping[str, Any]] = []
+    if known is None or known.mission != now.mission:
+        news.append({"type": "reload"})
+    if known is None or known.elements != elements or known.block != now.block:
+        first, start = (known.elements, known.block) if known is not None else (0, 0)
+        index = {"type": "index", "blocks": index_of(packer, start), "end": packer.end, "reading": 1}
+        news.append(index | {"from": first, "elements": packer.catalogue.elements_json(first)})
+    for block in blocks[known.block if known is not None else last.number :]:
+        mark = known.mark if known is not None and block.number == known.block else None
+        if mark != block.mark():
+            news.append({"type": "data", "block": block.to_json(mark)})
+    if known is None or known.status != text:
+        news.append(status)
+    return now, news
+
+
+def index_of(packer: Packer, first: int = 0) -> list[list[int]]:
+    """Number, start, end and number of events of the blocks from one on."""
+    return [[block.number, block.start, block.end, block.events] for block in packer.blocks[first:]]
 
 
 class SameRun:

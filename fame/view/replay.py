@@ -72,10 +72,15 @@ class Replay:
         recording, packer, first = self._recording, self._packer, self._offset
         length = max(recording.end - recording.start, 1)
         try:
-            for number, message in enumerate(recording.messages(self._topics)):
+            begun = False
+            for number, message in enumerate(recording.messages()):
                 if self._closed:
                     return
-                if message.topic in _OWN:
+                if message.topic == KEY:  # the first has what was before the recording; the others repeat the rest
+                    if not begun:
+                        packer.put(KEY, message.time - first, message.json())
+                    begun = True
+                elif message.topic in _OWN:
                     packer.put(message.topic, message.time - first, message.json())
                 else:
                     self._message(message)

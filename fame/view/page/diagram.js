@@ -105,7 +105,15 @@ export class Diagram {
   }
 
   home() {
-    return 0;
+    return Math.max(0, this.app.mission.robots[Math.max(0, this.app.selected.robot)]?.plane ?? 0);
+  }
+
+  /** Where each robot has a model of its own: show that of a robot. */
+  ofRobot(robot) {
+    const plane = this.app.mission.robots[robot]?.plane ?? -1;
+    if (plane < 0 || plane === this.trail[0]?.[0]) return;
+    this.trail = [];
+    this.open(plane);
   }
 
   async up() {

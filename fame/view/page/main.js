@@ -74,7 +74,7 @@ class App {
       this.diagram.trail = trail;
       if (!trail.length) this.diagram.plane = -1;
       if (trail.length) await this.diagram.draw(trail.at(-1)[0]); // the same place, at the same zoom
-      else if (mission.planes.length) await this.diagram.open(0);
+      else if (mission.planes.length) await this.diagram.open(Math.max(0, mission.robots[0]?.plane ?? 0));
       else if (mission.elements.length) this.diagram.draw(-1);
       else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
     }
@@ -178,6 +178,7 @@ class App {
       const around = openers ?? (scope !== null && this.state ? this.state.openers(this.selected.robot, scope) : []);
       this.diagram.reveal(this.selected.element, around);
     }
+    if (change.robot >= 0 && !reveal) this.diagram.ofRobot(change.robot);
     this.saveLink();
     this.redraw();
   }

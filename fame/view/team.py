@@ -1,0 +1,215 @@
+"""The page of a team on the network, while it runs: what its engines tell those who watch, as blocks.
+
+Robots may come and go. With control, the page completes and activates tasks as `fame complete` does; each robot decides
+whether it obeys.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping
+from concurrent.futures import Future, InvalidStateError, TimeoutError as NoAnswer
+from contextlib import suppress
+from typing import Any
+from uuid import uuid4
+
+from fame.bpmn.reader import read
+from fame.clock import Scheduler
+from fame.deploy import Report
+from fame.deploy.requests import TaskClient, TaskRequest
+from fame.errors import FameError, ModelError
+from fame.log.recorder import RecordingFile
+from fame.log.team_recorder import TeamRecorder
+from fame.middleware import codec, messages
+from fame.middleware.interface import Middleware
+from fame.view.blocks import Packer
+from fame.view.catalogue import NOWHERE, Catalogue
+from fame.view.live import growth, index_of
+from fame.view.mission import mission_json
+
+_ANSWER = 5.0
+"""Seconds that a robot has to answer a command."""
+_ACTS = ("complete", "activate")
+
+
+class _Sink(RecordingFile):
+    """Takes the messages of a recording of the team; the file is the page."""
+
+    def __init__(self, view: TeamView) -> None:
+        self._view = view
+        self._topics: list[tuple[str, str, str]] = []
+
+    def describe(self, metadata: Mapping[str, str]) -> None:
+        pass
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        pass
+
+    def put(self, topic: str, time: int, text: str) -> None:
+        self._view.put(topic, time, json.loads(text))
+
+    def message_channel(self, topic: str, type: str, node: str) -> int:
+        self._topics.append((topic, type, node))
+        return len(self._topics) - 1
+
+    def write(self, channel: int, time: int, data: bytes) -> None:
+        topic, type, node = self._topics[channel]
+        self._view.message(time, topic, node, messages.to_mapping(codec.deserialize(data, type)))
+
+    def flush(self) -> None:
+        pass
+
+    def finish(self) -> None:
+        pass
+
+
+class TeamView:
+    """The source of a page that shows the robots on a network, or those named in `robots`.
+
+    `control` lets the page complete and activate tasks, signed with `key` if there is one. All that comes over the
+    network comes in the thread that runs the scheduler; pages ask from other threads.
+    """
+
+    def __init__(
+        self,
+        middleware: Middleware,
+        scheduler: Scheduler,
+        *,
+        robots: frozenset[str] = frozenset(),
+        control: bool = False,
+        key: Any = None,
+    ) -> None:
+        self._scheduler, self._control, self._key = scheduler, control, key
+        self._lock = threading.RLock()
+        self._packer = Packer(Catalogue([]))
+        self._models: set[bytes] = set()
+        self._missions = 0
+        self._recorder = TeamRecorder(
+            middleware, scheduler, lambda: _Sink(self), robots=robots, models=False, on_model=self._on_model
+        )
+        self._node = middleware.node("fame_view")
+
+    def stop(self) -> bool:
+        """Stop at once."""
+        return False
+
+    def close(self) -> None:
+        """Close all endpoints."""
+        self._recorder.close()
+        self._node.close()
+
+    # ---- what comes over the network ---------------------------------------------------------------------------------
+
+    def put(self, topic: str, time: int, data: Mapping[str, Any]) -> None:
+        """A message of one of the channels of a recording."""
+        with self._lock:
+            known = len(self._packer.robots)
+            self._packer.put(topic, time, data)
+            self._missions += len(self._packer.robots) != known
+
+    def message(self, time: int, topic: str, publisher: str, content: Any) -> None:
+        """A message of the mission."""
+        with self._lock:
+            self._packer.message(time, topic, publisher.strip("/").partition("/")[0], content)
+
+    def _on_model(self, robot: str, model: Mapping[str, Any]) -> None:
+        """A robot says what it runs."""
+        with self._lock:
+            self._packer.robot(robot)
+            for each in model.get("models", ()):
+                source = str(each["xml"]).encode()
+                if source in self._models:
+                    continue
+                self._models.add(source)
+                with suppress(ModelError):
+                    self._packer.catalogue.extend([read(source, file=str(each["name"]))])
+            self._missions += 1
+
+    # ---- for the page ------------------------------------------------------------------------------------------------
+
+    def mission(self) -> Mapping[str, Any]:
+        with self._lock:
+            packer, team = self._packer, self._recorder.team
+            found = mission_json(
+                "live",
+                "Team",
+                packer.catalogue,
+                packer.robots,
+                chips=[("live", "live", "what the engines on the network tell")],
+                notices=[f"{count} batches of {robot} were lost" for robot, count in team.gaps.items()],
+                blocks=index_of(packer),
+                end=packer.end,
+                control=list(_ACTS) if self._control else [],
+                messages=True,
+                empty=[
+                    "No robot on the network yet",
+                    "Start an engine with fame engine NAME and send it a mission with fame deploy, or run a scenario "
+                    "with fame run --middleware dds. Robots appear here as they come.",
+                ],
+            )
+            for robot in found["robots"]:
+                process = str(team.models.get(robot["name"], {}).get("process", ""))
+                robot["plane"] = packer.catalogue.plane_of(process) if process else NOWHERE
+            return found
+
+    def plane(self, number: int) -> Mapping[str, Any]:
+        with self._lock:
+            if not 0 <= number < len(self._packer.catalogue.drawings):
+                raise LookupError(number)
+            return self._packer.catalogue.plane_json(number)
+
+    def block(self, number: int) -> Mapping[str, Any]:
+        with self._lock:
+            if not 0 <= number < len(self._packer.blocks):
+                raise LookupError(number)
+            return self._packer.blocks[number].to_json()
+
+    def news(self, known: Any) -> tuple[Any, list[Mapping[str, Any]]]:
+        with self._lock:
+            status = {"type": "run", "time": self._packer.end, "over": False, "breakpoints": []}
+            return growth(self._packer, known, status, self._missions)
+
+    def control(self, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        if not self._control:
+            raise FameError("this page only shows the team: fame view --control lets it complete tasks")
+        act, robot = command.get("do"), str(command.get("robot", ""))
+        if act not in _ACTS or robot not in self._packer.robots:
+            raise FameError(f"expected one of {', '.join(_ACTS)} and the name of a robot, got {act!r} of {robot!r}")
+        try:
+            values = json.loads(command.get("value") or "{}")
+        except ValueError:
+            raise FameError(f"expected results as JSON, got {command.get('value')!r}") from None
+        if not isinstance(values, dict):
+            raise FameError('expected results as a JSON object, as {"approved": true}')
+        report = self._asked(robot, str(act), str(command.get("element", "")), values)
+        if report.answer == "refused":
+            raise FameError(f"{robot} refused: {report.reason}")
+        return {"said": f"{robot}: {report.answer}"}
+
+    def _asked(self, robot: str, act: str, element: str, values: Mapping[str, Any]) -> Report:
+        """The answer of a robot to a request."""
+        answer: Future[Report] = Future()
+        request = TaskRequest(id=uuid4().hex, act=act, element=element, values=values)
+        clients: list[TaskClient] = []
+
+        def answered(report: Report) -> None:
+            with suppress(InvalidStateError):
+                answer.set_result(report)
+
+        def ask() -> None:
+            node, scheduler = self._node, self._scheduler
+            clients.append(TaskClient(robot, request, node=node, scheduler=scheduler, answered=answered, key=self._key))
+
+        self._scheduler.soon(ask)
+        try:
+            return answer.result(_ANSWER)
+        except NoAnswer:
+            raise FameError(f"{robot} has not answered within {_ANSWER:g} s") from None
+        finally:
+            self._scheduler.soon(lambda: _close(clients))
+
+
+def _close(clients: list[TaskClient]) -> None:
+    for client in clients:
+        client.close()

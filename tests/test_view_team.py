@@ -1,0 +1,173 @@
+"""The page of a team on the network: robots appear as they come, with their models, tokens and variables."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from view_page import browser, until
+
+from fame.clock import SECOND, Scheduler, WallScheduler
+from fame.deploy import EngineNode
+from fame.errors import FameError
+from fame.middleware import messages
+from fame.middleware.local import LocalMiddleware
+from fame.view import TeamView
+from tests.bpmn_text import process
+
+ROOT = Path(__file__).parent.parent
+SIGNING = process("""
+  <startEvent id="Start"><outgoing>f0</outgoing></startEvent>
+  <sequenceFlow id="f0" sourceRef="Start" targetRef="Sign" />
+  <userTask id="Sign" name="Sign"><incoming>f0</incoming><outgoing>f1</outgoing></userTask>
+  <sequenceFlow id="f1" sourceRef="Sign" targetRef="Rest" />
+  <intermediateCatchEvent id="Rest" name="a rest"><incoming>f1</incoming>
+    <timerEventDefinition id="t"><timeDuration>PT1H</timeDuration></timerEventDefinition></intermediateCatchEvent>""")
+
+
+class Field:
+    """Engines and a page, on local topics."""
+
+    def __init__(self, scheduler: Scheduler, **options: Any) -> None:
+        self.scheduler = scheduler
+        self.middleware = LocalMiddleware(scheduler)
+        self.view = TeamView(self.middleware, scheduler, **options)
+        self.engines: list[EngineNode] = []
+
+    def engine(self, name: str) -> None:
+        self.engines.append(EngineNode(name, scheduler=self.scheduler, middleware=self.middleware))
+
+    def deploy(self, name: str, text: str = SIGNING) -> None:
+        publisher = self.middleware.node("sender").publisher(f"/{name}/bpmn_process", "std_msgs/msg/String")
+        publisher.publish(messages.create("std_msgs/msg/String", text))
+
+    def run(self, seconds: float) -> None:
+        self.scheduler.run(self.scheduler.now + round(seconds * SECOND))
+
+    def waiting(self) -> set[tuple[str, str]]:
+        packer = self.view._packer
+        return {
+            (packer.robots[robot], token["element"])
+            for robot, tokens in packer.state.waits.items()
+            for token in tokens.values()
+        }
+
+    def close(self) -> None:
+        self.view.close()
+        for engine in self.engines:
+            engine.close()
+        self.middleware.close()
+
+
+@pytest.fixture
+def field() -> Iterator[Field]:
+    field = Field(Scheduler())
+    yield field
+    field.close()
+
+
+def test_an_empty_network_says_what_to_do(field: Field) -> None:
+    field.run(2)
+    mission = field.view.mission()
+    assert mission["robots"] == []
+    assert mission["empty"][0] == "No robot on the network yet"
+    assert "fame engine NAME" in mission["empty"][1]
+
+
+def test_robots_appear_with_their_models_and_tokens(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    assert field.waiting() == {("REX", "Sign")}
+    mission = field.view.mission()
+    assert [one["name"] for one in mission["robots"]] == ["REX"]
+    assert "Sign" in {one.get("name") for one in mission["elements"]}
+
+
+def test_a_robot_that_was_there_before_is_shown_with_what_it_does(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    late = TeamView(field.middleware, field.scheduler)
+    field.run(8)
+    found = late._packer.state
+    assert [token["element"] for tokens in found.waits.values() for token in tokens.values()] == ["Sign"]
+    assert len(found.tokens) == 1
+    late.close()
+
+
+def test_a_second_robot_joins_while_the_first_is_watched(field: Field) -> None:
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(3)
+    field.engine("DINGO")
+    field.run(1)
+    field.deploy("DINGO")
+    field.run(8)
+    assert field.waiting() == {("REX", "Sign"), ("DINGO", "Sign")}
+    field.engines.pop(0).close()
+    field.run(5)
+    assert ("DINGO", "Sign") in field.waiting()
+
+
+def test_the_page_only_shows_unless_it_is_told_otherwise(field: Field) -> None:
+    assert field.view.mission()["control"] == []
+    with pytest.raises(FameError, match="fame view --control"):
+        field.view.control({"do": "complete", "robot": "REX", "element": "Sign"})
+
+
+def test_with_control_a_task_of_a_running_robot_is_completed() -> None:
+    field = Field(WallScheduler(), control=True)
+    field.engine("REX")
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    assert field.waiting() == {("REX", "Sign")}
+    said: list[Any] = []
+
+    def ask() -> None:
+        said.append(field.view.control({"do": "complete", "robot": "REX", "element": "Sign", "value": '{"by": "Ada"}'}))
+        field.scheduler.stop()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    field.run(20)
+    thread.join(10)
+    field.run(2)
+    assert said == [{"said": "REX: completed"}]
+    assert field.waiting() == {("REX", "Rest")}
+    field.close()
+
+
+@pytest.mark.processes
+def test_the_page_shows_a_team_in_many_processes() -> None:
+    with browser() as chromium:
+        words = [sys.executable, "-m", "fame"]
+        viewer = subprocess.Popen([*words, "view", "--no-open"], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+        team = subprocess.Popen(
+            [*words, "run", "examples/ground_vehicles.yaml", "--middleware", "dds", "--duration", "60", "--quiet"],
+            cwd=ROOT,
+        )
+        try:
+            assert viewer.stdout is not None
+            page = chromium.new_page()
+            page.goto(viewer.stdout.readline().strip())
+            until(page, "window.fame && fame.mission.robots.length === 2", 60)
+            until(
+                page, "fame.mission.planes.some((one) => one.title.includes('REX') || one.file.includes('ground'))", 30
+            )
+            until(page, "fame.state && [...fame.state.tokens.values()].some((one) => one.r === 0 || one.r === 1)", 30)
+            until(page, "fame.state.poses.size === 2", 30)
+            page.close()
+        finally:
+            for each in (team, viewer):
+                each.terminate()
+                each.communicate(timeout=30)
