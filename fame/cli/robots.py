@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fame.cli.arguments import Commands, Parser, add_json, command, positive
 from fame.cli.network import add_network, connected
 from fame.cli.output import print_json, table
+from fame.errors import ConfigError
 from fame.text import printable
 
 if TYPE_CHECKING:
@@ -26,12 +27,18 @@ HEADS = ("robot", "state", "model", "instances", "token at", "since", "waits for
 def add_status(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
-        commands, "status", run_status, examples=("fame status", "fame status --json"),
+        commands, "status", run_status,
+        examples=("fame status", "fame status --json", "fame status --why REX", "fame status --why REX Event_Order"),
         help="show every robot: its model, its instances, where its tokens are, since when, and what they wait for",
     )  # fmt: skip
     parser.add_argument(
         "--trust", action="append", default=[], type=Path, metavar="FILE.pub",
         help="show only what engines signed, and prefer those that prove their names by this key; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--why", nargs="+", metavar=("ROBOT", "ELEMENT"),
+        help="explain what each token of a robot waits for (that at ELEMENT: an id or label): the condition and its "
+        "values; the topic, who publishes it, when its last message came and why it did not count",
     )  # fmt: skip
     add_network(parser)
     add_json(parser)
@@ -39,6 +46,8 @@ def add_status(commands: Commands) -> None:
 
 def run_status(arguments: Namespace) -> int:
     """Listen for a moment, and print what was said."""
+    if arguments.why:
+        return _explain_waits(arguments)
     from dataclasses import asdict
 
     from fame.clock import SECOND
@@ -76,6 +85,45 @@ def run_status(arguments: Namespace) -> int:
         lines = {name: list(rows(name, report)) for name, report in reports.items()}
         lines |= {name: [(name, "silent", "", "", "", f"{s:.0f} s", "", "")] for name, s in silent.items()}
         print(table(HEADS, [row for name in sorted(lines) for row in lines[name]]))
+    return 0
+
+
+_PATIENCE = 6.0
+"""How long a robot may take to tell its state (s): it is told twice a second to who is new."""
+
+
+def _explain_waits(arguments: Namespace) -> int:
+    """Print why the tokens of a robot wait."""
+    from fame.cli.why import WaitReason, explain
+    from fame.clock import SECOND
+    from fame.deploy import engines
+    from fame.errors import DeploymentError
+    from fame.log.live_team import LiveTeam
+    from fame.text import suggestion
+
+    robot, *elements = arguments.why
+    if len(elements) > 1:
+        raise ConfigError(f"expected --why ROBOT [ELEMENT], got {' '.join(arguments.why)}")
+    with connected(arguments) as (scheduler, middleware):
+        team = LiveTeam(
+            middleware.node("fame_status"), middleware, scheduler, lambda *told: None, robots=frozenset([robot])
+        )
+        until = scheduler.now + round(_PATIENCE * SECOND)
+        while scheduler.now < until and not (robot in team.state.robots and robot in team.models):
+            scheduler.run(min(until, scheduler.now + SECOND // 10))
+        there = engines(middleware)
+        team.close()
+    if robot not in there:
+        raise DeploymentError(f"unknown robot {robot!r}; {suggestion(robot, there)}")
+    if robot not in team.state.robots:
+        raise DeploymentError(f"{robot} runs no process, or tells nothing on /{robot}/bpmn_events")
+    reasons: list[WaitReason] = explain(
+        team.state.robots[robot], team.models.get(robot, {}), elements[0] if elements else "", team.last_time(robot)
+    )
+    if arguments.json:
+        print_json({"robot": robot, "waits": [reason.to_json() for reason in reasons]})
+    else:
+        print("\n".join(line for reason in reasons for line in reason.lines(robot)) or f"{robot}: no token waits")
     return 0
 
 

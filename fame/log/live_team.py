@@ -43,6 +43,7 @@ class _Source:
 
     session: int = -1
     batch: int = 0
+    time: int = 0  # of the robot's clock at the last batch (ns)
     synchronised: bool = False
     ends: list[Any] = field(default_factory=list)
 
@@ -88,6 +89,10 @@ class LiveTeam:
         """The robots that were found, in order."""
         return sorted(self._sources)
 
+    def last_time(self, robot: str) -> int:
+        """The time of a robot's clock when it told something last (ns); 0 if it has not."""
+        return self._sources[robot].time if robot in self._sources else 0
+
     def _discover(self) -> None:
         """Subscribe to the robots that are new."""
         self._discovery = self._scheduler.after(_DISCOVERY, self._discover)
@@ -125,7 +130,7 @@ class LiveTeam:
         elif batch["batch"] != source.batch + 1:
             self.gaps[robot] = self.gaps.get(robot, 0) + max(1, batch["batch"] - source.batch - 1)
             source.synchronised = False
-        source.batch = batch["batch"]
+        source.batch, source.time = batch["batch"], batch["time"]
         if "begins" in batch:
             source.synchronised = True
             first = min((time for _, time, _ in batch["changes"]), default=batch["time"])

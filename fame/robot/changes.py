@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 from operator import is_not
 from typing import TYPE_CHECKING, Any
 
+from fame.clock import SECOND
 from fame.engine.program import Mark, Node
 from fame.engine.state import Instance, Scope, Trail, Wait, joins_reached, scopes_of
 from fame.robot.plain_values import encode, is_changeable, is_data, json_text, name_text, snapshot_of
@@ -32,7 +33,7 @@ COUNTED = frozenset(("enter", "leave", "take", "cancel", "fail"))
 """Marks that are counted by element."""
 _KNOWN = 10_000
 """Marks and scopes whose JSON is kept."""
-_NO_SCRIPT = (0, None)
+_NO_SCRIPT = (0, None, None)
 """The state of a wait that is neither suspended nor for a script."""
 
 
@@ -56,6 +57,7 @@ class ChangeTracker:
         self._instances: dict[int, tuple[str, str]] = {}  # key -> process, status
         self._scopes: dict[int, _ScopeVariables] = {}  # by the key of the scope that owns them
         self._tokens: dict[Hashable, _Token] = {}
+        self._graph_due = 0  # when to look again who publishes (ns)
         self._places: dict[int, str] = {}
         self._waits: dict[Node, str] = {}  # what is the same for every token there
 
@@ -111,6 +113,11 @@ class ChangeTracker:
             self._events.clear()
             self._counted += self._fresh
             self._fresh.clear()
+        if time >= self._graph_due:
+            self._graph_due = time + SECOND
+            if self._node.refresh_publishers():
+                self._waits.clear()
+                self._tokens = {key: replace(token, state=None) for key, token in self._tokens.items()}
         running = list(self._node.engine.instances.values())
         self._flush_variables(time, running)
         self._flush_tokens(time, running)
@@ -144,7 +151,7 @@ class ChangeTracker:
             state = self._node.wait_state(wait) if wait is not None else None
             token = before.get(key)
             if token is None or token.state != state:
-                since = time if token is None else token.since
+                since = token.since if token is not None else self._node.waiting_since(wait, time) if wait else time
                 where = f'{{"key":"{key}",{self._place(scope)},"element":{name_text(element)},"since":{since},'
                 token = _Token(state, since, where + self._details(wait, state))
                 fresh.append(token.text)
@@ -174,12 +181,13 @@ class ChangeTracker:
         """What a token waits for, as the last members of a JSON object."""
         if wait is None:
             return '"kind":"join","text":"tokens on its other flows"}'
-        if state != _NO_SCRIPT:
-            return encode(self._node.wait_details(wait))[1:]
-        text = self._waits.get(wait.node)
+        text = self._waits.get(wait.node) if state == _NO_SCRIPT else encode(self._node.wait_details(wait))[1:-1]
         if text is None:
-            text = self._waits[wait.node] = encode(self._node.wait_details(wait))[1:]
-        return text
+            text = self._waits[wait.node] = encode(self._node.wait_details(wait))[1:-1]
+        miss = self._node.last_miss(wait)
+        if miss is None:
+            return f"{text}}}"
+        return f'{text},"missed":{{"time":{miss[0]},"why":{name_text(miss[1])}}}}}'
 
     # ---- everything --------------------------------------------------------------------------------------------------
 

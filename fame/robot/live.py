@@ -108,6 +108,7 @@ class LiveFeed:
             self._changes.clear()
         elif self._subscribers > before or self._scheduler.now >= self._key_due:
             self._key_due = 0
+            self._current.look()  # who publishes may have changed, if nothing else
             self._send_soon()
 
     def _send_soon(self) -> None:
@@ -180,6 +181,10 @@ class ProcessFeed:
         """Everything, as JSON."""
         assert self._tracker is not None
         return self._tracker.key()
+
+    def look(self) -> None:
+        """Look for changes at the end of this instant."""
+        self._mark()
 
     def _mark(self) -> None:
         """Something may have changed: it is looked for when the instant is over."""

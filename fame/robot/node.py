@@ -270,7 +270,19 @@ class RobotNode:
 
     def wait_state(self, wait: Wait) -> object:
         """What changes while a token waits, cheap to compare: `wait_details` differ only if it does."""
-        return wait.paused, self.runner.request(wait.key)
+        return wait.paused, self.runner.request(wait.key), self._waiting.uncorrelated.get(wait.key)
+
+    def last_miss(self, wait: Wait) -> tuple[int, str] | None:
+        """When (ns) the last message came that a token now waits for, and why it did not count; None if none came."""
+        return self._waiting.last_miss(wait)
+
+    def waiting_since(self, wait: Wait, now: int) -> int:
+        """When a token was first seen waiting (ns): `now`, or when `waiting_tokens` saw it."""
+        return self._waiting.since(wait, now)
+
+    def refresh_publishers(self) -> bool:
+        """Look who publishes now; whether that is different from the last time. `wait_details` differ then."""
+        return self._waiting.refresh_publishers()
 
     def wait_details(self, wait: Wait) -> dict[str, Any]:
         """What a token waits for, as in recordings (docs/recordings.md)."""
@@ -361,6 +373,10 @@ class RobotNode:
         if self._early is not None:
             self._early.append((topic, message))
             return
-        self._waiting.on_message(topic, awaited=topic in self.engine.listeners)
+        listeners = self.engine.listeners.get(topic)
+        self._waiting.on_message(topic, awaited=listeners is not None)
+        correlated = [end for end in listeners if end.catch.keys] if listeners else ()
         self.engine.deliver(topic, message)
+        if correlated:
+            self._waiting.on_uncorrelated(topic, [end.key for end in correlated if end.alive])
         self.runner.poll()

@@ -8,7 +8,7 @@ healthy robot waits for ever. Whoever polls what the robot waits for compares wh
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
@@ -83,12 +83,18 @@ class PublisherGaps:
 
 
 class WaitingTokens:
-    """The waiting tokens of one robot. `missed`: topic -> when its last message came too early (ns)."""
+    """The waiting tokens of one robot.
+
+    missed        topic -> when its last message came too early (ns)
+    uncorrelated  key of a wait -> when the last message came that does not match its correlation keys (ns)
+    """
 
     def __init__(
         self, robot: str, mission: Mission, node: Node, middleware: Middleware, scheduler: Scheduler, runner: Runner
     ) -> None:
         self.missed: dict[str, int] = {}
+        self.uncorrelated: dict[int, int] = {}
+        self._graph: dict[str, tuple[str, ...]] = {}  # who else published on each topic at the last look
         self._robot, self._mission, self._node, self._runner = robot, mission, node, runner
         self._middleware, self._scheduler = middleware, scheduler
         self._gaps = PublisherGaps()
@@ -100,6 +106,28 @@ class WaitingTokens:
             self.missed.pop(topic, None)
         else:
             self.missed[topic] = self._scheduler.now
+
+    def on_uncorrelated(self, topic: str, waits: Sequence[int]) -> None:
+        """Record that a message did not match the correlation keys of these waits."""
+        self.uncorrelated = dict.fromkeys(waits, self._scheduler.now)
+
+    def last_miss(self, wait: Wait) -> tuple[int, str] | None:
+        """When (ns) the last message came that a token waits for, and why it did not count; None if none came."""
+        if wait.key in self.uncorrelated:
+            return self.uncorrelated[wait.key], "its correlation keys do not match"
+        topics = (node.catch.topic for node in (wait.node, *wait.catch.parts) if node.catch is not None)
+        times = [self.missed[topic] for topic in topics if topic in self.missed]
+        return (max(times), "nothing waited for it then") if times else None
+
+    def since(self, wait: Wait, now: int) -> int:
+        """When `list` saw a token first (ns), else `now`."""
+        return min(now, self._seen.get(wait.key, now))
+
+    def refresh_publishers(self) -> bool:
+        """Look who publishes now; whether that is different from the last time."""
+        before = self._graph
+        self._graph = {topic: tuple(sorted(set(names))) for topic, names in self._publishers().items() if names}
+        return self._graph != before
 
     def list(self, engine: Engine) -> list[WaitingToken]:
         """Every token that waits. Call it regularly: times and gaps are those between calls."""
@@ -149,6 +177,7 @@ class WaitingTokens:
         topics = self._awaited(wait)
         if topics:
             found["topics"] = list(topics)
+            found["publishers"] = {topic: list(self._graph.get(topic, ())) for topic in topics}
         if wait.paused:
             found["suspended"] = True
         request = self._runner.request(wait.key)

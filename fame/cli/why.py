@@ -1,0 +1,91 @@
+"""Why a token waits, for people: what ``fame status --why`` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fame.clock import SECOND
+from fame.errors import DeploymentError, display_name
+from fame.log.team_state import RobotState
+from fame.text import printable, suggestion
+
+
+@dataclass(frozen=True, slots=True)
+class WaitReason:
+    """A waiting token: its entry in ``/fame/waiting``, the label of its element, the values that its conditions read.
+
+    `seconds`: for how long it has waited; `now`: ns of the robot's clock.
+    """
+
+    token: Mapping[str, Any]
+    label: str
+    values: Mapping[str, Any]
+    seconds: float
+    now: int
+
+    def lines(self, robot: str) -> Iterator[str]:
+        """The reason in words."""
+        path = "".join(f" in {inner}" for inner in reversed(self.token.get("path", ())))
+        where = display_name(self.token["element"], self.label)
+        yield printable(f"{robot} waits at {where}{path}, for {self.seconds:.1f} s, for {self.token.get('text', '')}")
+        if self.token.get("suspended"):
+            yield "  it is suspended: an event sub-process runs"
+        for condition in self.token.get("conditions", ()):
+            yield printable(f"  condition {condition['text']} is not true:")
+            for name in condition["reads"]:
+                value = f"= {self.values[name]!r}" if name in self.values else "is not set"
+                yield printable(f"    {name} {value}")
+        for topic in self.token.get("topics", ()):
+            nodes = self.token.get("publishers", {}).get(topic, ())
+            yield printable(f"  {topic} is published by {', '.join(nodes)}" if nodes else f"  nobody publishes {topic}")
+        missed = self.token.get("missed")
+        if missed is not None:
+            ago = max(0.0, (self.now - missed["time"]) / SECOND)
+            yield printable(f"  its last message came {ago:.1f} s ago and did not count: {missed['why']}")
+        elif self.token.get("topics"):
+            yield "  no message has come since the token waits"
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as data."""
+        return {**self.token, "label": self.label, "values": dict(self.values), "seconds": round(self.seconds, 3)}
+
+
+def explain(state: RobotState, model: Mapping[str, Any], element: str, now: int) -> list[WaitReason]:
+    """Why the tokens of a robot wait, or those at an element (id or label). `now`: ns of the robot's clock.
+
+    Raises DeploymentError if no token waits at that element.
+    """
+    labels = _labels(model)
+    reasons = []
+    for token in state.tokens.values():
+        label = labels.get(token["element"], "")
+        if element and element not in (token["element"], label):
+            continue
+        known: dict[str, Any] = {}
+        for scope in sorted(state.scopes.values(), key=lambda scope: len(scope.path)):
+            if scope.instance == token["instance"] and tuple(token["path"][: len(scope.path)]) == scope.path:
+                known.update(scope.values)
+        names = {name for condition in token.get("conditions", ()) for name in condition["reads"]}
+        values = {name: known[name] for name in sorted(names) if name in known}
+        reasons.append(WaitReason(token, label, values, max(0.0, (now - token["since"]) / SECOND), now))
+    if element and not reasons:
+        there = sorted({token["element"] for token in state.tokens.values()})
+        raise DeploymentError(f"no token waits at {element!r}; {suggestion(element, there)}")
+    return reasons
+
+
+def _labels(model: Mapping[str, Any]) -> dict[str, str]:
+    """The labels of the elements of what a robot runs."""
+    from fame.bpmn import read_text
+    from fame.errors import ModelError
+    from fame.log.elements import element_info
+
+    files = []
+    for each in model.get("models", ()):
+        try:
+            files.append(read_text(str(each["xml"]), file=str(each["name"])))
+        except (ModelError, KeyError):
+            continue
+    return {id: info.name for id, info in element_info(files).items()}
