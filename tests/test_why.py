@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import pytest
 from bpmn_text import process
 
-from fame.cli.why import explain
 from fame.errors import DeploymentError
 from fame.log.live_team import LiveTeam
+from fame.log.wait_reasons import explain
 from fame.middleware import messages
 from tests.test_live_team import Field
 

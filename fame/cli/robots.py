@@ -94,11 +94,11 @@ _PATIENCE = 6.0
 
 def _explain_waits(arguments: Namespace) -> int:
     """Print why the tokens of a robot wait."""
-    from fame.cli.why import WaitReason, explain
     from fame.clock import SECOND
     from fame.deploy import engines
     from fame.errors import DeploymentError
     from fame.log.live_team import LiveTeam
+    from fame.log.wait_reasons import WaitReason, explain
     from fame.text import suggestion
 
     robot, *elements = arguments.why
