@@ -106,7 +106,7 @@ def unlimited_stack() -> None:
 
 
 def turn(engine: Engine, case: Case, size: int, folder: Path, limit: float, seconds: float) -> dict[str, Any] | str:
-    """One turn of an engine: its answer, or the reason why there is none."""
+    """One turn of an engine: its answer, or the reason for its absence."""
     file = folder / f"{case.name}-{size}-{engine.name}.bpmn"
     if not file.exists():
         file.write_text(engine.translate(case.make(size)), encoding="utf-8")

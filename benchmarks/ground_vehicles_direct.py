@@ -87,7 +87,7 @@ class Car:
         self.twist.publish(messages.create("geometry_msgs/msg/Twist", {"linear": {"x": speed}, "angular": {"z": turn}}))
 
     async def plan(self, x: float, y: float) -> list[Point]:
-        """The way there; empty if there is none."""
+        """Return the path; empty if the goal cannot be reached."""
         pose = {"position": {"x": x, "y": y}, "orientation": {"w": 1.0}}
         goal = {"header": {"frame_id": "map"}, "pose": pose}
         self.goal.publish(messages.create("geometry_msgs/msg/PoseStamped", goal))

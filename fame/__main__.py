@@ -8,7 +8,7 @@ import threading
 from contextlib import suppress
 
 _PATIENCE = 0.5
-"""How long a thread that somebody's script has begun may take to end (s)."""
+"""Maximum time for a thread that a script has started to end (s)."""
 
 
 def main() -> int:
@@ -22,7 +22,7 @@ def main() -> int:
 
 
 def _without_waiting(code: int) -> int:
-    """The exit code. Threads of scripts that are at work, and are no daemons, would keep the process from ending."""
+    """Return the exit code, or exit at once if threads of scripts, which are not daemons, are still running."""
     others = [
         thread for thread in threading.enumerate() if thread is not threading.current_thread() and _is_plain(thread)
     ]

@@ -100,7 +100,7 @@ class Scheduler:
         self._stopping = False
 
     def __len__(self) -> int:
-        """How many entries wait, including cancelled ones that were not swept out yet."""
+        """The number of waiting entries, including cancelled ones that have not been removed yet."""
         return len(self._heap) + len(self._fifo)
 
     def at(self, time: int, action: Action, kind: Kind = Kind.TIMER) -> Entry:

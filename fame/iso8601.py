@@ -101,7 +101,7 @@ class Cycle:
                 yield due
 
     def delays(self, now: datetime) -> Iterator[int]:
-        """The same as times from `now` (ns): exact, where neither a date nor months come in."""
+        """Return the times relative to `now` (ns): exact without dates and months."""
         if self.start or self.end or self.duration.months:
             return (nanoseconds_between(now, due) for due in self.due_times(now))
         numbers = count(1) if self.repetitions is None else range(1, self.repetitions + 1)

@@ -113,7 +113,7 @@ class Ultrasonic:
         self._publisher.publish(self._make(header=self._header(now), range=measured))
 
     def distance(self, pose: Pose) -> float:
-        """The true distance (m) of the nearest thing on any ray; infinite if there is none within the range."""
+        """The true distance (m) of the nearest thing on any ray; infinite if nothing is within the range."""
         place = pose.ahead(self._ahead - _RECESS)
         middle = pose.ahead(self._ahead - _RECESS + self._middle)
         if self._space.point_query_nearest(middle, self._reach, self._ignored) is None:

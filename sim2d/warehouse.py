@@ -75,7 +75,7 @@ class Parcels:
         self.stations = {station.name: station for station in stations}
 
     def take(self, place: Point, reach: float, robot: str) -> Parcel | None:
-        """Let a robot take the nearest parcel within `reach` (m) of a place; None if there is none."""
+        """Let a robot take the nearest parcel within `reach` (m) of a place; return it, or None."""
         near = [parcel for parcel in self.all if not parcel.carrier and math.dist(parcel.at, place) <= reach]
         parcel = min(near, key=lambda one: math.dist(one.at, place), default=None)
         if parcel is not None:

@@ -58,7 +58,7 @@ def silent_other(field: Field) -> None:
 
 
 def bad_fields(field: Field) -> None:
-    """Envelopes with a sequence from the far future, and teams that are none."""
+    """Envelopes with a sequence from the far future, and invalid teams."""
     engine = field.start("A")
     field.say("/A/bpmn_process", envelope("A", "load", "d1", model=MISSION, sequence=FUTURE))
     field.pass_time(0.5)

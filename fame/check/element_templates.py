@@ -19,7 +19,7 @@ Template = dict[str, Any]
 
 SCHEMA = "https://unpkg.com/@camunda/element-templates-json-schema/resources/schema.json"
 PACKAGES = ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs")
-"""Whose types are to choose from."""
+"""Packages whose types can be chosen."""
 COMMON = (
     "std_msgs/msg/Bool",
     "std_msgs/msg/ColorRGBA",

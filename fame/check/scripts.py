@@ -117,7 +117,7 @@ def _not_awaited(process: CheckedProcess, element: Element, tree: ast.AST, bound
 
 
 def _target(parent: ast.AST) -> str:
-    """The variable to which the value is assigned, empty if there is none."""
+    """Return the variable to which the value is assigned, or an empty text."""
     targets = parent.targets if isinstance(parent, ast.Assign) else [getattr(parent, "target", None)]
     only = targets[0] if len(targets) == 1 and isinstance(parent, ast.Assign | ast.AnnAssign | ast.NamedExpr) else None
     return only.id if isinstance(only, ast.Name) else ""

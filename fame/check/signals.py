@@ -304,7 +304,7 @@ def _has_twins(scope: CheckScope, process: CheckedProcess) -> bool:
 
 
 def _next_wait(graph: Graph, node: FlowNode) -> FlowNode | None:
-    """The next catching event or receive task after nodes that do not wait; None if there is none."""
+    """Return the next catching event or receive task after nodes that do not wait; or None."""
     seen: set[str] = set()
     while node.id not in seen and len(graph.following[node.id]) == 1:
         seen.add(node.id)

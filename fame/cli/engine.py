@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fame.robot.journal import StateDirectory
 
 STUCK = 10.0
-"""How long one call that nothing can interrupt may compute before it ends the engine (s of processor time)."""
+"""CPU time (s) after which a call that cannot be interrupted ends the engine."""
 _OPEN = f"{OPEN}: give --trust FILE.pub, or --insecure to take what anybody sends"
 
 

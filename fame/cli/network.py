@@ -107,7 +107,7 @@ def connected(arguments: Namespace) -> Iterator[tuple[WallScheduler, Middleware]
 
 
 def say_ready(text: str) -> None:
-    """Tell whoever started this command in a terminal of its own that it is there, and how it ends."""
+    """Print that the command is ready and how to end it, unless another FAME process started it."""
     from fame.scenario.process import is_child
 
     if not is_child():

@@ -132,11 +132,11 @@ class ProgressLine:
         self._clock.start()
 
     def show(self, progress: Progress) -> None:
-        """How far a run is."""
+        """Show the progress of a run."""
         self.say(progress_text(progress))
 
     def count_frames(self, drawn: int, frames: int) -> None:
-        """How far a film is."""
+        """Show the progress of an animation."""
         self.say(f"drawing the film: frame {drawn} of {frames}" + (", writing it" if drawn == frames else ""))
 
     def say(self, text: str) -> None:
@@ -145,7 +145,7 @@ class ProgressLine:
         self._write(text)
 
     def close(self) -> None:
-        """Leave nothing of it."""
+        """Erase the line."""
         self._over.set()
         self._clock.join()
         self._write("")
@@ -164,7 +164,7 @@ class ProgressLine:
 
 @contextmanager
 def progress_line(stream: TextIO, *, wanted: bool = True) -> Iterator[ProgressLine | None]:
-    """A line that shows how far a run is, as long as the block lasts; None if nobody sees it."""
+    """Show a progress line while the block runs; None if stderr is not a terminal."""
     if not (wanted and stream.isatty()):
         yield None
         return
@@ -176,7 +176,7 @@ def progress_line(stream: TextIO, *, wanted: bool = True) -> Iterator[ProgressLi
 
 
 def progress_text(progress: Progress) -> str:
-    """How far a run is: the simulated time, and what each robot is at."""
+    """Show the progress of a run: simulated time and the activity of each robot."""
     robots = "   ".join(f"{name}: {text}" for name, text in progress.robots.items() if text)
     return f"{progress.simulated:7.1f} s   {robots}"
 

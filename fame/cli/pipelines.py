@@ -73,11 +73,11 @@ class Nodes:
         self.nodes = nodes
 
     def stop(self) -> bool:
-        """Nothing has to be waited for."""
+        """Stop at once: no more time is needed."""
         return False
 
     def close(self) -> None:
-        """Leave."""
+        """Close all endpoints."""
         for node in self.nodes:
             node.close()
 

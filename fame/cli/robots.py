@@ -302,7 +302,7 @@ def _answer(
     scheduler: WallScheduler,
     middleware: Middleware,
 ) -> Report:
-    """The robot's answer. Raises DeploymentError if there is none."""
+    """Return the answer of the robot. Raises DeploymentError if it does not answer."""
     import getpass
     import os
     import socket

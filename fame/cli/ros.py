@@ -114,7 +114,7 @@ def add_topic(commands: Commands) -> None:
     for part in (echo, hz):
         part.add_argument("topic", metavar="TOPIC")
         part.add_argument("--count", type=natural, default=0, metavar="N", help="end after N messages")
-    echo.add_argument("--field", metavar="PATH", help="only what stands there, such as effort.3 or pose.position.x")
+    echo.add_argument("--field", metavar="PATH", help="print only this field, such as effort.3 or pose.position.x")
     plot.add_argument("series", nargs="+", metavar="TOPIC:PATH", help="such as /joint_states:effort.elbow_joint")
     plot.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.png")
     plot.add_argument("--threshold", type=float, action="append", default=[], metavar="X", help="a line at this height")
@@ -129,7 +129,7 @@ def add_topic(commands: Commands) -> None:
 
 
 def run_topic(arguments: Namespace) -> int:
-    """Listen, and tell."""
+    """Subscribe, and print the result."""
     with connected(arguments) as (scheduler, middleware):
         return _TOPIC_PARTS[arguments.part](arguments, scheduler, middleware)
 

@@ -293,7 +293,7 @@ def _said(arguments: Namespace, result: Result, *, reports: bool = True) -> int:
 
 
 def _say_stopping() -> None:
-    """Said from inside a signal handler, where a buffered stream may be at work."""
+    """Write unbuffered: this is called in a signal handler, which may interrupt a buffered stream."""
     os.write(sys.stderr.fileno(), b"\nstopping after this step; Ctrl-C again to stop now\n")
 
 
@@ -442,6 +442,6 @@ def _tell(result: Result, *, quiet: bool, reports: bool) -> None:
 
 
 def _speed(result: Result) -> str:
-    """How fast it ran, if that can be told."""
+    """The speed of the run relative to real time, if it is defined."""
     faster = result.simulated / result.wall if result.wall > 0 else 0
     return f", {faster:.0f} times real time" if faster >= 2 else ""

@@ -38,7 +38,7 @@ def assign_robots(
     unknown = [name for name in only if name not in robots]
     wanted = ", ".join(expected_robots(pool) for pool in pools)
     if unknown:
-        there = f"there are {', '.join(robots)}" if robots else "there is none"
+        there = f"there are {', '.join(robots)}" if robots else "no robot was found"
         text = f"no engine of a robot named {', '.join(unknown)}; of those that the model wants ({wanted}) {there}"
         raise DeploymentError(text)
     if only:

@@ -222,13 +222,13 @@ class EngineNode:
             self._refusals["report" if deployment.startswith(PLAIN) else "answer"](f"refused: {reason}", cause)
 
     def _note(self, text: str, kind: str = "report") -> None:
-        """Tell whoever watches this engine; an ``answer`` goes to the sender as well."""
+        """Report an event to the observer of this engine; an ``answer`` goes to the sender as well."""
         from fame.robot import Event
 
         self._on_report(Event(self.scheduler.now, self.robot, 0, 0, "", kind, text))
 
     def _on_warning(self, text: str) -> None:
-        """Tell whoever watches this engine, or the observers of its mission."""
+        """Report an event to the observer of this engine, or to those of its mission."""
         from fame.robot import Event
 
         tell = self._on_report if self.running is None else self.running.host.emit

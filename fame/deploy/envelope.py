@@ -24,7 +24,7 @@ SILENCE = 5.0
 PHASES = ("load", "hold", "start", "abort", "ask")
 """Of an envelope that was sent; a bare model is one of phase ``run``."""
 PLAIN = "plain-"
-"""How the deployment of a bare model begins: nobody waits for an answer."""
+"""Prefix of the deployment id of a bare model, whose sender waits for no answer."""
 SIZE, _LONGEST = 20_000_000, 1_000_000
 """The longest envelope or bare model, and the longest report, that is accepted (characters)."""
 _Message = TypeVar("_Message", "Envelope", "Report")

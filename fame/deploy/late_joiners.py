@@ -141,7 +141,7 @@ class Send(Protocol):
 class LateJoiners:
     """Keeps the robots of one model supplied until `close`. `supplied` are those that have it already.
 
-    With the `key` of a sender only reports that engines signed count. `tell` gets lines for people.
+    With the `key` of a sender only reports that engines signed count. `tell` is called with lines to print.
     """
 
     scheduler: Scheduler
@@ -170,7 +170,7 @@ class LateJoiners:
         self._next: Entry = scheduler.soon(self._poll, Kind.TIMER)
 
     def close(self) -> None:
-        """Supply nobody any more, and close all endpoints."""
+        """Stop deploying to late joiners, and close all endpoints."""
         self._next.cancel()
         if self._current is not None:
             self._current.close()

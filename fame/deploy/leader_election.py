@@ -29,7 +29,7 @@ from fame.errors import DeploymentError
 HEARTBEAT = 1.0
 """How often a splitter publishes its status (s)."""
 RECENT = 30.0
-"""How old a signed status may be (s): a recorded one must not stand for a splitter that is gone."""
+"""Maximum age of a signed status (s): a recorded one must not pass for a splitter that has ended."""
 GONE = 3.0
 """After how long without a status a splitter is taken to be gone (s)."""
 
@@ -49,7 +49,7 @@ class SplitterStatus:
     signature: str = ""
 
     def signed(self, key: Any, now: float) -> SplitterStatus:
-        """It as a private key signs it `now`; as it is without a key."""
+        """Return it signed by a private key `now`, or unchanged without a key."""
         if key is None:
             return self
         issued = replace(self, issued=now)
@@ -94,7 +94,7 @@ _STATUS: dict[str, fields.Check] = {
 
 @dataclass(frozen=True, slots=True)
 class Older:
-    """An older splitter: when it was heard last (ns), and what it has deployed."""
+    """An older splitter: when its last status arrived (ns), and what it has deployed."""
 
     born: int
     heard: int

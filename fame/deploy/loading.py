@@ -91,7 +91,7 @@ class Work(Generic[Result]):
         self._scheduler.soon(partial(self._go_on, *outcome), Kind.RESUMPTION)
 
     def _outcome(self, function: Callable[[], Any]) -> tuple[Callable[[Any], Callable[[], Any]], Any]:
-        """How the task goes on after a function."""
+        """Continue the task after a function."""
         try:
             return self._task.send, function()
         except Exception as error:
@@ -216,7 +216,7 @@ def _preload(steps: Iterator[str]) -> bool:
 
 
 def _steps() -> Iterator[str]:
-    """Each tells what is there now."""
+    """Each returns the current value."""
     import fame.bpmn.reader
 
     yield "reader"
@@ -273,7 +273,7 @@ class Candidate:
             done(absent)
 
     def await_sender(self, seconds: float, silence: Callable[[], object]) -> None:
-        """Call `silence` after so many seconds, unless this or `close` is called before."""
+        """Call `silence` after this many seconds, unless this method or `close` is called before."""
         self._cancel()
         self._after(seconds, silence)
 

@@ -60,7 +60,7 @@ class TaskRequest:
     signature: str = ""
 
     def signed(self, robot: str, key: Any, *, born: int, now: float) -> TaskRequest:
-        """It as a private key signs it `now` (s since 1970) for the engine of a robot that was `born` then."""
+        """Return it signed by a private key `now` (s since 1970) for the engine of a robot that was `born` then."""
         request = replace(self, robot=robot, born=born, issued=now)
         return replace(request, signature=sign(asdict(request), key))
 
@@ -185,7 +185,7 @@ class TaskClient:
     ) -> None:
         self._request, self._scheduler, self._answered = request, scheduler, answered
         self._robot, self._key, self._wall_time = robot, key, wall_time
-        self._born: int | None = None  # of the robot's engine, once it was heard
+        self._born: int | None = None  # of the robot's engine, once it has reported
         self._reader = ReportReader.of_sender(robot, key)
         self._out = node.publisher(f"/{robot}/bpmn_task", STRING, PROCESS_QOS)
         self._end = node.subscription(f"/{robot}/bpmn_status", STRING, self._on_status, STATUS_QOS)

@@ -125,7 +125,7 @@ class Received:
 
 @dataclass(frozen=True, slots=True)
 class LoadDue:
-    """It is time to load what waits (after `ScheduleLoad`)."""
+    """The time to load the waiting model has come (after `ScheduleLoad`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ Event = Received | LoadDue | Loaded | Matched | Silence | Answered | Replaced | 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Report an answer to a deployment. `repeated`: it was given before, so that only whoever asks needs it."""
+    """Report an answer to a deployment. `repeated`: it was given before, so it goes only to the sender that asked."""
 
     answer: str
     deployment: str
@@ -172,7 +172,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Tell whoever watches this engine."""
+    """Report to the observer of this engine."""
 
     text: str
 
@@ -203,7 +203,7 @@ class Match:
 
 @dataclass(frozen=True, slots=True)
 class AwaitSender:
-    """Give `Silence` after so many seconds, unless this action or the end of the candidate comes before."""
+    """Give `Silence` after this many seconds, unless this action or the end of the candidate comes before."""
 
     seconds: float
 
@@ -315,7 +315,7 @@ class _Transition:
             self._do(Reply("refused", candidate.envelope.deployment, _NOT_READY))
 
     def _answer_peer(self, envelope: Envelope) -> None:
-        """Tell another robot whose sender fell silent what became of the deployment here."""
+        """Tell another robot, whose sender is silent, the outcome of the deployment here."""
         deployment = envelope.deployment
         candidate = self.state.candidate_of(deployment)
         if candidate is not None and candidate.stage == "replacing":
@@ -469,7 +469,7 @@ class _Transition:
             self._do(ScheduleLoad())
 
     def _answer(self, answer: str, deployment: str, reason: str = "", problem: Problem | None = None) -> None:
-        """Give an answer that is repeated to whoever asks again."""
+        """Give an answer that is repeated to every sender that asks again."""
         reply = Reply(answer, deployment, reason, problem)
         others = tuple(one for one in self.state.answers if one.deployment != deployment)
         self.state = replace(self.state, answers=(*others, reply)[-_ANSWERS:])

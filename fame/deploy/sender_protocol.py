@@ -140,7 +140,7 @@ Event = Begun | Heard | Answered | RivalFound | TimerFired | PatienceEnded | Clo
 
 @dataclass(frozen=True, slots=True)
 class Prepare:
-    """Give all models that are to be loaded the `sequence`, and the engines that were heard."""
+    """Give all models that are to be loaded the `sequence`, and the engines that have reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,7 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class StartTimer:
-    """Give `TimerFired` after so many seconds, instead of what was started before."""
+    """Give `TimerFired` after this many seconds, in place of an earlier timer."""
 
     seconds: float
 
@@ -166,7 +166,7 @@ class CancelTimers:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """Tell whoever waits that the deployment is over."""
+    """Report to the caller that the deployment is over."""
 
 
 Action = Prepare | Send | StartTimer | CancelTimers | End
@@ -203,7 +203,7 @@ def _heard(state: SenderState, event: Heard) -> SenderState:
 
 
 def _timer(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]]:
-    """Load when all were heard; then repeat what is wanted of each robot."""
+    """Load when all robots have reported; then repeat the request to each robot."""
     if state.phase == "discovery":
         waits = state.signed or now < state.begun + round(DISCOVERY * SECOND)
         if waits and len(state.heard) < len(state.robots):
@@ -248,7 +248,7 @@ def _vote(state: SenderState, now: int) -> tuple[SenderState, tuple[Action, ...]
 
 
 def _was_stopped(state: SenderState, now: int) -> bool:
-    """Whether robots may have given this sender up, so that nobody may be told to start any more."""
+    """Whether robots may have given this sender up, so that no robot may be started any more."""
     return now - state.spoke > SILENCE * SECOND
 
 
@@ -284,7 +284,7 @@ def _stop(state: SenderState, *, failed: bool) -> tuple[SenderState, tuple[Actio
 
 
 def _explain(state: SenderState) -> SenderState:
-    """Tell the robots on which it failed from the others."""
+    """Separate the robots that caused the failure from the others."""
     failing = {each.robot for each in state.robots if each.state in REFUSALS | {"asking"} or each.reason}
     names = ", ".join(each.robot for each in state.robots if each.robot in failing)
     silent = "had not answered yet" if state.phase == "load" else f"was not asked yet because of {names}"

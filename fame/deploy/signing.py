@@ -84,7 +84,7 @@ class Identity:
 
     @classmethod
     def new(cls) -> Identity:
-        """One that nobody vouches for, made now."""
+        """Make an identity without a certificate."""
         return cls(_cryptography()[0].Ed25519PrivateKey.generate())
 
     @property

@@ -255,7 +255,7 @@ class SplitterNode:
         return Diagram.of(model, purpose="deployed", now=self._wall_time(), key=key).to_json()
 
     def _cease(self, but: Deployment | None = None) -> None:
-        """Supply nobody any more, and abort the deployment that is under way."""
+        """Stop deploying to late joiners, and abort the current deployment."""
         if self._late_joiners is not None:
             self._late_joiners.close()
         if self._deployment is not None and self._deployment is not but:

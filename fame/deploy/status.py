@@ -43,7 +43,7 @@ class Warnings:
         self._tell(str(warning))
 
     def poll(self, except_for: str) -> list[EndpointWarning]:
-        """Tell the new warnings; those about the topic `except_for` are returned instead."""
+        """Report the new warnings; return those about the topic `except_for` instead."""
         new = list(self._middleware.warnings[self._seen :])
         self._seen += len(new)
         for warning in new:
@@ -109,7 +109,7 @@ class Status:
     (`trusted`) reports are signed by `identity`, and only an engine that proves its name ends another.
     `on_refusal` gets reason, deployment (empty if it is not an answer) and cause of each refusal; `note` gets other
     texts.
-    Refusals that nobody waits for are reported once a second for each cause.
+    Refusals without a waiting sender are reported once a second for each cause.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Status:
         repeated: bool = False,
         cause: str = "",
     ) -> None:
-        """Publish a report, perhaps as an answer; one that is `repeated` is only for whoever asked.
+        """Publish a report, perhaps as an answer; one that is `repeated` goes only to the sender that asked.
 
         `cause` is that of a refusal: what refusals with different texts have in common.
         """

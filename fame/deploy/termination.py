@@ -12,7 +12,7 @@ What robots answer each other is irrevocable, so it does not matter how late it 
 
 ``started``  it runs.
 ``aborted``  it has made no promise (or was released from it), and never will for this deployment.
-``asking``   it takes no plain ``start`` from its sender any more. If all ask, nobody has started and nobody will.
+``asking``   it takes no plain ``start`` from its sender any more. If all ask, no robot has started and none will.
 
 However long messages take, and whichever process dies or is stopped, no robot starts while another one aborts. The
 price: a robot that receives neither an instruction of its sender nor enough answers holds until a person aborts.

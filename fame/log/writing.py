@@ -73,9 +73,9 @@ def logging_to(
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Callable[[], BinaryIO]]:
-    """A function that gives the stream of a file, overwritten when it is called.
+    """Give a function that opens a file for overwriting and returns its stream.
 
-    The file is locked at once; if it is new and the function was never called, there is none in the end. Raises
+    The file is locked at once; if it is new and the function was never called, it is deleted in the end. Raises
     ConfigError as `logging_to`.
     """
     is_new, streams = not path.exists(), list[BinaryIO]()

@@ -35,7 +35,7 @@ class Misfit(Exception):
         self.text, self.path = text, path
 
     def below(self, step: str) -> Misfit:
-        """The same, seen from one level further out."""
+        """Return the misfit with the path extended by the field that contains it."""
         self.path = step + self.path if not self.path or self.path.startswith("[") else f"{step}.{self.path}"
         return self
 

@@ -71,7 +71,7 @@ _SERVICES = {
     "tello_msgs/srv/TelloAction": "string cmd\n---\n"
     "uint8 OK=1\nuint8 ERROR_NOT_CONNECTED=2\nuint8 ERROR_BUSY=3\nuint8 rc",
 }
-"""Those of the standard, and that of the original FaMe's drone."""
+"""Services of the standard, and that of the original FaMe's drone."""
 _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
 _SUFFIXES = (".msg", ".srv", ".action")
 _SHIPPED = Path(__file__).with_name("interfaces")

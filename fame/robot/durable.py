@@ -136,7 +136,7 @@ class Recorder:
             self._fail(error)
 
     def _close_batch(self) -> str:
-        """Put the effects since the last record into a batch. Returns its id, nothing if there are none."""
+        """Put the effects since the last record into a batch. Returns its id, or nothing without effects."""
         if not self._outbox:
             return ""
         batch, self._next = str(self._next), self._next + 1

@@ -64,7 +64,7 @@ class Recorder(Protocol):
         """An instance is over."""
 
     def note(self, text: str) -> None:
-        """Somebody is about to change what runs."""
+        """Prepare for a change of the running process from outside."""
 
 
 class EngineHost:

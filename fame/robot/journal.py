@@ -181,7 +181,7 @@ class StateDirectory:
         return sorted(found, key=lambda item: int(item.name.removeprefix(_PREFIX)))
 
     def read(self) -> Contents | None:
-        """The newest segment; None if there is none. Raises ConfigError as `read_segment` does."""
+        """Return the newest segment, or None. Raises ConfigError as `read_segment` does."""
         segments = self.segments()
         return read_segment(segments[-1]) if segments else None
 

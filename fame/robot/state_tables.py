@@ -161,7 +161,7 @@ class _VariableTable:
         return number
 
     def written(self, dump: Any) -> list[Any]:
-        """Nothing: see `note`."""
+        """Do nothing: see `note`."""
         return []
 
     def note(self, change: Change) -> None:

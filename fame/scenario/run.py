@@ -36,7 +36,7 @@ _THRESHOLDS = 100_000, 20, 100
 
 
 class Pace(Protocol):
-    """Who decides when a run goes on: `fame view` lets people pause it, step through it and change its speed."""
+    """The control of a run: `fame view` lets people pause it, step through it and change its speed."""
 
     def advance(self, run: Run, until: int) -> None:
         """Run the scheduler until `until` (ns), or less. Called until the run is over."""

@@ -86,7 +86,7 @@ class TeamLogs:
 def team_logs(
     scenario: Plan, logs: Sequence[Path], about: About, topics: LogTopics, *, drawings: bool
 ) -> Iterator[TeamLogs | None]:
-    """The logs of a run in many processes; None if there are none and no `drawings`. Raises ConfigError."""
+    """Return the logs of a run in many processes; None without logs and `drawings`. Raises ConfigError."""
     if not logs and not drawings:
         yield None
         return

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Design = Literal["random", "latin", "factorial"]
 FAULTS, FREE = "faults", "free"
 CLEARANCE = 0.4
-"""How far free ground is from obstacles and the edge of the world if nobody says otherwise (m)."""
+"""Default distance of free ground from obstacles and the edge of the world (m)."""
 _KINDS = ("uniform", "integer", "normal", "choice", "free")
 
 

@@ -105,7 +105,7 @@ class Call(Request):
 class GoalError(BpmnError):
     """A goal of an action that did not succeed: code ``rejected``, ``aborted`` or ``canceled``, and its `result`.
 
-    The result is a message, or None if there is none: of a rejected goal.
+    The result is a message; None for a rejected goal.
     """
 
     result: Any

@@ -38,7 +38,7 @@ from fame.testing.trace import Trace
 from fame.text import suggestion
 
 WITHIN = 600.0
-"""How long `run_until` runs if nobody says otherwise (simulated s)."""
+"""Default time limit of `run_until` (simulated s)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,7 +113,7 @@ class Topic:
 
     name     as drawn: ``weed_found`` (global), ``~/odom`` (in the robot's namespace); see `qualified`
     type     ``pkg/msg/Type``, None if this event gives no type
-    payload  of a throw event: flow-style YAML/JSON with ``${...}``; None if there is none
+    payload  of a throw event: flow-style YAML/JSON with ``${...}``; None without payload
     queue    of a catch event: number of messages kept from the start of its scope on; 0 for none
     qos      policy -> value
     to       of a thrown message: name of the receiving robot; None for all robots

@@ -1,4 +1,4 @@
-"""Who is there: every endpoint of the domain, and the ROS nodes that they belong to.
+"""Discovery: every endpoint of the domain, and the ROS nodes that they belong to.
 
 DDS itself knows endpoints and participants (its built-in topics), not nodes: each participant of ROS publishes on
 `ros_discovery_info` which nodes it has, and which endpoints belong to them (``rmw_dds_common/msg/

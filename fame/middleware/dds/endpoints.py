@@ -311,7 +311,7 @@ class DdsClient(WireClient):
 
 
 def _identity(endpoint: Any) -> str:
-    """What the endpoints of one client have in common: its id or, where there is none, the participant."""
+    """What the endpoints of one client have in common: its id or, without one, the participant."""
     if endpoint is None:
         return ""  # it has left
     policy = endpoint.qos[Policy.Userdata]

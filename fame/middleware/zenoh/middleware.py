@@ -31,7 +31,7 @@ from fame.middleware.zenoh.tokens import Entity, Kind
 _MAX_ENTITIES = 100_000
 """How many nodes and endpoints the graph holds: a flood of tokens must not fill the memory."""
 _TAKE_OVER = SECOND
-"""How often a process looks whether the one where all meet has ended (ns)."""
+"""Interval at which a process checks whether the process that all connect to has ended (ns)."""
 _FLUSH_PATIENCE = 4.0
 """How long another process may take to confirm what it has (s)."""
 
