@@ -11,7 +11,7 @@ from fame.cli.arguments import Commands, command
 _EXAMPLES = (
     "fame test examples/tests",
     "fame test examples/tests -k vehicles --cov-model --cov-fail-under 100 --cov-html out/coverage.html",
-    "fame test -- -x --pdb",
+    "fame test --pytest=--pdb --pytest=--durations=5",
 )
 _EXIT = {0: 0, 4: 2, 5: 2}
 """By exit code of pytest: a wrong request and no tests are 2, everything else is 1."""
@@ -23,9 +23,7 @@ def add(commands: Commands) -> None:
         commands, "test", run, examples=_EXAMPLES,
         help="run tests of missions with pytest; --cov-model: which elements of the models they enter",
     )  # fmt: skip
-    parser.add_argument(
-        "paths", nargs="*", metavar="PATH", help="files and folders of tests; after --: options of pytest"
-    )
+    parser.add_argument("paths", nargs="*", metavar="PATH", help="files and folders of tests")
     parser.add_argument("-k", metavar="WORDS", help="only tests whose name fits the expression")
     parser.add_argument("-x", action="store_true", help="stop at the first failure")
     parser.add_argument("--cov-model", action="store_true", help="show coverage of elements and flows per process")
@@ -37,6 +35,9 @@ def add(commands: Commands) -> None:
         "--cov-json", type=Path, metavar="FILE", help="coverage as JSON, with the tests of each element"
     )
     parser.add_argument("--cov-junit", type=Path, metavar="FILE", help="coverage as JUnit XML: a case for each element")
+    parser.add_argument(
+        "--pytest", action="append", default=[], metavar="OPTION", help="an option for pytest: --pytest=-v; repeatable"
+    )
     parser.add_argument("--junitxml", type=Path, metavar="FILE", help="results of the tests as JUnit XML")
 
 
@@ -69,4 +70,5 @@ def run(arguments: Namespace) -> int:
         value = getattr(arguments, f"cov_{name}")
         if value is not None:
             options.append(f"--cov-model-{name.replace('_', '-')}={value}")
+    options += arguments.pytest
     return _EXIT.get(int(pytest.main(options)), 1)

@@ -67,26 +67,28 @@ class Coverage:
             if not _comes_with_fame(home.file):
                 self._add_process(home, process)
         for file, element in mission.trace.covered:
-            if file in self._files:
-                self._tests[file, element][test] = None
+            place = _resolved(file)
+            if place in self._files:
+                self._tests[place, element][test] = None
 
     def _add_process(self, home: Definitions, process: Process) -> None:
         if process.body.nodes:
-            self._files.setdefault(home.file, home)
-            self._processes[home.file, process.id] = None
+            self._files.setdefault(_resolved(home.file), home)
+            self._processes[_resolved(home.file), process.id] = None
 
     def processes(self) -> list[ProcessCoverage]:
         """The coverage of each process, in the order in which tests met them."""
-        return [self._process(self._files[file], id) for file, id in self._processes]
+        return [self._process(file, id) for file, id in self._processes]
 
-    def _process(self, home: Definitions, id: str) -> ProcessCoverage:
+    def _process(self, file: str, id: str) -> ProcessCoverage:
+        home = self._files[file]
         process = next(process for process in home.processes if process.id == id)
         pool = next((pool.label for pool in home.participants if pool.process == id), "")
         elements = list(parts(process))
-        tests = {one.id: list(self._tests[home.file, one.id]) for one in elements if (home.file, one.id) in self._tests}
+        tests = {one.id: list(self._tests[file, one.id]) for one in elements if (file, one.id) in self._tests}
         named = self.reasons.get(Path(home.file).name, {})
         excused = {one.id: named[one.id] for one in elements if one.id in named and one.id not in tests}
-        return ProcessCoverage(home.file, pool or process.name or process.id, elements, tests, excused)
+        return ProcessCoverage(file, pool or process.name or process.id, elements, tests, excused)
 
     def percent(self) -> float:
         """Of all elements and flows that count, how many are covered (0 to 100)."""
@@ -143,6 +145,10 @@ def read_reasons(folders: Iterable[Path]) -> dict[str, dict[str, str]]:
                     raise ConfigError("expected a reason for each element", file=str(path), line=value.line)
                 found.setdefault(file, {}).update(reasons)
     return found
+
+
+def _resolved(file: str) -> str:
+    return str(Path(file).resolve())
 
 
 def _comes_with_fame(file: str) -> bool:

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from fame.engine.program import Program
 from fame.engine.state import Scope, Trail
 from fame.robot import Event
 
@@ -32,6 +33,7 @@ class Trace:
 
     def __init__(self, homes: Mapping[str, str]) -> None:
         self._homes = homes
+        self._programs: dict[Program, dict[str, str]] = {}
         self.steps: list[Step] = []
         self.covered: set[tuple[str, str]] = set()
         self._at: defaultdict[tuple[str, str], list[Step]] = defaultdict(list)
@@ -43,11 +45,21 @@ class Trace:
     def trail(self, time: int, robot: str, trail: Trail) -> None:
         """Keep what happened at one instant."""
         for scope, marks in trail:
-            file = self._file(robot, scope)
+            files = self._files_of(scope.instance.program)
             for element, what, detail in marks:
                 self._add(time, robot, element, what, detail)
                 if what in ("enter", "take"):
-                    self.covered.add((file, element))
+                    self.covered.add((files.get(element) or self._file(robot, scope), element))
+
+    def _files_of(self, program: Program) -> dict[str, str]:
+        """The file of each element whose id only one of the files of a program has."""
+        if program not in self._programs:
+            files: dict[str, set[str]] = {}
+            for node in program.nodes:
+                if node.file:
+                    files.setdefault(node.id, set()).add(node.file)
+            self._programs[program] = {id: next(iter(found)) for id, found in files.items() if len(found) == 1}
+        return self._programs[program]
 
     def of(self, robot: str, elements: frozenset[str], what: str) -> list[Step]:
         """The steps of one kind at some elements of a robot, in order."""
@@ -66,8 +78,7 @@ class Trace:
         found: Scope | None = scope
         while found is not None:
             opening = getattr(found.body, "opening", None)  # the body of a process that nothing calls has none
-            if opening is not None:
-                file: str = opening.file
-                return file
+            if opening is not None and opening.file:
+                return str(opening.file)
             found = found.parent
         return self._homes[robot]
