@@ -176,3 +176,27 @@ def test_an_accepted_deadlock_does_not_fail() -> None:
 def test_messages_kept_in_a_bag_are_not_lost() -> None:
     robots: dict[str, Steps] = {"A": ["throw go", "catch done"], "B": ["work", "catch go", "throw done"]}
     assert not kinds(found(robots, network="bag", delivery="any"))
+
+
+# ---- shipped missions ------------------------------------------------------------------------------------------------
+
+
+def test_the_resilient_mission_completes_from_every_state() -> None:
+    """With tractors that get stuck, weeds out of reach, and answers that come too late."""
+    result = explore("models/agriculture_resilient.bpmn", robots={"Tractor": 1}, delivery="run")
+    assert result.exhaustive
+    assert not result.failed
+    assert not any(one.kind == "error" for one in result.findings)
+
+
+def test_ground_vehicles_have_no_deadlock_but_uncaught_errors() -> None:
+    result = explore("examples/ground_vehicles.yaml")
+    assert result.exhaustive
+    assert not result.failed
+    assert {one.kind for one in result.findings} <= {"error", "unneeded"}
+
+
+def test_cars_are_told_apart_by_what_they_say() -> None:
+    result = explore("examples/convoy.yaml", delivery="run")
+    assert result.exhaustive
+    assert kinds(result) == {"error"}

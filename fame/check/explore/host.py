@@ -124,7 +124,7 @@ class ExplorationHost:
             run = compile_expression(expression, file=file, element=element)
             if not is_computable(expression, self.fields, "eval"):
                 return self._uncomputed(element)
-            return self._python(run, element)
+            return self._python(run, script_names(expression)[0], element)
         run = compile_expression(expression, file=file, element=element)
         reads = script_names(expression)[0]
         return self._checked(run, reads, element, text=expression.language == "template")
@@ -136,13 +136,19 @@ class ExplorationHost:
 
         return evaluate
 
-    def _python(self, run: Callable[..., Any], element: str) -> Callable[..., Any]:
+    def _python(self, run: Callable[..., Any], reads: Set[str], element: str) -> Callable[..., Any]:
+        unknown = self.values.unknown
+
         def evaluate(variables: dict[str, Any]) -> Any:
             self.place = element
             try:
                 return run(variables)
             except UndecidableError:
-                return self.values.unknown
+                return unknown
+            except (TypeError, AttributeError):
+                if any(not self.values.number(variables.get(name)) for name in reads):
+                    return unknown
+                raise
 
         return evaluate
 

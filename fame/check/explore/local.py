@@ -20,6 +20,7 @@ from fame.engine import Engine, compile_program
 from fame.engine.canonical import Forms, Keys, stimuli, waiting_elements
 from fame.engine.host import BpmnError, Host
 from fame.engine.program import LoopInstance
+from fame.engine.state import Wait, scopes_of
 
 Stimulus = tuple[str, Any, Any]
 """What happens to a robot: (kind, key or element or topic, code or message number).
@@ -197,9 +198,11 @@ class Local:
             for slot, count in enumerate(instance.counts):
                 if count:
                     visited.add(elements[slot])
-        for wait in engine.waits.values():
-            if wait.token:
-                visited.add(wait.node.id)
+        for instance in engine.instances.values():
+            for scope in scopes_of(instance.root):
+                for child in scope.children:
+                    if child.node is not None and not (isinstance(child, Wait) and not child.token):
+                        visited.add(child.node.id)
 
     def _apply(self, engine: Engine, stimulus: Stimulus) -> None:
         kind, what, detail = stimulus
@@ -268,7 +271,7 @@ class Local:
                 continue
             places = Counter(
                 (id(child.scope if hasattr(child, "scope") else child.parent), child.node)
-                for scope in _scopes(instance.root)
+                for scope in scopes_of(instance.root)
                 for child in scope.children
                 if not (child.node is not None and isinstance(child.node.spec, LoopInstance))
             )
@@ -331,9 +334,3 @@ def _ranked(form: Any, keys: Keys) -> Keys:
 
 def _first(item: tuple[int, Timer]) -> int:
     return item[0]
-
-
-def _scopes(root: Any) -> Any:
-    from fame.engine.state import scopes_of
-
-    return scopes_of(root)

@@ -47,7 +47,7 @@ class Unknown:
     def __index__(self) -> int:
         return self.choose(MOST_ITEMS + 1)
 
-    __int__ = __len__ = __index__
+    __int__ = __index__
 
     def __contains__(self, item: object) -> bool:
         return self.choose(2) == 0
