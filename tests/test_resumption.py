@@ -391,3 +391,20 @@ def test_repairs_that_are_not_possible_are_refused(holding: Durable) -> None:
     assert any("nowhere: is not in the scope of a" in report.reason for report in holding.said)
     request(holding, act="fly", element="a")
     assert any(report.answer == "refused" and "no task: expected" in report.reason for report in holding.said)
+
+
+def test_after_a_migration_it_resumes_the_new_model(field: Durable) -> None:
+    field.deploy(MISSION)
+    changed = MISSION.replace("count = 1", "count = 2").replace(
+        '<userTask id="u"/>', '<userTask id="u"/><userTask id="v"/>'
+    )
+    changed = changed.replace("</process>", '<sequenceFlow id="uv" sourceRef="u" targetRef="v"/></process>')
+    field.deploy(changed, "d2", 2, migrate=True)
+    assert (field.engine.deployed, field.engine.running.instances[0].waiting) == ("d2", ["c"])
+    field.crash()
+    field.start()
+    field.pass_time(1)
+    assert (field.engine.deployed, field.variables("A")["count"]) == ("d2", 1)
+    field.engine.running.deliver("/go", None)
+    field.engine.running.complete("u")
+    assert field.engine.running.instances[0].waiting == ["v"]

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 
 def add_deploy(commands: Commands) -> None:
     """Declare the command."""
-    examples = ("fame deploy models/ground_vehicles.bpmn", "fame deploy models/other.bpmn --to Tractor_2")
+    examples = (
+        "fame deploy models/ground_vehicles.bpmn",
+        "fame deploy models/other.bpmn --to Tractor_2",
+        "fame deploy new.bpmn --migrate --plan plan.yaml",
+    )
     parser = command(
         commands, "deploy", run_deploy, examples=examples,
         help="send a model to the engines of its robots; all start, or none does",
@@ -34,6 +38,15 @@ def add_deploy(commands: Commands) -> None:
     parser.add_argument(
         "--stay", action="store_true", help="then stay, and send robots that come late (or back) their process"
     )
+    parser.add_argument(
+        "--migrate", action="store_true",
+        help="what runs goes over to this model where it is, instead of being cancelled: all robots or none "
+        "(docs/durability.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--plan", type=Path, metavar="PLAN.yaml",
+        help="with --migrate: what becomes of elements and variables where it is not clear by itself",
+    )  # fmt: skip
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
     parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
     add_network(parser)
@@ -47,16 +60,21 @@ def run_deploy(arguments: Namespace) -> int:
     from fame.bpmn.pools import matches, pools_of
     from fame.bpmn.reader import read
     from fame.check.gate import refuse_errors
+    from fame.deploy.migration_plan import read_plan
     from fame.deploy.signing import read_private
     from fame.scenario import Sending
 
+    if arguments.plan is not None and not arguments.migrate:
+        raise ConfigError("--plan needs --migrate: without it what runs is cancelled")
+    plan = read_plan(arguments.plan) if arguments.plan is not None else {}
     definitions, library = read(arguments.model), Library(arguments.library)
     key = read_private(arguments.key) if arguments.key is not None else None
     names, pools = arguments.to, pools_of(definitions)
     sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
     with connected(arguments) as (scheduler, middleware):
-        sending = Sending(definitions, scheduler, middleware, library=library, patience=arguments.wait, key=key)
+        options = {"library": library, "patience": arguments.wait, "key": key}
+        sending = Sending(definitions, scheduler, middleware, **options, migrate=arguments.migrate, plan=plan)
         deployment = sending.deploy(arguments.to, arguments.wait, note)
         _tell(deployment, json=arguments.json)
         if arguments.stay and not deployment.failed:

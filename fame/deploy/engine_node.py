@@ -25,8 +25,9 @@ from fame.deploy.envelope import (
     engines,
     read_envelope,
 )
-from fame.deploy.loading import Candidate, Task, Work, load
+from fame.deploy.loading import LEAVING, Candidate, Task, Work, load
 from fame.deploy.machine import Machine
+from fame.deploy.migration_plan import plan_of
 from fame.deploy.requests import TaskRequest, TaskServer
 from fame.deploy.resumption import StateKeeper, Stored
 from fame.deploy.robot_protocol import (
@@ -41,6 +42,8 @@ from fame.deploy.robot_protocol import (
     Load,
     LoadDue,
     Loaded,
+    Mapped,
+    MapState,
     Match,
     Matched,
     Note,
@@ -58,7 +61,7 @@ from fame.deploy.robot_protocol import (
 from fame.deploy.signing import Identity, signer, verify, verify_signature
 from fame.deploy.status import Absences, RateLimiter, Status, Warnings, progress, state_of
 from fame.deploy.termination import Silence
-from fame.errors import ConfigError, DeploymentError, FameError
+from fame.errors import ConfigError, DeploymentError, FameError, MissionError
 from fame.middleware.interface import LATCHED, Middleware, Node
 
 if TYPE_CHECKING:
@@ -309,16 +312,59 @@ class EngineNode:
                 candidate.await_sender(seconds, partial(self._protocol.handle, Silence()))
             case AskOthers():
                 candidate.ask_others(self._protocol.handle)
+            case MapState():
+                self._map_state(candidate, self.scheduler.now + LEAVING)
             case Replace():
-                candidate.replace(self.running, partial(self._protocol.handle, Replaced()))
+                old = self.running
+                candidate.replace(old, partial(self._protocol.handle, Replaced()), stop=not self._migrates(candidate))
             case Run():
-                self._close_running()
-                self.running, self.candidate = candidate.process, None
-                if self._keeper is not None:
-                    self._keeper.begin(candidate.envelope, self.running)
-                if self._feed is not None:
-                    self._feed.begin(self.running)
-                self.running.start()
+                self._run(candidate)
+
+    def _run(self, candidate: Candidate) -> None:
+        """Start the candidate's process, or let it take over the state of what runs."""
+        go_on = self._take_over(candidate) if self._migrates(candidate) else candidate.process.start
+        self._close_running()
+        self.running, self.candidate = candidate.process, None
+        if self._keeper is not None:
+            self._keeper.begin(candidate.envelope, self.running)
+        if self._feed is not None:
+            self._feed.begin(self.running, resumed=self._migrates(candidate))
+        go_on()
+
+    def _migrates(self, candidate: Candidate) -> bool:
+        """Whether what runs goes over to a candidate."""
+        return candidate.envelope.migrate and self.running is not None
+
+    def _map_state(self, candidate: Candidate, until: int) -> None:
+        """As soon as the scripts of what runs have left, find out whether its state fits the candidate."""
+        from fame.robot.take_over import what_becomes
+
+        if self.candidate is not candidate or self.running is None:
+            return
+        if self.running.leaving and self.scheduler.now < until:
+            self.scheduler.after(SECOND // 50, partial(self._map_state, candidate, until), Kind.TIMER)
+            return
+        tokens = what_becomes(candidate.process, self.running, plan_of(candidate.envelope.plan))
+        for token in tokens:
+            self._note(f"migration: {token}")
+        blocked = "; ".join(str(token) for token in tokens if token.fate == "blocked")
+        error = f"the state does not fit the new model: {blocked}" if blocked else ""
+        self._protocol.handle(Mapped(error))
+
+    def _take_over(self, candidate: Candidate) -> Callable[[], object]:
+        """Give the candidate's process the state of what runs. Returns what lets it go on."""
+        from fame.robot.take_over import go_on_after, take_over, timers_of
+
+        old, new = self.running, candidate.process
+        assert old is not None
+        timers = timers_of(old)
+        try:
+            take_over(new, old, plan_of(candidate.envelope.plan))
+        except MissionError as error:  # somebody has moved a token since it was found to fit
+            self._note(f"starts from the beginning: {error}")
+            return new.start
+        self._note(f"migrated from model {self.hash[:12]} to {candidate.envelope.hash[:12]}")
+        return partial(go_on_after, new, timers)
 
     def _load(self, envelope: Envelope) -> None:
         Work(self.scheduler, self._loading(envelope), self._on_loaded)

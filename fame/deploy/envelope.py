@@ -65,6 +65,8 @@ class Envelope:
     promises  public topics at which others have the opposite end, as ``publisher`` or ``subscriber``
     team      the robots that start together with it
     engines   the `Report.engine` of each of them: reports of another engine are not believed
+    migrate   whether what runs goes over to the model, instead of being cancelled; `plan` as of
+              `fame.deploy.migration_plan`
     again     whether the robot had this process before, and lost it
     born      as in the `Report` of the engine that it is for: a recorded envelope is useless for a later engine
     issued    s since 1970; like `signature` only where keys are used (`fame.deploy.signing`)
@@ -79,6 +81,8 @@ class Envelope:
     promises: Mapping[str, str] = field(default_factory=dict, hash=False)
     team: Sequence[str] = field(default=(), hash=False)
     engines: Mapping[str, str] = field(default_factory=dict, hash=False)
+    migrate: bool = False
+    plan: Mapping[str, Any] = field(default_factory=dict, hash=False)
     again: bool = False
     begun: bool = False
     proof: Mapping[str, Any] = field(default_factory=dict, hash=False)
@@ -185,6 +189,8 @@ _ENVELOPE: dict[str, fields.Check] = {
     "promises": fields.mapping(fields.topic, fields.among("publisher", "subscriber")),
     "team": fields.sequence(fields.robot),
     "engines": fields.mapping(fields.robot, _NAME),
+    "migrate": fields.flag,
+    "plan": lambda value: isinstance(value, dict),
     "again": fields.flag,
     "begun": fields.flag,
     "born": fields.integer(0, 2**63),

@@ -242,7 +242,8 @@ def _steps() -> Iterator[str]:
 
 
 _POLL = 0.02
-_LEAVING = 2.5  # s that scripts may take to leave, should their own clock stand
+LEAVING = round(2.5 * SECOND)
+"""How long scripts may take to leave, should their own clock stand (ns)."""
 
 
 class Candidate:
@@ -284,12 +285,12 @@ class Candidate:
             self._peers = Peers(self.envelope, others, self._node, answered)
         self._peers.ask()
 
-    def replace(self, old: RobotNode | None, done: Callable[[], object]) -> None:
-        """Cancel the old process, and call `done` when its scripts have left."""
+    def replace(self, old: RobotNode | None, done: Callable[[], object], *, stop: bool = True) -> None:
+        """Cancel the old process, unless it is not to `stop`, and call `done` when its scripts have left."""
         self._rest()
-        if old is not None:
+        if old is not None and stop:
             old.stop()
-        self._await_leaving(old, done, self._scheduler.now + round(_LEAVING * SECOND))
+        self._await_leaving(old, done, self._scheduler.now + LEAVING)
 
     def _await_leaving(self, old: RobotNode | None, done: Callable[[], object], until: int) -> None:
         if old is not None and old.leaving and self._scheduler.now < until:

@@ -144,6 +144,13 @@ class Matched:
 
 
 @dataclass(frozen=True, slots=True)
+class Mapped:
+    """The result of `MapState`: an error if the state does not fit the new model."""
+
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Replaced:
     """What ran has ended, its scripts included (after `Replace`)."""
 
@@ -153,7 +160,7 @@ class Stopped:
     """The engine ends."""
 
 
-Event = Received | LoadDue | Loaded | Matched | Silence | Answered | Replaced | Stopped
+Event = Received | LoadDue | Loaded | Matched | Mapped | Silence | Answered | Replaced | Stopped
 
 
 # ---- actions ---------------------------------------------------------------------------------------------------------
@@ -202,6 +209,11 @@ class Match:
 
 
 @dataclass(frozen=True, slots=True)
+class MapState:
+    """Find out whether the state of what runs, which is suspended, fits the candidate; give `Mapped`."""
+
+
+@dataclass(frozen=True, slots=True)
 class AwaitSender:
     """Give `Silence` after this many seconds, unless this action or the end of the candidate comes before."""
 
@@ -225,15 +237,18 @@ class Drop:
 
 @dataclass(frozen=True, slots=True)
 class Replace:
-    """Cancel what runs; when its scripts have left, give `Replaced`."""
+    """Cancel what runs, or let it stay suspended for a migration; when its scripts have left, give `Replaced`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Start the candidate's process."""
+    """Start the candidate's process, or let it take over the state of what ran."""
 
 
-Action = Reply | Note | ScheduleLoad | Load | Discard | Match | AwaitSender | AskOthers | Hold | Drop | Replace | Run
+Action = (
+    Reply | Note | ScheduleLoad | Load | Discard | Match | MapState | AwaitSender | AskOthers
+    | Hold | Drop | Replace | Run
+)  # fmt: skip
 
 
 # ---- transitions -----------------------------------------------------------------------------------------------------
@@ -251,6 +266,8 @@ def step(state: RobotState, event: Event) -> tuple[RobotState, tuple[Action, ...
             move.loaded(event)
         case Matched(missing):
             move.matched(missing)
+        case Mapped(error):
+            move.mapped(error)
         case Silence() | Answered():
             move.decide(event)
         case Replaced():
@@ -374,11 +391,26 @@ class _Transition:
             self._drop("refused", f"nobody came to {', '.join(missing)} within {MATCHING:g} s")
         elif candidate.envelope.phase == "run":
             self._replace(candidate)
+        elif candidate.envelope.migrate and self.state.running is not None:
+            self._do(Hold(), MapState())
         else:
-            commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
-            self.state = replace(self.state, candidate=replace(candidate, stage="ready", commit=commit))
-            self._do(AwaitSender(SILENCE))
-            self._answer("ready", candidate.envelope.deployment)
+            self._promise(candidate)
+
+    def mapped(self, error: str) -> None:
+        candidate = self.state.candidate
+        if candidate is None or candidate.stage != "matching":
+            return
+        if error:
+            self._drop("refused", error)
+        else:
+            self._promise(candidate)
+
+    def _promise(self, candidate: Candidate) -> None:
+        """From now on only the sender, or the others of its team, decide."""
+        commit = Ready(frozenset(candidate.envelope.team) - {self.state.robot})
+        self.state = replace(self.state, candidate=replace(candidate, stage="ready", commit=commit))
+        self._do(AwaitSender(SILENCE))
+        self._answer("ready", candidate.envelope.deployment)
 
     # ---- a candidate that is ready ----
 

@@ -60,7 +60,8 @@ class Deployment:
     """One model, sent to its robots: all start, or none does.
 
     `robots` are the namespaces to play it (by default those that have an engine and that a pool wants); `only`
-    restricts it to some of them; `again` are those that had the model before; `key` signs what is sent. `ended` is
+    restricts it to some of them; `again` are those that had the model before; with `migrate` what runs goes over to the
+    model by a `plan` (`fame.deploy.migration_plan`); `key` signs what is sent. `ended` is
     called once, when all have started or it is known that they will not; `robots` then has the result of each, and
     `envelopes` what each was sent. Raises ModelError, ConfigError and DeploymentError for what cannot be sent at all.
     """
@@ -83,6 +84,8 @@ class Deployment:
         robots: Sequence[str] | None = None,
         only: Sequence[str] = (),
         again: Collection[str] = (),
+        migrate: bool = False,
+        plan: Mapping[str, Any] | None = None,
         library: Library | None = None,
         patience: float = PATIENCE,
         key: Any = None,
@@ -92,6 +95,7 @@ class Deployment:
 
         library = library or Library()
         self.id: str = id
+        self._migrate, self._plan = migrate, dict(plan or {})
         self.scheduler: Scheduler = scheduler
         self.middleware: Middleware = middleware
         self._ended, self._patience, self._key, self._wall_time = ended, patience, key, wall_time
@@ -134,6 +138,8 @@ class Deployment:
                 promises=promised[robot],
                 team=list(sent),
                 again=robot in again,
+                migrate=self._migrate,
+                plan=self._plan,
             )
             for robot, pool in sent.items()
         }

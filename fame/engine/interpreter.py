@@ -53,7 +53,16 @@ class Engine(EngineState):
 
         Raises MissionError for a timer that says no time.
         """
+        self.arm_starts()
+        if self.program.begin is not None:
+            self.start(variables)
+
+    def arm_starts(self) -> None:
+        """Arm the timers of start events that are not armed. Raises MissionError for a timer that says no time."""
+        armed = set(self.armed_starts.values())
         for node in self.program.timed:
+            if node in armed:
+                continue
             key = self.new_key()
             self.armed_starts[key] = node
             catch = node.catch
@@ -62,8 +71,6 @@ class Engine(EngineState):
                 self.host.set_timer(key, catch.timer, str(catch.value(self.new_variables())))
             except Exception as error:
                 raise MissionError(str(error), element=node.id, file=node.file, line=node.line) from error
-        if self.program.begin is not None:
-            self.start(variables)
 
     def start(self, variables: dict[str, Any] | None = None) -> Instance:
         """Start an instance at the none start event. Raises MissionError if the process has none."""

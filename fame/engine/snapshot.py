@@ -25,12 +25,12 @@ from fame.engine.interpreter import Engine
 from fame.engine.program import Body, Node, Program
 from fame.engine.repair import AT_INCIDENT
 from fame.engine.state import Continuation, Gathered, Instance, Mailbox, Record, Scope, Wait, scopes_of
-from fame.engine.steps import FINISH
+from fame.engine.steps import ABANDONED, FINISH
 from fame.errors import MissionError
 
 Data = dict[str, Any]
 Convert = Callable[[Any], Any]
-OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, FAILED, UNDO, ROLL_BACK, CANCELLED, NEXT, SWEEP)
+OF_NO_PROGRAM: tuple[Node, ...] = (FINISH, ABANDONED, FAILED, UNDO, ROLL_BACK, CANCELLED, NEXT, SWEEP)
 """Nodes that every engine knows."""
 _ERROR = ("text", "element", "file", "line", "code")
 

@@ -231,4 +231,6 @@ def finish(engine: EngineState, scope: Scope, node: Node) -> None:
     scopes.finish(engine, scope)
 
 
+ABANDONED = Node("", "(abandoned)", end)
+"""Where a token goes that somebody has given up: it ends."""
 FINISH = Node("", "(finish)", finish)

@@ -1,0 +1,93 @@
+"""Let a robot's new process take over the state of its old one: tokens, variables, timers, queued messages.
+
+Both run in one process, so values of variables go over as they are: also functions and classes that scripts defined.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fame.engine import restore, snapshot
+from fame.engine.data import Variables
+from fame.engine.migration import Plan, Token, arm_new, migrate, preview
+from fame.engine.snapshot import Convert, Data, encode
+from fame.robot.durable import go_on, mission_settings, set_timers, tables_of
+from fame.robot.node import RobotNode
+
+
+class _Live:
+    """Values that stay as they are, by number."""
+
+    def __init__(self) -> None:
+        self._values: list[Any] = []
+
+    def dump(self, value: Any) -> Any:
+        self._values.append(value)
+        return {"live": len(self._values) - 1}
+
+    def load(self, data: Any) -> Any:
+        return self._values[data["live"]]
+
+
+class _AllVariables:
+    """The dicts of variables with everything that scripts have put there (see `fame.engine.snapshot`)."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[int, int] = {}
+        self._found: list[dict[str, Any]] = []
+
+    def number(self, variables: dict[str, Any]) -> int:
+        if isinstance(variables, Variables):
+            self.number(variables.outer)
+        if id(variables) not in self._numbers:
+            self._numbers[id(variables)] = len(self._found)
+            self._found.append(variables)
+        return self._numbers[id(variables)]
+
+    def written(self, dump: Convert) -> list[Data]:
+        return [
+            {
+                "outer": self.number(item.outer) if isinstance(item, Variables) else None,
+                "own": {name: encode(value, dump) for name, value in item.items() if not name.startswith("__")},
+            }
+            for item in self._found
+        ]
+
+
+def what_becomes(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
+    """What would become of each token of the old process."""
+    data = snapshot(old.engine, dump=_Live().dump, dicts=_AllVariables())
+    return preview(data, old.engine.program, new.engine.program, plan)
+
+
+def take_over(new: RobotNode, old: RobotNode, plan: Plan) -> list[Token]:
+    """Give a loaded process the state of the old one, which is held. Nothing moves until `go_on_after`.
+
+    Raises MissionError if a token cannot go over; then nothing has changed.
+    """
+    live = _Live()
+    data = snapshot(old.engine, dump=live.dump, dicts=_AllVariables())
+    data, tokens = migrate(data, old.engine.program, new.engine.program, plan)
+    engine = restore(new.engine.program, data, new.host, new.engine.new_variables, load=live.load)
+    engine.at_once = new.engine.at_once
+    host, before = new.host, old.host
+    host.started, host.completed, host.failed = before.started, before.completed, before.failed
+    host.elements_done = before.elements_done
+    over = [instance for instance in old.instances if instance.status != "running"]
+    host.instances[:] = sorted([*over, *engine.instances.values()], key=lambda instance: instance.key)
+    new.attach(engine)
+    return tokens
+
+
+def go_on_after(new: RobotNode, timers: dict[str, Any]) -> None:
+    """Let a process go on that has taken over; `timers` are those of the old one, from `timers_of`."""
+    set_timers(new, {"timers": timers}, mission_settings(new))
+    if not new.engine.incidents:
+        new.engine.release()
+    arm_new(new.engine)
+    go_on(new)
+
+
+def timers_of(old: RobotNode) -> dict[str, Any]:
+    """The timers of a process, as tables of its state have them."""
+    return tables_of(old)["timers"]

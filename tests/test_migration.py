@@ -1,0 +1,276 @@
+"""What runs goes over to a changed model: tokens, subscriptions, variables, timers; all robots or none."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent / "conformance"))
+
+from deployment_field import Field, definitions, process as bpmn_process
+from engine_models import (
+    Run,
+    boundary,
+    call,
+    catch,
+    element,
+    end,
+    gateway,
+    handler,
+    model,
+    path,
+    process,
+    properties,
+    script,
+    signal,
+    start,
+    sub,
+    timer,
+    user,
+)
+
+import fame
+from fame.deploy.migration_plan import plan_of, read_plan
+from fame.errors import ConfigError, MissionError
+from fame.robot.take_over import go_on_after, take_over, timers_of, what_becomes
+
+
+class Migrated:
+    """A run of a changed model that has taken over the state of another one, at the same time."""
+
+    def __init__(self, old: Run, content: str, plan: Mapping[str, Any] | None = None) -> None:
+        changed = model(*content.replace("</process><process", "</process>\0<process").split("\0"))
+        self.simulation = fame.Simulation(changed, "P", observer=lambda event: None)
+        self.simulation.scheduler.now = old.simulation.scheduler.now
+        self.simulation._begun = True
+        self.node = self.simulation.node
+        old.node.hold()
+        timers = timers_of(old.node)
+        self.tokens = take_over(self.node, old.node, plan_of(plan or {}))
+        go_on_after(self.node, timers)
+        self.simulation.run(old.simulation.now)
+
+    @property
+    def instance(self) -> Any:
+        return self.simulation.instances[-1]
+
+    @property
+    def waiting(self) -> list[str]:
+        return list(self.instance.waiting)
+
+
+TWO = start() + user("a") + user("b") + end() + path("s a b e")
+
+
+def test_a_token_stays_at_the_element_of_its_id_and_goes_the_new_way() -> None:
+    old = Run(TWO, {"x": 1}).run()
+    new = Migrated(old, start() + user("a") + script("k", "y = x + 1") + user("c") + end() + path("s a k c e"))
+    assert (new.waiting, [str(token) for token in new.tokens]) == (["a"], ["a: keep"])
+    new.simulation.complete("a")
+    assert (new.waiting, new.instance.variables["y"]) == (["c"], 2)
+    assert new.instance.visits == {"s": 1, "a": 1, "k": 1}
+
+
+def test_what_is_gone_blocks_unless_the_plan_says_what_becomes_of_it() -> None:
+    old = Run(TWO).run()
+    content = start() + user("z") + user("b") + end() + path("s z b e")
+    with pytest.raises(MissionError, match="a: the new model has no element a"):
+        Migrated(old, content)
+    assert old.waiting == ["a"]
+    assert Migrated(old, content, {"elements": {"a": {"to": "z"}}}).waiting == ["z"]
+    assert Migrated(Run(TWO).run(), content, {"elements": {"a": "abandon"}}).instance.status == "completed"
+
+
+def test_an_element_of_another_kind_begins_there_if_the_plan_says_so() -> None:
+    content = start() + script("a", "x = 7") + user("b") + end() + path("s a b e")
+    with pytest.raises(MissionError, match="a: a is a script task, not a user task"):
+        Migrated(Run(TWO).run(), content)
+    new = Migrated(Run(TWO).run(), content, {"elements": {"a": {"to": "a"}}})
+    assert (new.waiting, new.instance.variables["x"]) == (["b"], 7)
+
+
+def test_a_catching_event_keeps_its_place_and_listens_on_its_new_topic() -> None:
+    old = Run(start() + catch("c", signal("A")) + end() + path("s c e")).run()
+    new = Migrated(old, start() + catch("c", signal("B")) + end() + path("s c e"))
+    new.simulation.signal("B")
+    assert new.instance.status == "completed"
+
+
+def test_a_timer_keeps_the_time_that_it_was_set_for() -> None:
+    old = Run(start() + catch("c", timer("PT10S")) + end() + path("s c e")).run(4)
+    new = Migrated(old, start() + catch("c", timer("PT60S")) + user("u") + end() + path("s c u e"))
+    assert new.simulation.run(9.9).instances[0].waiting == ["c"]
+    assert new.simulation.run(10.1).instances[0].waiting == ["u"]
+
+
+def test_boundary_events_and_event_sub_processes_are_closed_and_opened() -> None:
+    old = Run(TWO + boundary("x", "a", signal("A")) + end("xe") + path("x xe")).run()
+    more = boundary("y", "a", signal("B"), interrupting=False) + script("k", "n = 1") + path("y k")
+    event = handler("h", start("hs", signal("C"), interrupting=False) + script("m", "m = 1") + path("hs m"))
+    new = Migrated(old, TWO + more + event)
+    new.simulation.signal("B")
+    new.simulation.signal("C")
+    assert (new.waiting, new.instance.variables["n"], new.instance.variables["m"]) == (["a"], 1, 1)
+    assert set(new.node.engine.listeners) == {"/B", "/C"}
+
+
+def test_sub_processes_calls_and_loops_go_over_with_what_is_in_them() -> None:
+    several = (
+        "<multiInstanceLoopCharacteristics><loopCardinality>3</loopCardinality></multiInstanceLoopCharacteristics>"
+    )
+    inner = process(start("qs") + user("u") + end("qe") + path("qs u qe"), id="Q")
+    content = (
+        start() + call("c", "Q") + sub("p", start("ps") + element("userTask", "v", several) + path("ps v")) + end()
+    )
+    old = Run(model(process(content + path("s c p e")), inner)).run()
+    renamed = content.replace('id="c"', 'id="d"') + user("w") + path("s d p w e")
+    new = Migrated(old, process(renamed) + inner, {"elements": {"c": {"to": "d"}}})
+    assert new.waiting == ["u"]
+    new.simulation.complete("u")
+    new.simulation.complete("v")
+    assert new.waiting == ["v", "v"]
+    for _ in range(2):
+        new.simulation.complete("v")
+    assert new.waiting == ["w"]
+
+
+def test_arrivals_at_a_join_go_over_and_a_join_with_other_flows_blocks() -> None:
+    fork = start() + gateway("parallel", "g") + user("a") + user("b") + gateway("parallel", "j") + end()
+    old = Run(fork + path("s g a j e") + path("g b j")).run().complete("a")
+    new = Migrated(old, fork + user("w") + path("s g a j w e") + path("g b j"))
+    new.simulation.complete("b")
+    assert new.waiting == ["w"]
+    old = Run(fork + path("s g a j e") + path("g b j")).run().complete("a")
+    with pytest.raises(MissionError, match="j: j is a parallel gateway with 3 incoming flows"):
+        Migrated(old, fork + user("c") + path("s g a j e") + path("g b j") + path("g c j"))
+
+
+def test_an_event_based_gateway_waits_for_the_events_that_it_has_now() -> None:
+    choice = start() + gateway("eventBased", "g") + catch("x", signal("A")) + end("xe") + path("s g x xe")
+    old = Run(choice).run()
+    new = Migrated(old, choice + catch("y", signal("B")) + user("u") + path("g y u"))
+    new.simulation.signal("B")
+    assert new.waiting == ["u"]
+
+
+def test_queued_messages_go_over() -> None:
+    typed = properties(queue="5", type="std_msgs/msg/Int32")
+    content = start() + user("u") + catch("c", signal("A"), typed) + end() + path("s u c e")
+    old = Run(content).run().signal("A", 7)
+    new = Migrated(old, content.replace("<endEvent", user("w") + "<endEvent").replace('targetRef="e"', 'targetRef="w"'))
+    new.simulation.complete("u")
+    assert (new.waiting, new.instance.variables["A"]) == (["w"], 7)
+
+
+def test_a_script_that_waits_starts_again_in_its_new_form_and_an_activity_can_begin_anew() -> None:
+    old = Run(start() + script("a", "await sleep(60)\nx = 1") + end() + path("s a e")).run(5)
+    new = Migrated(old, start() + script("a", "await sleep(2)\nx = 2") + end() + path("s a e"))
+    assert new.simulation.run(8).instances[0].variables["x"] == 2
+    inside = sub("p", start("ps") + user("u") + path("ps u")) + end() + path("s p e")
+    old = Run(start() + inside).run()
+    new = Migrated(
+        old, start() + inside.replace('id="u"', 'id="w"').replace('Ref="u"', 'Ref="w"'), {"elements": {"p": "restart"}}
+    )
+    assert new.waiting == ["w"]
+
+
+def test_variables_are_renamed_and_have_defaults_and_functions_stay() -> None:
+    old = Run(start() + script("k", "def f(): return 3\nx = 1") + user("a") + end() + path("s k a e")).run()
+    content = start() + script("k", "pass") + user("a") + script("z", "y = v + w + f()") + end() + path("s k a z e")
+    plan = {"variables": {"x": {"rename": "v"}, "w": {"default": 10}}}
+    new = Migrated(old, content, plan)
+    new.simulation.complete("a")
+    assert new.instance.variables["y"] == 14
+
+
+def test_a_preview_changes_nothing() -> None:
+    old = Run(TWO).run()
+    changed = fame.Simulation(model(start() + user("b") + path("s b")), "P", observer=lambda event: None)
+    (token,) = what_becomes(changed.node, old.node, plan_of({}))
+    assert str(token) == "a: the new model has no element a"
+    assert old.complete("a").waiting == ["b"]
+
+
+# ---- plans -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_plan_is_read_from_yaml(tmp_path: Path) -> None:
+    text = "elements:\n  a: {to: b}\n  c: restart\n  d: abandon\nvariables:\n  x: {rename: y}\n  z: {default: [1]}\n"
+    (tmp_path / "plan.yaml").write_text(text)
+    plan = plan_of(read_plan(tmp_path / "plan.yaml"))
+    assert (plan.to, plan.restart, plan.abandon) == ({"a": "b"}, {"c"}, {"d"})
+    assert (plan.rename, plan.default) == ({"x": "y"}, {"z": [1]})
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("elements: {a: fly}", r"plan\.yaml:1: elements\.a: expected a fate or {to: ID}, got 'fly'"),
+        ("elements:\n  a: {too: b}", r"plan\.yaml:2: elements\.a\.too: unknown key; did you mean 'to'"),
+        ("element: {}", r"plan\.yaml:1: element: unknown key; did you mean 'elements'"),
+        ("elements: [a]", r"plan\.yaml:1: elements: expected a mapping"),
+    ],
+)
+def test_a_plan_that_is_wrong_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "plan.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=said):
+        read_plan(tmp_path / "plan.yaml")
+
+
+# ---- deployment ------------------------------------------------------------------------------------------------------
+
+
+def team(a: str, b: str = "ub") -> str:
+    """Two robots, each at a task; another version has another task after that."""
+    pools = "".join(f'<participant id="{r}" name="{r}" processRef="p{r.lower()}"/>' for r in "AB")
+
+    def pool(robot: str, first: str) -> str:
+        content = f'<startEvent id="s{robot}"/><scriptTask id="k{robot}"><script>n = 1</script></scriptTask>'
+        content += f'<userTask id="{first}"/><userTask id="{first}2"/>'
+        flows = [(f"s{robot}", f"k{robot}"), (f"k{robot}", first), (first, f"{first}2")]
+        return bpmn_process(f"p{robot}", content, *flows)
+
+    return definitions(f'<collaboration id="C">{pools}</collaboration>', pool("a", a), pool("b", b))
+
+
+def test_all_robots_go_over_and_nothing_starts_again() -> None:
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    sent = field.deploy(
+        team("ux"), "d2", 2, migrate=True, plan={"elements": {"ua": {"to": "ux"}, "ua2": {"to": "ux2"}}}
+    )
+    assert {robot: each.state for robot, each in sent.robots.items()} == {"A": "started", "B": "started"}
+    assert [field.engines[robot].deployed for robot in "AB"] == ["d2", "d2"]
+    assert [field.engines[robot].running.instances[0].waiting for robot in "AB"] == [["ux"], ["ub"]]
+    assert [field.engines[robot].running.instances[0].visits[f"k{robot.lower()}"] for robot in "AB"] == [1, 1]
+    field.engines["A"].running.complete("ux")
+    assert field.engines["A"].running.instances[0].waiting == ["ux2"]
+
+
+def test_if_one_robot_cannot_go_over_none_does_and_all_go_on() -> None:
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    sent = field.deploy(team("ux"), "d2", 2, migrate=True)
+    assert "ua: the new model has no element ua" in str(sent.robots["A"])
+    assert [field.engines[robot].deployed for robot in "AB"] == ["d1", "d1"]
+    assert [field.engines[robot].state for robot in "AB"] == ["running", "running"]
+    field.engines["B"].running.complete("ub")
+    assert field.engines["B"].running.instances[0].waiting == ["ub2"]
+
+
+def test_without_migrate_a_new_model_starts_from_the_beginning() -> None:
+    field = Field("A", "B")
+    field.deploy(team("ua"))
+    field.engines["A"].running.complete("ua")
+    field.deploy(team("ua"), "d2", 2)
+    assert field.engines["A"].running.instances[0].waiting == ["ua"]
+
+
+def test_a_robot_that_runs_nothing_starts_the_model() -> None:
+    field = Field("A", "B")
+    field.deploy(team("ua"), migrate=True)
+    assert [field.engines[robot].running.instances[0].waiting for robot in "AB"] == [["ua"], ["ub"]]
