@@ -6,6 +6,7 @@ Each type is a class with the members of `sim2d.robot.SimulatedRobot`; a world f
     drone      a quadrotor
     arm        two arms, the MH5 and the UR5e
     planner    path planners of vehicles and drone
+    navigation maneuvers of vehicles: follow a path, recover, dock
     nav2       the action servers of Nav2, for vehicles
     sensors    range sensor, camera, odometry
     equipment  battery, blade, tray, LED

@@ -26,7 +26,8 @@ from fame.errors import ConfigError
 from fame.middleware.interface import LATCHED, Message
 from fame.text import suggestion
 from robots.equipment import DRAIN_RATE, Battery, BatteryParameters, Blade, BladeParameters, Led, Tray, TrayParameters
-from robots.nav2 import Dock, Limits, Nav2
+from robots.nav2 import Nav2
+from robots.navigation import Dock, Limits
 from robots.planner import Planner, PlannerParameters
 from robots.sensors import STILL, Motion, Odometer, OdometerParameters, Ultrasonic, UltrasonicParameters
 from sim2d.robot import Appearance, Pose, TopicCommand, body_of, period, rectangle
