@@ -10,8 +10,10 @@ pytest.importorskip("scipy")
 
 from arm_data import BENIGN, needs_data, recording
 
+from fame.errors import ConfigError
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import Recording, of_runs
+from robots.arm.kinematics import inverse
 from robots.arm.sabotage import KINDS, alter, knots
 from robots.arm.task import MH5, simulated_runs
 
@@ -119,3 +121,102 @@ def test_what_was_stored_judges_as_before():
     run = recording(BENIGN).select([21])
     again = PathDetector.from_plain(learned().to_plain())
     assert again.follow(run) == learned().follow(run)
+
+
+# ---- orientation, and benign changes ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [1, 13, 21, 29])
+def test_a_tool_tilted_by_one_degree_is_seen_though_its_path_is_the_same(number: int):
+    values = recording(BENIGN).select([number]).values
+    x, y, z = np.array([1.0, 0.0, 0.0]), np.eye(3)[1], np.eye(3)[2]
+    angle = np.radians(1.0)
+    tilt = np.stack([x, np.cos(angle) * y + np.sin(angle) * z, np.cos(angle) * z - np.sin(angle) * y], axis=1)
+    inside = slice(150, 350)
+    tilted = values.copy()
+    tilted[inside] = inverse(MH5, MH5.places(values[inside]), MH5.orientations(values[inside]) @ tilt, values[inside])
+    kinds = {reading.kind for reading in learned().follow(run_of(MH5.quantised(tilted))) if reading.anomalous}
+    assert "orientation" in kinds
+
+
+def changes(values: np.ndarray) -> tuple[int, dict[str, float]]:
+    """Anomalous points of a run, and its benign changes by kind."""
+    tracker = learned().tracker()
+    anomalous = sum(tracker.step(row).anomalous for row in values.tolist())
+    assert all(change.tolerated for change in tracker.changes())
+    return anomalous, {change.kind: change.size for change in tracker.changes()}
+
+
+@pytest.mark.parametrize("number", [5, 13, 21])
+@pytest.mark.parametrize("factor", [0.98, 1.02])
+def test_another_speed_is_tolerated_and_told(number: int, factor: float):
+    anomalous, found = changes(slower(recording(BENIGN).select([number]).values, factor))
+    assert anomalous == 0
+    assert found["speed"] == pytest.approx(1 / factor - 1, abs=0.008)
+
+
+@pytest.mark.parametrize("number", [5, 13, 21])
+def test_a_pause_on_the_way_is_tolerated_and_told(number: int):
+    values = recording(BENIGN).select([number]).values
+    anomalous, found = changes(np.concatenate([values[:200], np.repeat(values[200:201], 8, axis=0), values[200:]]))
+    assert anomalous == 0
+    assert found["pause"] == pytest.approx(8, abs=2)
+
+
+@pytest.mark.parametrize("number", [5, 13, 21])
+def test_a_start_from_another_pose_is_tolerated_and_told(number: int):
+    values = recording(BENIGN).select([number]).values
+    share = np.maximum(0, 1 - np.arange(len(values)) / 60)[:, None]
+    anomalous, found = changes(MH5.quantised(values + share * np.radians(0.5) * np.eye(6)[0]))
+    assert anomalous == 0
+    assert found["start pose"] > 1e-3
+
+
+@pytest.mark.parametrize("number", [5, 13, 21])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_lost_samples_without_stamps_are_at_most_a_speed(number: int, seed: int):
+    values = recording(BENIGN).select([number]).values
+    kept = np.random.default_rng(seed).random(len(values)) > 0.02
+    readings = learned().follow(run_of(values[kept]))
+    assert {reading.kind for reading in readings} <= {"", "speed"}
+
+
+def test_a_constant_offset_is_drift():
+    values = recording(BENIGN).select([13]).values
+    places = MH5.places(values) - [0.0, 0.0, 5e-5]
+    anomalous, found = changes(MH5.quantised(inverse(MH5, places, MH5.orientations(values), values)))
+    assert anomalous == 0
+    assert found["drift"] > 2e-5
+
+
+def test_beyond_the_bounds_it_is_an_anomaly():
+    values = recording(BENIGN).select([21]).values
+    tracker = learned().tracker()
+    assert sum(tracker.step(row).anomalous for row in slower(values, 1.1).tolist()) > 50
+    (speed,) = [change for change in tracker.changes() if change.kind == "speed"]
+    assert not speed.tolerated
+    assert speed.text.endswith("%, beyond what is tolerated")
+
+
+def test_stamps_that_do_not_grow_are_made_up_and_told():
+    period = 0.025
+    benign = recording(BENIGN).select(range(16, 30, 2))
+    tracker = PathDetector(MH5).fit(replace(benign, stamps=np.arange(len(benign)) * period)).tracker()
+    run = recording(BENIGN).select([21])
+    assert not any(tracker.step(row, 0.0).anomalous for row in run.values.tolist())
+    assert ("stamps", len(run) - 1) in [change[:2] for change in tracker.changes()]
+
+
+def test_a_model_of_an_earlier_version_loads_and_says_that_it_sees_no_orientation():
+    plain = learned().to_plain()
+    for name in ("turns", "parameters"):
+        del plain[name]
+    plain["limits"] = plain["limits"][:, :3]
+    old = PathDetector.from_plain(plain)
+    assert "does not see the orientation" in old.limits_text()
+    assert not any(reading.anomalous for reading in old.follow(recording(BENIGN).select([21])))
+
+
+def test_parameters_out_of_range_are_refused():
+    with pytest.raises(ConfigError, match="expected a bin above 0, got 0"):
+        PathDetector(MH5, bin=0)

@@ -280,9 +280,10 @@ def _judge_recording(model: Model, run: Any, number: int) -> JudgedRun:
     events: tuple[Event, ...] = ()
     if alarm is not None:
         last = int(np.flatnonzero(anomalous)[-1])
-        kind = alarm.verdict.unit or "anomaly"
+        kind = alarm.verdict.kind or "anomaly"
         events = (Event(float(stamps[alarm.index]), float(stamps[last]), float(scores.max()), shares, kind),)
-    told = () if report is None or report.whole else ("cut off before its end",)
+    told: tuple[str, ...] = () if report is None or report.whole else ("cut off before its end",)
+    told += tuple(change.text for change in report.changes) if report is not None else ()
     label = int(run.labels[0])
     return JudgedRun(
         number, run.source, _seconds(np.asarray(stamps)), events, np.asarray(stamps[: len(scores)]), scores,

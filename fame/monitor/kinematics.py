@@ -20,6 +20,7 @@ from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 
 Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,31 @@ class Chain:
             reached = base._fold(cosine, sine, *unit)
             columns.append(np.stack([np.broadcast_to(part, len(values)) for part in reached], axis=1))
         return np.stack(columns, axis=2)
+
+    def quaternion(self, angles: Sequence[float]) -> Quaternion:
+        """Give the orientation of the last joint's frame (w, x, y, z) for one point (rad per joint)."""
+        halves = [angle / 2 for angle in angles]
+        turned: Quaternion = self._turn([math.cos(half) for half in halves], [math.sin(half) for half in halves])
+        return turned
+
+    def quaternions(self, values: Floats) -> Floats:
+        """Give the orientations of the last joint's frame (points, 4) for (points, joints), rad."""
+        halves = values.T / 2
+        turned = self._turn(np.cos(halves), np.sin(halves))
+        return np.stack([np.broadcast_to(part, len(values)) for part in turned], axis=1)
+
+    def _turn(self, cosine: Any, sine: Any) -> Any:
+        """Multiply the joints' quaternions, from the base to the flange; floats or arrays, as in `_fold`."""
+        w, x, y, z = 1.0, 0.0, 0.0, 0.0
+        for (ax, ay, az), c, s in zip(self.axes, cosine, sine, strict=True):
+            i, j, k = s * ax, s * ay, s * az
+            w, x, y, z = (
+                w * c - x * i - y * j - z * k,
+                w * i + x * c + y * k - z * j,
+                w * j - x * k + y * c + z * i,
+                w * k + x * j - y * i + z * c,
+            )
+        return w, x, y, z
 
     def quantised(self, values: Floats) -> Floats:
         """Round angles (rad) to the steps of the encoders."""

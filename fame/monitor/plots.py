@@ -23,8 +23,9 @@ import numpy as np
 from fame.errors import ConfigError
 from fame.imports import require
 from fame.middleware.interface import resolve
+from fame.monitor.anomaly.benign_changes import Reading
 from fame.monitor.anomaly.classifiers import ConfusionMatrix
-from fame.monitor.anomaly.paths import BIN, PathDetector, Reading
+from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording
 from fame.monitor.arrays import Floats
 from fame.monitor.pipeline.configuration import Configuration, Port
@@ -125,7 +126,7 @@ def deviations(path: Path, detector: PathDetector, runs: Iterable[tuple[str, Rec
         line = above.plot(phase, [1000 * reading.deviation for reading in readings], linewidth=0.9, label=name)[0]
         below.plot(phase, [reading.lateness for reading in readings], linewidth=0.9, color=line.get_color())
         _mark(above, below, readings)
-    edges = BIN * np.arange(len(detector.limits) + 1)
+    edges = detector.parameters.bin * np.arange(len(detector.limits) + 1)
     above.stairs(1000 * detector.limits[:, 0], edges, color=QUIET, label="limit")
     for sign in (1, -1):
         below.stairs(sign * detector.limits[:, 2], edges, color=QUIET)

@@ -4,7 +4,8 @@
 
     recording      joint states over time, cut into runs; CSV files of them
     learning_file  the learning file
-    paths          PathDetector: deviation of the tool from the benign paths, and its lateness
+    paths          PathDetector: deviation and tilt of the tool against the benign paths, and its lateness
+    benign_changes speed, pauses, start pose and drift of a run as a whole
     model          a stored model, which scores points quickly; DataProcess, DataPersist
     classifiers    classifiers by name, fitted and evaluated; AnomalyDetector, OutputMatrix
     learn          fit and evaluate every classifier, choose the best; Interface

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fame.errors import ConfigError, MissionError
+from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.model import Model, Verdict
 from fame.monitor.anomaly.recording import NEAR, STILL, WHOLE, Recording, Rule, RunSegmenter
 
@@ -35,7 +36,8 @@ class Point:
 
 
 class RunReport(NamedTuple):
-    """A run that has ended. `first` is its first anomalous point; `alarm` the one that raised the alarm."""
+    """A run that has ended. `first` is its first anomalous point; `alarm` the one that raised the alarm; `changes` are
+    the benign changes of the run, such as another speed."""
 
     run: int
     points: int
@@ -45,13 +47,16 @@ class RunReport(NamedTuple):
     whole: bool
     first: Point | None
     alarm: Point | None
+    changes: tuple[Change, ...] = ()
 
     @property
     def text(self) -> str:
         """In one line."""
         verdict = "ANOMALOUS" if self.above else "benign"
         cut = "" if self.whole else ", cut off before its end"
-        return f"run {self.run}: {verdict}, score {self.score:.4f} ({self.anomalous} of {self.points} points){cut}"
+        changed = "".join(f"; {change.text}" for change in self.changes)
+        points = f"{self.anomalous} of {self.points} points"
+        return f"run {self.run}: {verdict}, score {self.score:.4f} ({points}){cut}{changed}"
 
 
 class RunMonitor:
@@ -97,7 +102,8 @@ class RunMonitor:
         first = next((point for point in points if point.verdict.anomalous), None)
         alarm = next((point for point in points if point.alarm), None)
         whole = len(points) >= WHOLE * self.model.nominal
-        report = RunReport(self.run, len(points), count, score, score > self.threshold, whole, first, alarm)
+        changes = tuple(self._scorer.changes())
+        report = RunReport(self.run, len(points), count, score, score > self.threshold, whole, first, alarm, changes)
         self.ended.append(report)
         self.run += 1
         if self._segmenter.rule == "signal":

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fame.errors import ConfigError
+from fame.monitor.anomaly.benign_changes import Change
 from fame.monitor.anomaly.learning_file import SCALINGS
 from fame.monitor.anomaly.paths import PathDetector
 from fame.monitor.anomaly.recording import ANOMALOUS, Recording, read_csv
@@ -83,13 +84,15 @@ class DataProcess:
 
 
 class Verdict(NamedTuple):
-    """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``samples`` late, ``rad``);
-    `joint` is the one that is farthest from where it should be. Both are set for anomalous points only."""
+    """The verdict on a point. `magnitude` is in `unit` (``mm`` across the path, ``deg`` turned, ``samples`` late,
+    ``rad``); `joint` is the one that is farthest from where it should be; `kind` is ``path``, ``orientation``,
+    ``speed`` or empty. They are set for anomalous points only."""
 
     anomalous: bool
     magnitude: float = 0.0
     unit: str = ""
     joint: str = ""
+    kind: str = ""
 
 
 BENIGN_POINT = Verdict(False)
@@ -159,6 +162,9 @@ class Scorer(Protocol):
     def step(self, values: Sequence[float], stamp: float | None = None) -> Verdict:
         """One point: values of the joints in the model's order, and its time (s) if known."""
 
+    def changes(self) -> Sequence[Change]:
+        """Give the benign changes of the run so far."""
+
 
 class PointScorer:
     """Scores each point on its own, by a classifier."""
@@ -179,6 +185,9 @@ class PointScorer:
         joint, apart = self.model.worst_joint(point)
         return Verdict(True, apart, "rad", joint)
 
+    def changes(self) -> Sequence[Change]:
+        return ()
+
 
 class PathScorer:
     """For the detector in task space."""
@@ -198,8 +207,13 @@ class PathScorer:
             return BENIGN_POINT
         joint, _ = self.model.worst_joint(np.asarray(values))
         if reading.off_path:
-            return Verdict(True, 1000 * reading.deviation, "mm", joint)
-        return Verdict(True, reading.lateness, "samples", joint)
+            return Verdict(True, 1000 * reading.deviation, "mm", joint, reading.kind)
+        if reading.kind == "orientation":
+            return Verdict(True, math.degrees(reading.tilt), "deg", joint, reading.kind)
+        return Verdict(True, reading.lateness, "samples", joint, reading.kind)
+
+    def changes(self) -> Sequence[Change]:
+        return list(self._tracker.changes())
 
 
 def _decision(model: Model) -> Callable[[Floats], bool]:

@@ -7,7 +7,8 @@ reported once per reason. A topic that stops is reported; the run waits, and con
 score of the run so far) and ``anomaly_point`` (std_msgs/msg/Bool, whether the point is anomalous). When the score of a
 run exceeds the threshold it publishes ``/anomaly`` once: a sensor_msgs/msg/JointState with the time in its header, the
 unit of the magnitude as `frame_id`, the joint as the one name, the magnitude as the one position and the score as the
-one effort.
+one effort. At the end of a run it publishes each benign change of the run (another speed, a pause, a start from another
+pose, a drift, missing stamps) in words on ``/process_change`` (std_msgs/msg/String).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from fame.monitor.pipeline.subscriptions import SilenceWatch
 
 TYPE = "sensor_msgs/msg/JointState"
 EMPTY = "std_msgs/msg/Empty"
-START, END, ALARM = "/task_start", "/task_end", "/anomaly"
+START, END, ALARM, CHANGE = "/task_start", "/task_end", "/anomaly", "/process_change"
 SILENCE = 1.0
 """A topic without a message for this time (s) is silent."""
 
@@ -160,6 +161,7 @@ class OperateNode(_JointStateNode):
         self._score = self.node.publisher("anomaly_score", "std_msgs/msg/Float64")
         self._point = self.node.publisher("anomaly_point", "std_msgs/msg/Bool")
         self._alarm = self.node.publisher(ALARM, TYPE)
+        self._change = self.node.publisher(CHANGE, "std_msgs/msg/String")
         if rule == "signal":
             self.node.subscription(START, EMPTY, lambda _: self._begin())
             self.node.subscription(END, EMPTY, lambda _: self._end())
@@ -210,6 +212,8 @@ class OperateNode(_JointStateNode):
         """Report the runs that have ended since the last report."""
         for report in self.runs[self._reported_runs :]:
             self._report(report.text)
+            for change in report.changes:
+                self._change.publish(messages.create("std_msgs/msg/String", change.text))
         self._reported_runs = len(self.runs)
 
 

@@ -1,105 +1,95 @@
-"""PathDetector: how far the tool is from the paths of benign runs, and how late it is on them.
+"""PathDetector: how far the tool is from the paths of benign runs, how it is turned, and how late it is on them.
 
 In joint space a detector has to learn the shape of the task from points; in task space it is known. Every benign run is
 a path of the tool. For each point of another run the nearest points of those paths are looked up; near means in place,
 in direction of travel and, weakly, in time, which distinguishes the way there from the way back. The vector from them
 to the point, less its part along their direction of travel, is the deviation: it does not depend on when exactly the
-samples were taken. The mean of the last three deviation vectors removes the noise of encoders.
+samples were taken. The mean of the last three deviation vectors removes the noise of encoders. The rotation from their
+orientations to that of the point, as a rotation vector and averaged likewise, is the tilt (distance on SO(3)).
 
-The time at which benign runs pass the same place is the second score: the lateness, and how it changed over the last
+The time at which benign runs pass the same place is the third score: the lateness, and how it changed over the last
 `WINDOW` samples. A rest shows as lateness that grows by one sample per sample, a speed 20 % lower as 0.25. The clock of
-a run starts when the tool has left (`LEFT`) its first place, and stops when it has come to the last one: how long it
-waits there, and where the runs were divided, does not count.
+a run starts when the tool has left its first place, and stops when it has come to the last one: how long it waits
+there, and where the runs were divided, does not count.
+
+Benign changes are not anomalies up to a stated bound (`PathParameters`): another speed of the whole run, a pause, a
+start from another pose, an offset of the whole path that grows as an arm drifts. What they explain is subtracted before
+scores are compared to their limits, and reported as what it is at the end of the run (`Change`).
 
 Threshold rule. The benign runs are put into `BLOCKS` contiguous blocks, and each run is scored against the other
 blocks: single runs would resemble their neighbours more than they resemble what comes later, since arms drift. The
-limit of a score is `MARGIN` times the largest value that any of them reached within the neighbourhood (`BIN` samples
-on either side at least) of the same time along the path, but never below `FLOOR`. A row of zeros only is a dropout
-and not evaluated.
+limit of a score is `margin` times the largest value that any of them reached within the neighbourhood (`bin` samples
+on either side at least) of the same time along the path, but never below its floor. A row of zeros only is a dropout
+and not evaluated. Stamps that do not grow are made up: the usual time after the one before.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fame.errors import ConfigError
 from fame.imports import require
+from fame.monitor.anomaly.benign_changes import (
+    NO_READING,
+    SMOOTH,
+    WINDOW,
+    BenignChanges,
+    Change,
+    PathParameters,
+    Reading,
+)
 from fame.monitor.anomaly.recording import Recording
 from fame.monitor.arrays import Floats
-from fame.monitor.kinematics import Chain
+from fame.monitor.kinematics import Chain, Vector
 
 NEIGHBOURS = 8
 TURN = 0.02
 """What a unit of difference in direction counts (m): 11 degrees count as 4 mm."""
-
-LAG = 5e-5
-"""What one sample of difference in time counts (m)."""
-
-LEFT = 2e-3
-"""So far (m) from its first place the tool has left it; so near its last place it has come to it."""
-
-SLOW = 5e-5
-"""A step of the tool (m) too short to have a direction."""
-
-SMOOTH = 3
-WINDOW = 40
-MARGIN = 1.5
-FLOOR = (5e-5, 4.0, 4.0)
-"""Smallest limits of deviation (m), change of lateness and lateness (samples)."""
-
-BIN = 15
 BLOCKS = 3
-
-
-class Reading(NamedTuple):
-    """Scores of a point: the deviation (m), change of lateness and lateness (samples), where along the nominal run
-    (samples), whether it is off the path, and whether it is anomalous for that or another reason."""
-
-    deviation: float
-    change: float
-    lateness: float
-    phase: float
-    off_path: bool
-    anomalous: bool
-
-
-NO_READING = Reading(0.0, 0.0, 0.0, 0.0, False, False)
+MARGIN = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class Paths:
     """Points of benign paths: places (points, 3) m, directions of travel (points, 3), time since the tool left in
-    samples (points,), run (points,); `arrival` is the earliest time at which one comes to its last place."""
+    samples (points,), run (points,); `arrival` is the earliest time at which one comes to its last place;
+    `turns` (points, 4) are the orientations as quaternions, none in a model of an earlier version."""
 
     places: Floats
     directions: Floats
     times: Floats
     runs: Floats
     arrival: float
+    turns: Floats
 
     def without(self, runs: Sequence[int]) -> Paths:
         """All runs but these."""
         kept = ~np.isin(self.runs, runs)
-        return Paths(self.places[kept], self.directions[kept], self.times[kept], self.runs[kept], self.arrival)
+        return Paths(
+            self.places[kept], self.directions[kept], self.times[kept], self.runs[kept], self.arrival, self.turns[kept]
+        )
 
 
 class PathDetector:
-    """Learns from benign runs alone. `limits` is (bins, 3): of deviation, change of lateness, lateness."""
+    """Learns from benign runs alone. `limits` is (bins, 4): of deviation, change of lateness, lateness, tilt."""
 
     chain: Chain
     margin: float
+    parameters: PathParameters
     period: float
 
-    def __init__(self, chain: Chain, margin: float = MARGIN) -> None:
-        self.chain, self.margin = chain, margin
+    def __init__(self, chain: Chain, margin: float = MARGIN, **parameters: Any) -> None:
+        """`parameters` are those of `PathParameters`. Raises ConfigError for one that is out of range."""
+        self.chain, self.margin, self.parameters = chain, margin, PathParameters(**parameters)
         self.period = 0.0
         self.paths: Paths | None = None
-        self.limits: Floats = np.zeros((0, 3))
+        self.limits: Floats = np.zeros((0, 4))
 
     def fit(self, benign: Recording) -> PathDetector:
         """Learn the paths of the benign runs, and the limits by the rule above. Raises ConfigError for too few."""
@@ -108,19 +98,20 @@ class PathDetector:
             raise ConfigError(f"has {len(runs)} benign runs; at least {BLOCKS} are needed", file=benign.source)
         self.period = _period(runs)
         self.paths = join_paths([self._path(run, number) for number, run in enumerate(runs)])
-        length = int(self.paths.times.max()) // BIN + 1
-        largest = np.zeros((length, 3))
-        self.limits = np.full((length, 3), np.inf)
+        size = self.parameters.bin
+        length = int(self.paths.times.max()) // size + 1
+        largest = np.zeros((length, 4))
+        self.limits = np.full((length, 4), np.inf)
         for block in np.array_split(np.arange(len(runs)), BLOCKS):
             others = self.paths.without(block.tolist())
             for number in block:
                 for reading in self._follow(runs[number], others):
-                    scores = (reading.deviation, abs(reading.change), abs(reading.lateness))
-                    bin = bin_of(reading.phase, length)
+                    scores = (reading.deviation, abs(reading.change), abs(reading.lateness), reading.tilt)
+                    bin = bin_of(reading.phase, length, size)
                     largest[bin] = np.maximum(largest[bin], scores)
         padded = np.pad(largest, ((1, 1), (0, 0)), mode="edge")
         around = np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
-        self.limits = np.maximum(self.margin * around, FLOOR)
+        self.limits = np.maximum(self.margin * around, self.parameters.floors)
         return self
 
     def follow(self, run: Recording) -> list[Reading]:
@@ -136,10 +127,10 @@ class PathDetector:
     def tracker(self) -> Tracker:
         """What follows one run after the other, point by point."""
         assert self.paths is not None
-        return Tracker(self.chain, self.paths, self.limits, self.period)
+        return Tracker(self.chain, self.paths, self.limits, self.period, self.parameters)
 
     def _follow(self, run: Recording, paths: Paths) -> list[Reading]:
-        tracker = Tracker(self.chain, paths, self.limits, self.period)
+        tracker = Tracker(self.chain, paths, self.limits, self.period, self.parameters)
         stamps = [None] * len(run) if run.stamps is None else run.stamps.tolist()
         return [tracker.step(values, stamp) for values, stamp in zip(run.values.tolist(), stamps, strict=True)]
 
@@ -150,15 +141,22 @@ class PathDetector:
             times = (run.stamps - run.stamps[0]) / self.period
         read = values.any(axis=1)
         places, times = self.chain.places(values[read]), times[read]
-        left = np.linalg.norm(places - places[:1], axis=1) > LEFT
-        away = np.flatnonzero(np.linalg.norm(places - places[-1:], axis=1) > LEFT)
+        left = np.linalg.norm(places - places[:1], axis=1) > self.parameters.left
+        away = np.flatnonzero(np.linalg.norm(places - places[-1:], axis=1) > self.parameters.left)
         times = times - times[int(np.argmax(left))]
         arrival = float(times[away[-1]] if len(away) else times[-1])
-        return Paths(places, directions(places), times, np.full(len(places), float(number)), arrival)
+        ways, turns = directions(places, self.parameters.slow), self.chain.quaternions(values[read])
+        return Paths(places, ways, times, np.full(len(places), float(number)), arrival, turns)
 
     def limits_text(self) -> str:
         """What the detector does not see, in a sentence."""
-        return "It sees the position of the tool, not its orientation."
+        if self.paths is None or not len(self.paths.turns):
+            return "It was learned by an earlier version and does not see the orientation of the tool: learn it again."
+        p = self.parameters
+        return (
+            f"Tolerated and reported: a speed within {100 * p.speed:g} %, pauses of {p.pause:g} samples in all, "
+            f"a start {1000 * p.start:g} mm away, a constant offset of {1000 * p.drift:g} mm."
+        )
 
     # ---- storing ---------------------------------------------------------------------------------------------------
 
@@ -174,6 +172,8 @@ class PathDetector:
             "steps": list(chain.steps),
             "tool": list(chain.tool),
             "margin": self.margin,
+            "parameters": {name: getattr(self.parameters, name) for name in self.parameters.__slots__},
+            "turns": paths.turns,
             "period": self.period,
             "places": paths.places,
             "directions": paths.directions,
@@ -188,83 +188,128 @@ class PathDetector:
         """Give the detector that `to_plain` described. Raises KeyError, TypeError or ValueError for anything else."""
         vectors = [tuple(tuple(map(float, row)) for row in plain[name]) for name in ("origins", "axes")]
         chain = Chain(tuple(plain["joints"]), vectors[0], vectors[1], tuple(plain["steps"]), tuple(plain["tool"]))  # type: ignore[arg-type]
-        detector = cls(chain, float(plain["margin"]))
+        detector = cls(chain, float(plain["margin"]), **plain.get("parameters", {}))
         detector.period = float(plain["period"])
         detector.paths = Paths(
-            plain["places"], plain["directions"], plain["times"], plain["runs"], float(plain["arrival"])
-        )
-        detector.limits = plain["limits"]
+            plain["places"], plain["directions"], plain["times"], plain["runs"], float(plain["arrival"]),
+            plain.get("turns", np.zeros((0, 4))),
+        )  # fmt: skip
+        limits = np.asarray(plain["limits"], dtype=np.float64)
+        missing = 4 - limits.shape[1]  # of a model of an earlier version: the tilt
+        detector.limits = np.pad(limits, ((0, 0), (0, missing)), constant_values=np.inf)
         return detector
 
 
 class Tracker:
     """Follows a run point by point. `reset` begins the next."""
 
-    def __init__(self, chain: Chain, paths: Paths, limits: Floats, period: float) -> None:
-        self._chain, self._period = chain, period
+    def __init__(self, chain: Chain, paths: Paths, limits: Floats, period: float, parameters: PathParameters) -> None:
+        self._chain, self._period, self._parameters = chain, period, parameters
         require("scipy")
         from scipy.spatial import cKDTree
 
-        self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, LAG * paths.times[:, None]]))
+        self._lag, self._slow, self._left = parameters.lag, parameters.slow, parameters.left
+        self._tree = cKDTree(np.hstack([paths.places, TURN * paths.directions, self._lag * paths.times[:, None]]))
         self._places, self._directions, self._times = paths.places, paths.directions, paths.times
+        self._turns = paths.turns if len(paths.turns) else None
         self._limits, self._arrival = limits.tolist(), paths.arrival
         self.reset()
 
     def reset(self) -> None:
         """A new run begins."""
-        self._before: tuple[float, float, float] | None = None
-        self._first: tuple[float, float, float] | None = None
+        self._before: Vector | None = None
+        self._first: Vector | None = None
         self._offset: float | None = None  # what to add to the time for the clock; None until the tool has left
-        self._count = -1
-        self._deviations: deque[tuple[float, float, float]] = deque(maxlen=SMOOTH)
+        self._time: float | None = None
+        self._made_up = 0
+        self._deviations: deque[Vector] = deque(maxlen=SMOOTH)
+        self._tilts: deque[Vector] = deque(maxlen=SMOOTH)
         self._lateness: deque[tuple[float, float]] = deque()
+        self._changes = BenignChanges(self._parameters)
 
     def step(self, values: Sequence[float], stamp: float | None = None) -> Reading:
         """One more point: angles (rad), and its time (s) if there is one."""
-        self._count += 1
+        time = self._tell_time(stamp)
         if not any(values):
             return NO_READING
         place = self._chain.place(values)
-        time = stamp / self._period if stamp is not None and self._period else float(self._count)
         clock = 0.0 if self._offset is None else time + self._offset
         direction = self._direction(place)
-        query = (*place, *(TURN * part for part in direction), LAG * clock)
+        query = (*place, *(TURN * part for part in direction), self._lag * clock)
         _, near = self._tree.query(query, k=NEIGHBOURS)
         self._deviations.append(self._across(place, near))
-        x, y, z = (sum(parts) / len(self._deviations) for parts in zip(*self._deviations, strict=True))
+        deviation = _mean(self._deviations)
         phase = float(self._times[near].mean())
         if self._offset is None:
             self._leave(place, phase - time)
             clock = phase
         lateness = clock - phase if phase < self._arrival else 0.0
-        return self._judge((x * x + y * y + z * z) ** 0.5, self._change(clock, lateness), lateness, phase)
+        moving = self._offset is not None and phase < self._arrival
+        resting = direction == (0.0, 0.0, 0.0) and moving and bool(self._directions[near].any(axis=1).all())
+        changes = self._changes
+        changes.add(deviation, clock, lateness, resting=resting, moving=moving)
+        if lateness:
+            lateness -= changes.explained(clock)
+        apart = math.dist(deviation, changes.offset)
+        reading = self._judge(apart, self._change(clock, lateness), lateness, phase, self._tilt(values, near))
+        return changes.excuse(reading)
 
-    def _leave(self, place: tuple[float, float, float], offset: float) -> None:
+    def changes(self) -> list[Change]:
+        """Give the benign changes of the run so far that can be told from noise."""
+        return [*self._changes.found(), *([Change("stamps", self._made_up, True)] if self._made_up else [])]
+
+    def _tell_time(self, stamp: float | None) -> float:
+        """Give the time in samples; one that does not grow is made up, and counted if there is a period."""
+        before = self._time
+        time = stamp / self._period if stamp is not None and self._period else None
+        if before is None:
+            self._time = 0.0 if time is None else time
+        elif time is None or time <= before:
+            self._made_up += time is not None
+            self._time = before + 1
+        else:
+            self._time = time
+        return self._time
+
+    def _leave(self, place: Vector, offset: float) -> None:
         """Start the clock if the tool has left its first place."""
         self._first = self._first or place
-        if sum((a - b) ** 2 for a, b in zip(place, self._first, strict=True)) > LEFT * LEFT:
+        if math.dist(place, self._first) > self._left:
             self._offset = offset
 
-    def _judge(self, deviation: float, change: float, lateness: float, phase: float) -> Reading:
-        limit = self._limits[bin_of(phase, len(self._limits))]
-        off_path = deviation > limit[0]
-        anomalous = off_path or abs(change) > limit[1] or abs(lateness) > limit[2]
-        return Reading(deviation, change, lateness, phase, off_path, anomalous)
+    def _judge(self, deviation: float, change: float, lateness: float, phase: float, tilt: float) -> Reading:
+        limit = self._limits[bin_of(phase, len(self._limits), self._parameters.bin)]
+        off_path, tilted = deviation > limit[0], tilt > limit[3]
+        late = abs(change) > limit[1] or abs(lateness) > limit[2]
+        kind = "path" if off_path else "orientation" if tilted else "speed" if late else ""
+        return Reading(deviation, change, lateness, phase, off_path, bool(kind), tilt, kind)
 
-    def _direction(self, place: tuple[float, float, float]) -> tuple[float, float, float]:
+    def _direction(self, place: Vector) -> Vector:
         """The direction of travel since the point before; all zero if that is too near."""
         before, self._before = self._before or place, place
         x, y, z = place[0] - before[0], place[1] - before[1], place[2] - before[2]
         length = (x * x + y * y + z * z) ** 0.5
-        return (x / length, y / length, z / length) if length > SLOW else (0.0, 0.0, 0.0)
+        return (x / length, y / length, z / length) if length > self._slow else (0.0, 0.0, 0.0)
 
-    def _across(self, place: tuple[float, float, float], near: Any) -> tuple[float, float, float]:
+    def _across(self, place: Vector, near: Any) -> Vector:
         """The mean vector from the neighbours to the place, without its parts along their directions."""
         away = np.subtract(place, self._places[near])
         along = self._directions[near]
         away -= (away * along).sum(axis=1, keepdims=True) * along
         x, y, z = (away.sum(axis=0) / NEIGHBOURS).tolist()
         return x, y, z
+
+    def _tilt(self, values: Sequence[float], near: Any) -> float:
+        """The angle (rad) from the neighbours' orientations: the mean rotation vector, to first order."""
+        if self._turns is None:
+            return 0.0
+        w, x, y, z = self._chain.quaternion(values)
+        # The product of a conjugate neighbour and the point; its sign makes the angle at most pi.
+        product = self._turns[near] @ ((w, -x, -y, -z), (x, w, z, -y), (y, -z, w, x), (z, y, -x, w))
+        signs = np.where(product[:, 0] < 0, -2.0, 2.0)
+        self._tilts.append(tuple((signs @ product[:, 1:] / NEIGHBOURS).tolist()))
+        x, y, z = _mean(self._tilts)
+        return math.sqrt(x * x + y * y + z * z)
 
     def _change(self, clock: float, lateness: float) -> float:
         """How the lateness changed over the window."""
@@ -277,16 +322,21 @@ class Tracker:
         return lateness - history[0][1]
 
 
-def bin_of(phase: float, count: int) -> int:
-    """Which of the `count` pieces along the path holds the phase (samples)."""
-    return max(0, min(int(phase) // BIN, count - 1))
+def _mean(vectors: Collection[Vector]) -> Vector:
+    x, y, z = (sum(parts) / len(vectors) for parts in zip(*vectors, strict=True))
+    return x, y, z
 
 
-def directions(places: Floats) -> Floats:
+def bin_of(phase: float, count: int, size: int) -> int:
+    """Which of the `count` pieces of `size` samples along the path holds the phase (samples)."""
+    return max(0, min(int(phase) // size, count - 1))
+
+
+def directions(places: Floats, slow: float = PathParameters().slow) -> Floats:
     """The direction of travel at each place (points, 3): unit vectors, or zero where the tool rests."""
     step = np.gradient(places, axis=0) if len(places) > 1 else np.zeros_like(places)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    return np.asarray(np.where(length > SLOW, step / np.maximum(length, SLOW), 0.0))
+    return np.asarray(np.where(length > slow, step / np.maximum(length, slow), 0.0))
 
 
 def join_paths(paths: Sequence[Paths]) -> Paths:
@@ -297,6 +347,7 @@ def join_paths(paths: Sequence[Paths]) -> Paths:
         np.concatenate([path.times for path in paths]),
         np.concatenate([path.runs for path in paths]),
         min(path.arrival for path in paths),
+        np.vstack([path.turns for path in paths]),
     )
 
 
