@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import re
 from argparse import ArgumentTypeError, Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from fame.errors import ConfigError, FameError
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.deploy import EngineNode
+    from fame.log.engine_log import EngineLog
     from fame.middleware.interface import Middleware
     from fame.robot import Event
     from fame.robot.journal import StateDirectory
@@ -77,6 +78,13 @@ def add(commands: Commands) -> None:
         help="what an error does that nothing catches: it fails the mission, or the robot holds in its safe state "
         "until somebody repairs it (fame retry, set, move)",
     )  # fmt: skip
+    parser.add_argument(
+        "--log", type=Path, metavar="DIR",
+        help="keep recordings of what happens in this folder: the last 10 files of about 50 MB (fame log merge)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--fame-dt", action="store_true", help="publish every step on /fame_dt, for the viewer of the original FaMe"
+    )
     add_network(parser)
     add_library(parser)
 
@@ -124,6 +132,8 @@ def _serve(arguments: Namespace) -> None:
 
         library = Library(arguments.library)
 
+    logs: list[EngineLog] = []
+
     def build(scheduler: WallScheduler, middleware: Middleware) -> EngineNode:
         if not (guarded or middleware.confined):  # loopback is asked for, and the platform does not keep it
             raise FameError(_OPEN)
@@ -140,9 +150,13 @@ def _serve(arguments: Namespace) -> None:
                 time.subscribe(node)
         gc.freeze()
         gc.enable()
+        if arguments.log is not None:
+            logs.append(_log(arguments.log, arguments.name, scheduler))
         engine = EngineNode(
             arguments.name,
             scheduler=scheduler,
+            log=logs[0] if logs else None,
+            observer=_element_feed(middleware, arguments.name) if arguments.fame_dt else None,
             time=time,
             middleware=middleware,
             library=library,
@@ -166,7 +180,28 @@ def _serve(arguments: Namespace) -> None:
             say_ready(f"{arguments.name} waits for its process on /{arguments.name}/bpmn_process")
         return engine
 
-    serve(arguments.middleware, arguments.network, build)
+    try:
+        serve(arguments.middleware, arguments.network, build)
+    finally:
+        for log in logs:
+            log.close()
+
+
+def _log(folder: Path, robot: str, scheduler: WallScheduler) -> EngineLog:
+    """The log that the engine keeps. Raises ConfigError for a folder that cannot be written."""
+    from fame.log.engine_log import EngineLog
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"expected a folder: {error.strerror}", file=str(folder)) from None
+    return EngineLog(folder, robot, scheduler, lambda text: note(f"{robot}: {text}"))
+
+
+def _element_feed(middleware: Middleware, robot: str) -> Callable[[Event], object]:
+    from fame.robot.live import ElementFeed
+
+    return ElementFeed(middleware.node("fame_dt", robot))
 
 
 def _state(arguments: Namespace) -> StateDirectory | None:

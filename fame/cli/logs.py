@@ -51,6 +51,14 @@ def add(commands: Commands) -> None:
     converting.add_argument("recording", type=Path, metavar="RUN.mcap")
     _add_output(converting, "FILE", "the log, in place of an old one; the end of its name selects the form")
 
+    merging = command(
+        parts, "merge", merge,
+        examples=("fame log merge REX-*.mcap DINGO-*.mcap -o team.mcap",),
+        help="merge recordings by time, such as those that engines keep themselves (fame engine --log)",
+    )  # fmt: skip
+    merging.add_argument("recordings", type=Path, nargs="+", metavar="FILE.mcap")
+    _add_output(merging, "FILE.mcap", "the merged recording, in place of an old one")
+
 
 def _add_output(parser: Parser, metavar: str, help: str) -> None:
     parser.add_argument("-o", "--output", required=True, type=Path, metavar=metavar, help=help)
@@ -113,4 +121,20 @@ def convert(arguments: Namespace) -> int:
             arguments.output,
             lambda done: line.say(f"converting {arguments.recording}: {done:.0%}") if line is not None else None,
         )
+    return 0
+
+
+def merge(arguments: Namespace) -> int:
+    """Merge recordings."""
+    from fame.cli.output import progress_line
+    from fame.log.conversion import merge as merge_recordings
+
+    with progress_line(sys.stderr) as line:
+        warnings = merge_recordings(
+            arguments.recordings,
+            arguments.output,
+            lambda done: line.say(f"merging to {arguments.output}: {done:.0%}") if line is not None else None,
+        )
+    for warning in warnings:
+        note(f"fame: {warning}")
     return 0

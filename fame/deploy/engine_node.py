@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from fame.bpmn.library import Library
     from fame.robot import Event as RobotEvent, RobotNode, Service
     from fame.robot.journal import StateDirectory
-    from fame.robot.live import LiveFeed
+    from fame.robot.live import FeedLog, LiveFeed
 
 
 class EngineNode:
@@ -113,6 +113,7 @@ class EngineNode:
         state: StateDirectory | None = None,
         hold_errors: bool = False,
         files: Path | None = None,
+        log: FeedLog | None = None,
     ) -> None:
         self._trusted, self._wall_time = trusted, wall_time
         self._task_signers = () if unsigned_tasks else trusted
@@ -148,6 +149,7 @@ class EngineNode:
         self._stopped = False
         self._observers = () if observer is None else (observer,)
         self._feed: LiveFeed | None = None
+        self._log = log
         self._epoch = epoch
         self._open_endpoints((identity or Identity.new()) if trusted else None)
 
@@ -375,7 +377,7 @@ class EngineNode:
         from fame.robot.live import LiveFeed
 
         if self._feed is None:
-            self._feed = LiveFeed(*self._live, self.scheduler, session=self.born, epoch=self._epoch)
+            self._feed = LiveFeed(*self._live, self.scheduler, session=self.born, epoch=self._epoch, log=self._log)
         observer = combine_observers([self._feed.observer(), *self._observers])
         options = self._options | {"observer": observer}
         return load(envelope.model, self.robot, scheduler=self._time, middleware=self.middleware, **options)

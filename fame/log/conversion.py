@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import heapq
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from datetime import datetime
 from pathlib import Path
 
 from fame.bpmn.model import Definitions
-from fame.clock import EPOCH, date_text
+from fame.clock import EPOCH, SECOND, date_text
 from fame.errors import ConfigError, ModelError
-from fame.iso8601 import parse_datetime
+from fame.iso8601 import nanoseconds_between, parse_datetime
+from fame.log.channels import EVENTS, KEY, VARIABLES, WAITING
 from fame.log.elements import element_info
 from fame.log.ocel import write_ocel
-from fame.log.recording import Recording
+from fame.log.recorder import RecordingFile
+from fame.log.recording import Message, Recording
+from fame.log.team_state import TeamState
 from fame.log.writing import RECORDING, logging_to, new_file
 from fame.robot.events import Event
 
@@ -64,6 +70,122 @@ def convert(source: str | Path, target: str | Path, on_progress: OnProgress = la
                     on_progress(done)
 
 
-def is_recording(path: str | Path) -> bool:
-    """Whether a file is a recording, by its name."""
-    return Path(path).suffix.lower() == RECORDING
+def merge(sources: Sequence[str | Path], target: str | Path, on_progress: OnProgress = lambda done: None) -> list[str]:
+    """Merge recordings by time into one, and give what a person should know of them.
+
+    Where several have the same robot or topic at the same time, that of fewer robots counts: an engine's own log before
+    that of a recorder on the network. Raises ConfigError as `convert`.
+    """
+    if Path(target).suffix.lower() != RECORDING:
+        raise ConfigError(f"expected a file name that ends in {RECORDING}, got {Path(target).name!r}", file=str(target))
+    with ExitStack() as stack:
+        recordings = [stack.enter_context(Recording(source)) for source in sources]
+        merging = _Merging(recordings)
+        file = RecordingFile(stack.enter_context(new_file(Path(target)))())
+        file.describe(
+            {"epoch": date_text(merging.epoch), "merged": ", ".join(Path(one.file).name for one in recordings)}
+        )
+        for name, data in merging.attachments().items():
+            file.attach(name, "application/bpmn+xml" if name.endswith(".bpmn") else "application/octet-stream", data)
+        merging.write(file, on_progress)
+        file.finish()
+        return [warning for one in recordings for warning in one.warnings]
+
+
+class _Merging:
+    """Recordings that are being merged. `epoch` is the earliest of theirs."""
+
+    def __init__(self, recordings: Sequence[Recording]) -> None:
+        epochs = [parse_datetime(one.metadata.get("epoch", "1970-01-01T00:00:00Z")) for one in recordings]
+        self.epoch: datetime = min(epochs)
+        self._recordings = recordings
+        self._shifts = [nanoseconds_between(self.epoch, each) for each in epochs]
+        self._spans = [self._spans_of(one, shift) for one, shift in zip(recordings, self._shifts, strict=True)]
+        self._state = TeamState()
+        self._last, self._key_due = -1, 0
+        self._channels: dict[tuple[str, str], int] = {}
+
+    def attachments(self) -> dict[str, bytes]:
+        """All files in them; of equal names the first."""
+        found: dict[str, bytes] = {}
+        for recording in self._recordings:
+            for name, data in recording.attachments.items():
+                if found.setdefault(name, data) != data:
+                    found.setdefault(f"{Path(name).parent}/{Path(recording.file).stem}-{Path(name).name}", data)
+        return found
+
+    def _spans_of(self, recording: Recording, shift: int) -> dict[str, tuple[int, int]]:
+        """First and last time of each robot and topic in it."""
+        spans: dict[str, tuple[int, int]] = {}
+        for message in recording.messages():
+            subject, time = _subject(message), message.time + shift
+            if message.topic != KEY:
+                spans[subject] = spans.get(subject, (time, time))[0], time
+        return spans
+
+    def write(self, file: RecordingFile, on_progress: OnProgress) -> None:
+        """Write all messages, by time."""
+        sources = [self._source(number) for number in range(len(self._recordings))]
+        total = sum(topic.count for one in self._recordings for topic in one.topics.values()) or 1
+        for done, (time, number, message) in enumerate(heapq.merge(*sources, key=lambda item: item[0])):
+            if done % 1000 == 0:
+                on_progress(done / total)
+            if message.topic == KEY:
+                self._take_key(file, time, number, message)
+            elif self._counts(number, _subject(message), time):
+                self._take(file, max(time, self._last), message)
+
+    def _source(self, number: int) -> Iterator[tuple[int, int, Message]]:
+        for message in self._recordings[number].messages():
+            yield message.time + self._shifts[number], number, message
+
+    def _counts(self, number: int, subject: str, time: int) -> bool:
+        """Whether no recording that comes first has this robot or topic at this time."""
+        rank = len(self._recordings[number].robots), number
+        for other, spans in enumerate(self._spans):
+            span = spans.get(subject)
+            before = (len(self._recordings[other].robots), other) < rank
+            if before and span is not None and span[0] <= time <= span[1]:
+                return False
+        return True
+
+    def _take_key(self, file: RecordingFile, time: int, number: int, message: Message) -> None:
+        """Take over the state of robots that this recording begins to tell of, also after a gap in it."""
+        state = TeamState.from_key(time, message.json())
+        fresh = [
+            robot
+            for robot, its in state.robots.items()
+            if self._state.robots.get(robot) != its and self._counts(number, robot, time)
+        ]
+        if fresh:
+            self._state.robots.update((robot, state.robots[robot]) for robot in fresh)
+            self._put_key(file, max(time, self._last + 1))
+
+    def _take(self, file: RecordingFile, time: int, message: Message) -> None:
+        if message.topic in (EVENTS, VARIABLES, WAITING):
+            if time > self._last and time >= self._key_due:
+                self._put_key(file, time)
+            self._state.apply(time, message.topic, message.json())
+        if message.topic.startswith("/fame/"):
+            file.put(message.topic, time, message.data.decode())
+        else:
+            self._write(file, time, message)
+        self._last = time
+
+    def _write(self, file: RecordingFile, time: int, message: Message) -> None:
+        channel = self._channels.get((message.topic, message.node))
+        if channel is None:
+            type = next(one.topics[message.topic].type for one in self._recordings if message.topic in one.topics)
+            channel = self._channels[message.topic, message.node] = file.message_channel(
+                message.topic, type, message.node
+            )
+        file.write(channel, time, message.data)
+
+    def _put_key(self, file: RecordingFile, time: int) -> None:
+        file.put(KEY, time, self._state.key_text())
+        self._last, self._key_due = time, time + SECOND
+
+
+def _subject(message: Message) -> str:
+    """What must not be told twice: a robot, or a topic."""
+    return str(message.json()["robot"]) if message.topic in (EVENTS, VARIABLES, WAITING) else message.topic

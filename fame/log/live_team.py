@@ -56,13 +56,14 @@ class LiveTeam:
     models    what each robot runs, as its ``bpmn_model`` says
     gaps      how many batches of each robot were lost
 
-    `on_model` gets the name of a robot and what it runs, whenever that changes.
+    `on_model` gets the name of a robot and what it runs, whenever that changes. Without `node`, batches are given to
+    `feed`.
     """
 
     def __init__(
         self,
-        node: Node,
-        middleware: Middleware,
+        node: Node | None,
+        middleware: Middleware | None,
         scheduler: Scheduler,
         on_message: OnMessage,
         *,
@@ -81,7 +82,7 @@ class LiveTeam:
         self._arrived: dict[int, int] = {}  # number of what waits -> when it came
         self._last = -1
         self._key_due = 0
-        self._discovery: Entry = scheduler.soon(self._discover)
+        self._discovery: Entry = scheduler.soon(self._discover if node is not None else lambda: None)
         self._release: Entry | None = None
 
     @property
@@ -93,8 +94,15 @@ class LiveTeam:
         """The time of a robot's clock when it told something last (ns); 0 if it has not."""
         return self._sources[robot].time if robot in self._sources else 0
 
+    def feed(self, robot: str, text: str) -> None:
+        """Take a batch of a robot."""
+        with suppress(*_STRANGE):
+            self._take(robot, self._sources.setdefault(robot, _Source()), json.loads(text))
+
     def _discover(self) -> None:
         """Subscribe to the robots that are new."""
+        if self._node is None or self._middleware is None:
+            return
         self._discovery = self._scheduler.after(_DISCOVERY, self._discover)
         suffix = f"/{EVENTS_TOPIC}"
         for info in self._middleware.graph():

@@ -11,25 +11,35 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from fame.clock import EPOCH, SECOND, Entry, Kind, Scheduler, date_text
 from fame.engine.state import Trail
 from fame.middleware import messages
-from fame.middleware.interface import Publisher
-from fame.robot.changes import ChangeTracker
+from fame.middleware.interface import Node, Publisher
+from fame.robot.changes import COUNTED, ChangeTracker
 from fame.robot.events import Event
 
 if TYPE_CHECKING:
     from fame.robot.node import RobotNode
 
-STRING = "std_msgs/msg/String"
+STRING, ELEMENT_TOPIC = "std_msgs/msg/String", "/fame_dt"
 _PERIOD = SECOND // 20
 """Least time between two batches (ns)."""
 _KEY_PERIOD = 5 * SECOND
 """Longest time between two batches that have everything, while somebody subscribes (ns)."""
 _POLL = SECOND // 4
 """How often the number of subscribers is checked (ns)."""
+
+
+class FeedLog(Protocol):
+    """What is told everything, whether somebody subscribes or not: a log (`fame.log.engine_log`)."""
+
+    def on_batch(self, text: str) -> None:
+        """Take a batch."""
+
+    def on_model(self, model: Mapping[str, Any]) -> None:
+        """From now on the robot runs this."""
 
 
 class LiveFeed:
@@ -49,8 +59,9 @@ class LiveFeed:
         *,
         session: int,
         epoch: datetime = EPOCH,
+        log: FeedLog | None = None,
     ) -> None:
-        self._publisher, self._models = publisher, models
+        self._publisher, self._models, self._log = publisher, models, log
         self._scheduler, self._session, self._epoch = scheduler, session, epoch
         self._current: ProcessFeed | None = None
         self._loaded: list[ProcessFeed] = []
@@ -64,8 +75,8 @@ class LiveFeed:
 
     @property
     def watched(self) -> bool:
-        """Whether somebody subscribes."""
-        return self._subscribers > 0
+        """Whether somebody subscribes, or a log is kept."""
+        return self._subscribers > 0 or self._log is not None
 
     def observer(self) -> ProcessFeed:
         """The observer of a process that is being loaded."""
@@ -86,7 +97,10 @@ class LiveFeed:
         self._key_due = self._scheduler.now + _KEY_PERIOD if self._begins else 0
         self._current.resume(active=self.watched)
         self._send_soon()
-        self._models.publish(messages.create(STRING, json.dumps(model_data(node, self._epoch))))
+        model = model_data(node, self._epoch)
+        self._models.publish(messages.create(STRING, json.dumps(model)))
+        if self._log is not None:
+            self._log.on_model(model)
 
     def is_current(self, observer: ProcessFeed) -> bool:
         """Whether its process is what the robot runs."""
@@ -101,7 +115,7 @@ class LiveFeed:
         """Find out whether somebody subscribes, and whether somebody is new."""
         self._poll = self._scheduler.after(_POLL, self._count_subscribers)
         before, self._subscribers = self._subscribers, self._publisher.subscriber_count()
-        if self._current is None or self._subscribers == before == 0:
+        if self._current is None or (self._subscribers == before == 0 and self._log is None):
             return
         self._current.resume(active=self.watched)
         if not self.watched:
@@ -131,10 +145,15 @@ class LiveFeed:
             f'"changes":[{",".join(self._changes)}]}}'
         )
         self._changes.clear()
-        self._publisher.publish(messages.create(STRING, text))
+        if self._subscribers:
+            self._publisher.publish(messages.create(STRING, text))
+        if self._log is not None:
+            self._log.on_batch(text)
 
     def close(self) -> None:
-        """Publish nothing more."""
+        """Tell what has not been told, and publish nothing more."""
+        if self._changes:
+            self._send()
         self._poll.cancel()
         if self._next is not None:
             self._next.cancel()
@@ -197,6 +216,22 @@ class ProcessFeed:
         self._dirty = False
         if self.node is not None and self._tracker is not None and self._feed.is_current(self):
             self._tracker.flush(self.node.scheduler.now)
+
+
+class ElementFeed:
+    """An observer that publishes every step on ``/fame_dt``, as the viewer of the original FaMe's modeler shows it.
+
+    Each std_msgs/msg/String is ``element/status/instance``: the id of the element; ``enter``, ``leave``, ``take``,
+    ``cancel`` or ``fail``; robot and number of the instance (``REX-1``).
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = node.publisher(ELEMENT_TOPIC, STRING)
+
+    def __call__(self, event: Event) -> None:
+        if event.what in COUNTED:
+            text = f"{event.element}/{event.what}/{event.robot}-{event.instance}"
+            self._publisher.publish(messages.create(STRING, text))
 
 
 def model_data(node: RobotNode, epoch: datetime) -> Mapping[str, Any]:

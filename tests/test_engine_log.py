@@ -1,0 +1,133 @@
+"""An engine keeps a log of its own, of bounded size; the logs of a team are merged by time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fame.cli import main
+from fame.deploy import EngineNode
+from fame.log import Recording
+from fame.log.channels import EVENTS, KEY
+from fame.log.engine_log import EngineLog
+from fame.log.recorder import RecordingFile
+from fame.log.team_recorder import TeamRecorder
+from fame.robot.live import ElementFeed
+from tests.test_live_team import Field
+
+
+@pytest.fixture
+def field() -> Iterator[Field]:
+    field = Field()
+    yield field
+    for engine in field.engines:
+        engine.close()
+    field.middleware.close()
+
+
+def engine_with_log(field: Field, name: str, folder: Path, **options: int) -> EngineLog:
+    folder.mkdir(exist_ok=True)
+    notes: list[str] = []
+    log = EngineLog(folder, name, field.scheduler, notes.append, wall_time=lambda: 0.0, **options)
+    engine = EngineNode(name, scheduler=field.scheduler, middleware=field.middleware, log=log)
+    field.engines.append(engine)
+    return log
+
+
+def finish(field: Field, *logs: EngineLog) -> None:
+    for engine in field.engines:
+        engine.close()
+    field.engines.clear()
+    for log in logs:
+        log.close()
+
+
+def left(recording: Recording, robot: str) -> Counter[str]:
+    return Counter(event.element for event in recording.events(robots=[robot]) if event.what == "leave")
+
+
+def test_an_engine_that_nobody_watches_keeps_everything(field: Field, tmp_path: Path) -> None:
+    log = engine_with_log(field, "REX", tmp_path)
+    field.deploy("REX")
+    field.run(10)
+    running = field.engines[0].running
+    assert running is not None
+    visits = running.instances[0].visits
+    finish(field, log)
+    (path,) = tmp_path.iterdir()
+    assert path.name == "REX-19700101T000000.mcap"
+    with Recording(path) as recording:
+        assert not recording.warnings
+        assert left(recording, "REX")["Count"] == visits["Count"]
+        assert recording.models.keys() == {"REX.bpmn"}
+
+
+def test_files_are_of_bounded_size_and_number_and_each_can_be_read(field: Field, tmp_path: Path) -> None:
+    log = engine_with_log(field, "REX", tmp_path, files=3, size=3000)
+    field.deploy("REX")
+    field.run(60)
+    finish(field, log)
+    files = sorted(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+    assert len(files) == 3
+    for path in files:
+        with Recording(path) as recording:
+            first = next(iter(recording.messages()))
+            assert first.topic == KEY
+            state = recording.state(recording.end).robots["REX"]
+            began = recording.state(recording.start).robots["REX"].counts.get("Count", {}).get("leave", 0)
+            assert state.counts["Count"]["leave"] >= began + left(recording, "REX")["Count"] - 1
+
+
+def test_a_folder_that_cannot_be_written_does_not_stop_the_mission(field: Field, tmp_path: Path) -> None:
+    log = engine_with_log(field, "REX", tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    (tmp_path / "gone").write_text("a file")
+    field.deploy("REX")
+    field.run(5)
+    assert field.engines[0].state == "running"
+    assert log._broken
+    finish(field, log)
+
+
+def test_logs_of_a_team_are_merged_by_time(field: Field, tmp_path: Path) -> None:
+    logs = [engine_with_log(field, name, tmp_path / name) for name in ("REX", "DINGO")]
+    with (tmp_path / "team.mcap").open("wb") as stream:
+        recorder = TeamRecorder(field.middleware, field.scheduler, lambda: RecordingFile(stream))
+        field.run(1)
+        field.deploy("REX")
+        field.run(2)
+        field.deploy("DINGO")
+        field.run(5)
+        recorder.close()
+    field.run(4)  # the recorder has lost the network
+    finish(field, *logs)
+    own = [str(next((tmp_path / name).iterdir())) for name in ("REX", "DINGO")]
+    merged = tmp_path / "merged.mcap"
+    assert main(["log", "merge", str(tmp_path / "team.mcap"), *own, "-o", str(merged)]) == 0
+    with Recording(merged) as recording:
+        assert recording.robots == ["DINGO", "REX"]
+        times = [message.time for message in recording.messages()]
+        assert times == sorted(times)
+        for robot, path in zip(("REX", "DINGO"), own, strict=True):
+            with Recording(path) as alone:
+                assert left(recording, robot) == left(alone, robot)
+                last = alone.state(alone.end).robots[robot]
+            assert recording.state(recording.end).robots[robot] == last
+        assert recording.topics[EVENTS].count > 50
+
+
+def test_every_step_is_published_for_the_viewer_of_the_original(field: Field) -> None:
+    feed = ElementFeed(field.middleware.node("fame_dt", "REX"))
+    engine = EngineNode("REX", scheduler=field.scheduler, middleware=field.middleware, observer=feed)
+    field.engines.append(engine)
+    told: list[str] = []
+    field.middleware.node("viewer").subscription(
+        "/fame_dt", "std_msgs/msg/String", lambda message: told.append(message.data)
+    )
+    field.deploy("REX")
+    field.run(1)
+    first = ["Start/enter/REX-1", "Start/leave/REX-1", "f0/take/REX-1", "Count/enter/REX-1", "Count/leave/REX-1"]
+    assert told[:5] == first
