@@ -95,6 +95,10 @@ def add(commands: Commands) -> None:
         help="in many processes: the world waits for all engines after each step, so that each run is the same",
     )  # fmt: skip
     parser.add_argument(
+        "--state", type=Path, metavar="DIR",
+        help="in many processes: each engine keeps its mission in DIR/ROBOT; an engine that dies is started again",
+    )  # fmt: skip
+    parser.add_argument(
         "--real-time", action="store_true", help="run at wall-clock speed instead of as fast as possible"
     )
     parser.add_argument(
@@ -224,6 +228,8 @@ def run(arguments: Namespace) -> int:
         return _run_team(arguments, scenario)
     if arguments.speed is not None and not arguments.view:
         raise ConfigError("--speed needs --view, or --middleware dds, zenoh or ros: one process runs as fast as it can")
+    if arguments.state is not None:
+        raise ConfigError("--state needs --middleware dds, zenoh or ros; in one process see Simulation.save")
     if arguments.lockstep:
         raise ConfigError("--lockstep needs --middleware dds or zenoh: one process is in step with itself")
     if arguments.real_time and arguments.view:
@@ -322,6 +328,7 @@ def _run_team(arguments: Namespace, scenario: Scenario) -> int:
                 lockstep=arguments.lockstep,
                 types=arguments.types,
                 logs=logs,
+                state=arguments.state,
             ).run()
         if logs is not None:
             result = logs.finish(result, drawings=drawings)

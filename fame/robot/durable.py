@@ -94,6 +94,7 @@ class Recorder:
         self._made: dict[Wait, int] = {}
         self._ended: dict[str, Any] = {}
         self._has_ended = False
+        self._reported: set[tuple[str, str]] = set()
         self._note = ""
         self._before: Callable[[], object] = _nothing
         self._after: Callable[[], object] = _nothing
@@ -308,6 +309,9 @@ class Recorder:
         self._on_trouble("")
 
     def _report_unstorable(self, name: str, reason: str) -> None:
+        if (name, reason) in self._reported:
+            return
+        self._reported.add((name, reason))
         self.node.host.report("", f"variable {name} is lost if the engine ends: {reason}" if name else reason)
 
     # ---- resumption --------------------------------------------------------------------------------------------------

@@ -8,8 +8,13 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from datetime import date, datetime, timedelta
+from decimal import Decimal
+from fractions import Fraction
 from importlib import import_module
+from pathlib import Path, PosixPath
 from types import ModuleType
 from typing import Any
 
@@ -21,11 +26,29 @@ from fame.robot.mission import Mission
 from fame.scripting.analysis import code_names, identifiers_of, script_names
 from fame.scripting.python import parse_python
 
+_SIMPLE: dict[type, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    complex: (lambda value: [value.real, value.imag], lambda data: complex(*data)),
+    bytearray: (lambda value: value.hex(), bytearray.fromhex),
+    datetime: (datetime.isoformat, datetime.fromisoformat),
+    date: (date.isoformat, date.fromisoformat),
+    timedelta: (lambda value: [value.days, value.seconds, value.microseconds], lambda data: timedelta(*data)),
+    Decimal: (str, Decimal),
+    Fraction: (str, Fraction),
+    range: (lambda value: [value.start, value.stop, value.step], lambda data: range(*data)),
+    deque: (lambda value: [value.maxlen, list(value)], lambda data: deque(data[1], data[0])),
+    PosixPath: (str, Path),
+}
+"""Types of the standard library: to plain data, which may hold further values, and back."""
+_BY_NAME = {kind.__name__: back for kind, (_, back) in _SIMPLE.items()}
+
 
 def dump(value: Any) -> Any:
     """Plain data of a value that JSON does not know. Raises MissionError for one that cannot be stored."""
     if hasattr(value, "__msgtype__"):
         return {"message": value.__msgtype__, "value": messages.to_mapping(value)}
+    simple = _SIMPLE.get(type(value))
+    if simple is not None:
+        return {"type": type(value).__name__, "value": simple[0](value)}
     if isinstance(value, ModuleType):
         return {"module": value.__name__}
     if callable(value) and _is_offered(value):
@@ -53,6 +76,8 @@ class Loader:
 
     def __call__(self, data: Any) -> Any:
         """A value of what `dump` made of it. Raises MissionError."""
+        if "value" in data and "type" in data:
+            return _BY_NAME[data["type"]](data["value"])
         if "message" in data:
             return messages.create(data["message"], data["value"])
         if "lost" in data:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from fame.check.gate import refuse_errors
 from fame.clock import SECOND, Kind, date_text
 from fame.deploy import STATUS_QOS, STRING, Deployment, Report
-from fame.deploy.authentication import ReportReader
+from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
 from fame.scenario.process import PARENT, connect, scheduler_for
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 
 _CHECK = SECOND // 5  # ns between two checks of the processes
+RESTARTS = 3
+"""How often an engine that keeps its mission is started again."""
 _DISCOVERY = 15.0  # s until all engines must have been discovered
 
 
@@ -58,8 +60,9 @@ class Team:
 
     `on_status` is called with the status of the team several times a second, `on_line` with each line that a process
     prints. A world runs at `speed` times wall-clock speed (1 by default; in `lockstep` as fast as possible). `types`
-    are folders of message types; `logs` record the team. Raises ModelError for errors of the model before anything is
-    started.
+    are folders of message types; `logs` record the team. In the folder `state` each engine keeps its mission: one that
+    dies is started again, at most `RESTARTS` times, and goes on. Raises ModelError for errors of the model before
+    anything is started.
     """
 
     def __init__(
@@ -73,11 +76,14 @@ class Team:
         lockstep: bool = False,
         types: Sequence[Path] = (),
         logs: TeamLogs | None = None,
+        state: Path | None = None,
     ) -> None:
         refuse_errors(scenario.definitions, scenario.processes(), scenario.library)
         self.scenario, self.backend, self._on_status, self._on_line = scenario, backend, on_status, on_line
         self._speed, self._lockstep = speed, lockstep
-        self._types = types
+        self._types, self._state = types, state
+        self._lines: dict[str, list[str]] = {}
+        self._restarts: dict[str, int] = {}
         self.scheduler = scheduler_for(backend)
         self.middleware = connect(backend, self.scheduler)
         self._recorder = logs.recorder(self.middleware, self.scheduler) if logs is not None else None
@@ -162,24 +168,46 @@ class Team:
 
     def _start(self, trust: Path) -> None:
         self._key = new_run_key(trust)
-        lines = command_lines(
-            self.scenario, self.backend, speed=self._speed, lockstep=self._lockstep, types=self._types, trust=trust
+        self._lines = command_lines(
+            self.scenario,
+            self.backend,
+            speed=self._speed,
+            lockstep=self._lockstep,
+            types=self._types,
+            trust=trust,
+            state=self._state,
         )
-        for name, line in lines.items():
-            self._children.start(name, line)
+        for name, line in self._lines.items():
+            self._children.start(name, [*line, "--fresh"] if "--state" in line else line)
             self._pids[name] = self._children.pid(name)
 
     def _check(self) -> None:
         """Report the status; end the run if a process has ended or the duration is over."""
         ended = self._children.ended()
-        if ended:
-            self._fail(*ended)
+        lost = [text for name, text in ended.items() if not self._restart(name, text)]
+        if lost:
+            self._fail(*lost)
             return
         self._on_status(TeamStatus(self._time, self.reports, self._pids))
         if self._time >= self._until and not self._over:
             self.scheduler.stop()
         else:
             self.scheduler.after(_CHECK, self._check, Kind.TIMER)
+
+    def _restart(self, name: str, text: str) -> bool:
+        """Start an engine again that keeps its mission. Returns whether it could be."""
+        if self._state is None:
+            return False
+        if name == "world":
+            self._problems.append("the world has no journal, so the run cannot be resumed")
+            return False
+        self._restarts[name] = self._restarts.get(name, 0) + 1
+        if self._restarts[name] > RESTARTS or self._deployment is None or not self._deployment.done:
+            return False
+        self._on_line(name, f"{text}; it is started again ({self._restarts[name]} of {RESTARTS})")
+        self._children.start(name, self._lines[name])
+        self._pids[name] = self._children.pid(name)
+        return True
 
     @property
     def _time(self) -> float:
@@ -190,10 +218,15 @@ class Team:
         node = self.middleware.node("fame_team")
         for robot in self.scenario.cast:
             node.subscription(
-                f"/{robot}/bpmn_status", STRING, partial(self._on_report, ReportReader(robot, signed=True)), STATUS_QOS
+                f"/{robot}/bpmn_status", STRING, partial(self._on_report, self._reader(robot)), STATUS_QOS
             )
         node.subscription(WORLD_STATE, STRING, self._on_world_state, LATCHED)
         self._resume_world = node.client(RESUME, EMPTY)
+
+    def _reader(self, robot: str) -> ReportReader:
+        """Reads reports of an engine; one that is started again has another key."""
+        patience = GONE if self._state is not None else math.inf
+        return ReportReader(robot, signed=True, patience=patience)
 
     def _on_world_state(self, message: Any) -> None:
         with suppress(ValueError, TypeError, KeyError, RecursionError):
@@ -204,7 +237,7 @@ class Team:
                 self.scheduler.stop()
 
     def _on_report(self, reader: ReportReader, message: Any) -> None:
-        report = reader.read(message.data)
+        report = reader.read(message.data, self.scheduler.now / SECOND)
         if report is None:
             return
         robot = reader.robot
@@ -303,13 +336,13 @@ class Subprocesses:
         """Return the process id."""
         return self._processes[name].pid
 
-    def ended(self) -> list[str]:
-        """Return a line with name and cause for each process that has ended."""
-        return [
-            f"{name} {_cause(code)}" + (f": {self.last[name]}" if name in self.last else "")
+    def ended(self) -> dict[str, str]:
+        """Return a line with name and cause for each process that has ended, by name."""
+        return {
+            name: f"{name} {_cause(code)}" + (f": {self.last[name]}" if name in self.last else "")
             for name, process in self._processes.items()
             if (code := process.poll()) is not None
-        ]
+        }
 
     def end(self) -> list[str]:
         """End all processes and wait for them. Return a line for each that had to be killed."""
@@ -337,11 +370,18 @@ class Subprocesses:
 
 
 def command_lines(
-    scenario: Plan, backend: str, *, speed: float | None, lockstep: bool, types: Sequence[Path], trust: Path
+    scenario: Plan,
+    backend: str,
+    *,
+    speed: float | None,
+    lockstep: bool,
+    types: Sequence[Path],
+    trust: Path,
+    state: Path | None = None,
 ) -> dict[str, list[str]]:
     """Return the arguments of ``fame`` for each process of a scenario: the world, and one engine per robot.
 
-    `trust` is the file of the public key that the engines trust.
+    `trust` is the file of the public key that the engines trust, `state` a folder for what they keep.
     """
     from sim2d.robot import absolute
 
@@ -360,7 +400,8 @@ def command_lines(
     files = ["--files", str(Path(scenario.definitions.file).resolve().parent)]
     for robot in scenario.cast:
         kind = ["--type", kinds[robot]] if robot in kinds else []
-        own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files]
+        keeps = ["--state", str(state / robot)] if state is not None else []
+        own = ["--trust", str(trust), "--unsigned-tasks", *kind, *files, *keeps]
         lines[robot] = ["engine", robot, *own, *time, "--epoch", date_text(scenario.epoch), *folders, *tail]
     return lines
 
