@@ -55,6 +55,9 @@ PATIENCE = 60.0
 REST = 5.0  # s after which engines have loaded what they will need
 BYTECODE: dict[str, str] = {}
 MIDDLEWARE = ["dds"]
+REACH: list[str] = []
+NETWORK: list[Any] = [None]
+"""What engines are told of the network, and what this process opens: for `lossy_network`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +122,7 @@ class Field:
     def __init__(self, domain: int, *robots: str) -> None:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         self.scheduler = scheduler_for(MIDDLEWARE[0])
-        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler)
+        self.middleware: Any = connect(MIDDLEWARE[0], self.scheduler, NETWORK[0])
         self.node = self.middleware.node("benchmark")
         self.last: dict[str, Report] = {}
         for robot in robots:
@@ -187,7 +190,7 @@ class Field:
 
 def _middleware() -> list[str]:
     """ROS confines discovery, not sockets, so that an engine asks for keys or for this word."""
-    return ["--middleware", MIDDLEWARE[0], *(["--insecure"] if MIDDLEWARE == ["ros"] else [])]
+    return ["--middleware", MIDDLEWARE[0], *REACH, *(["--insecure"] if MIDDLEWARE == ["ros"] else [])]
 
 
 def _kind(robot: str) -> list[str]:
