@@ -93,6 +93,7 @@ class ZenohPublisher(WirePublisher):
         options: Any = {
             "congestion_control": _BLOCK if reliable and qos.history == "keep_all" else _DROP,
             "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+            "allowed_destination": zenoh.Locality.REMOTE,
         }
         if history:
             misses = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT) if reliable else None
@@ -108,11 +109,13 @@ class ZenohPublisher(WirePublisher):
         declared.announce(end)
 
     def publish(self, message: Message) -> None:
-        data = self.pack(message)
+        data, number = self.pack(message), next(self._numbers)
         try:
-            self._put(data, attachment=tokens.attachment(next(self._numbers), self.gid))
+            self._put(data, attachment=tokens.attachment(number, self.gid))
         except zenoh.ZError as error:
             raise MessageError(f"cannot be published on {self.topic}: {error}", type=self.type) from None
+        for subscription in self.node.middleware.receivers.get(self._declared.key, ()):
+            subscription.receive_here(number, self.gid, data)
 
     def connected(self) -> list[Entity]:
         """The subscriptions of other nodes that it matches."""
@@ -129,7 +132,11 @@ class ZenohPublisher(WirePublisher):
 
 
 class ZenohSubscription(WireSubscription):
-    """A subscription. Messages that were lost are those whose number is missing."""
+    """A subscription. Messages that were lost are those whose number is missing.
+
+    Publishers of the same session hand their messages over by themselves: Zenoh would call back in the thread that
+    publishes, and swallow the KeyboardInterrupt of a Ctrl-C at that moment.
+    """
 
     node: ZenohNode
 
@@ -139,6 +146,7 @@ class ZenohSubscription(WireSubscription):
         self._graph = node.middleware.entities
         self._own = {publisher.gid for publisher in node.publishers if publisher.topic == topic}
         self._last: dict[bytes, int] = {}
+        self._here: set[bytes] = set()  # publishers of the same session that have handed something over
         self._accepted: dict[bytes, bool] = {}
         self._held: deque[tuple[bytes, bytes]] = deque(maxlen=None if qos.history == "keep_all" else qos.depth)
         self.held = node.held
@@ -156,7 +164,14 @@ class ZenohSubscription(WireSubscription):
             )
         else:
             end = declared.session.declare_subscriber(declared.key, on_sample)
+        node.middleware.receivers.setdefault(declared.key, []).append(self)
         declared.announce(end)
+
+    def receive_here(self, number: int, gid: bytes, data: bytes) -> None:
+        """Take a message of a publisher of the same session."""
+        if gid not in self._own:
+            self._receive(number, time.time_ns(), gid, data)
+            self._here.add(gid)
 
     def ignore(self, publisher: ZenohPublisher) -> None:
         """Drop the messages of a publisher of the same node, those too that still wait when it has closed."""
@@ -172,22 +187,27 @@ class ZenohSubscription(WireSubscription):
         return bool(self._declared.matching(tokens.PUBLISHER))
 
     def release(self) -> None:
+        self.node.middleware.receivers[self._declared.key].remove(self)
         self._declared.withdraw()
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        """In a thread of Zenoh, or in that of a publisher of the same session."""
+        """In a thread of Zenoh."""
         try:
             number, sent, gid = tokens.read_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
         except MessageError as error:
             self._soon(partial(self._refuse, str(error)))
             return
-        if gid in self._own or not self._accepts(gid, sent):
+        again = gid in self._here and number <= self._last.get(gid, 0)  # of the same session, with the history
+        if gid not in self._own and not again:
+            self._receive(number, sent, gid, sample.payload.to_bytes())
+
+    def _receive(self, number: int, sent: int, gid: bytes, data: bytes) -> None:
+        if not self._accepts(gid, sent):
             return
         last = self._last.get(gid)
         if last is not None and number > last + 1 and self.counts_losses:
             self.count_lost(number - last - 1)
         self._last[gid] = number
-        data = sample.payload.to_bytes()
         if self.held:
             self._held.append((gid, data))
         else:

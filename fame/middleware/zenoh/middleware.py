@@ -128,6 +128,7 @@ class ZenohMiddleware(WireMiddleware):
         self.domain: int = domain_id(domain)
         self.confined: bool = network is None
         self.entities: Graph = Graph()
+        self.receivers: dict[str, list[ZenohSubscription]] = {}  # by key, those of this session
         self.session: Any = open_session(self.domain, network)
         self.id: str = str(self.session.zid())
         self._ids = count()
