@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from collaborations import Steps, philosophers, team
 
 from fame.check.explore import Exploration
+from fame.errors import ConfigError
 from fame.scenario.exploration import explore
 
 
@@ -200,3 +202,52 @@ def test_cars_are_told_apart_by_what_they_say() -> None:
     result = explore("examples/convoy.yaml", delivery="run")
     assert result.exhaustive
     assert kinds(result) == {"error"}
+
+
+# ---- single faults ---------------------------------------------------------------------------------------------------
+
+
+def test_a_single_fault_that_leaves_another_robot_waiting() -> None:
+    """What no fault does in the mission itself, one of DINGO's does."""
+    result = explore("models/ground_vehicles.bpmn", faults=True, delivery="run")
+    assert not result.failed
+    (fault,) = (
+        one
+        for one in result.findings
+        if one.kind == "fault" and one.text.startswith("DINGO's") and "blocked" in one.text
+    )
+    assert 'REX waits at "done" (Event_DoneCaught) for /done' in fault.text
+    assert [str(step) for step in fault.run][-2:] == ["DINGO receives /target_found", 'DINGO\'s "Go To" fails: blocked']
+    outcomes = {name: outcome for search in result.searches for name, _, outcome in search.faults}
+    assert outcomes["REX's engine dies"] == "the others complete"
+    assert "for ever" in outcomes["/done to REX is lost"]
+
+
+# ---- bad input -------------------------------------------------------------------------------------------------------
+
+
+def test_bad_requests_are_refused() -> None:
+    for options in ({"limit": 0}, {"delivery": "slow"}, {"network": "lifo"}, {"timers": "late"}, {"seconds": 0}):
+        with pytest.raises(ConfigError):
+            found({"A": ["work"]}, **options)
+    with pytest.raises(ConfigError, match="unknown multi-instance pool 'Crane'"):
+        found({"A": ["work"]}, robots={"Crane": 2})
+
+
+def test_scripts_with_effects_are_not_run(tmp_path: Path) -> None:
+    target = tmp_path / "written"
+    code = f"open({str(target)!r}, 'w').write('x')\nn = 1"
+    result = found(
+        {"A": [f"run {code}", "run __import__('os').abort()\nn = 2", ("if", "n == 1", ["work"], ["person"])]}
+    )
+    assert result.exhaustive
+    assert not target.exists()
+    assert not any(one.kind == "unreachable" for one in result.findings), (
+        "the value is unknown: both branches are taken"
+    )
+
+
+def test_a_condition_that_raises_is_an_error_finding() -> None:
+    result = found({"A": ["run n = 0", ("if", "1 // n == 1", ["work"], ["work"])]})
+    (one,) = (one for one in result.findings if one.kind == "error")
+    assert "ZeroDivisionError" in one.text

@@ -8,15 +8,17 @@ deployments, and the identities that prove the names of robots.
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fame.cli.arguments import Commands, add_json, add_library, command, positive
 from fame.cli.network import OPEN, add_network, connected
 from fame.cli.output import note, print_json, table
-from fame.errors import ConfigError, FameError
+from fame.errors import ConfigError, DeploymentError, FameError
 
 if TYPE_CHECKING:
+    from fame.bpmn.model import Definitions
     from fame.clock import WallScheduler
     from fame.deploy import Deployment, SplitterNode
     from fame.middleware.interface import Middleware
@@ -49,6 +51,10 @@ def add_deploy(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument("--wait", type=positive, default=10.0, metavar="S", help="how long to wait for answers (10)")
     parser.add_argument("--key", type=Path, metavar="FILE.key", help="sign it with this key (see fame keys)")
+    parser.add_argument(
+        "--explore", action="store_true",
+        help="first explore its reachable states (fame check --explore); send nothing if it may deadlock",
+    )  # fmt: skip
     add_network(parser)
     add_library(parser)
     add_json(parser)
@@ -72,6 +78,8 @@ def run_deploy(arguments: Namespace) -> int:
     names, pools = arguments.to, pools_of(definitions)
     sent = [pool.process for pool in pools if not names or any(matches(robot, pool) for robot in names)]
     refuse_errors(definitions, sent, library, sent=True)  # before any robot is looked for
+    if arguments.explore:
+        _refuse_deadlocks(definitions, arguments.library)
     with connected(arguments) as (scheduler, middleware):
         options = {"library": library, "patience": arguments.wait, "key": key}
         sending = Sending(definitions, scheduler, middleware, **options, migrate=arguments.migrate, plan=plan)
@@ -81,6 +89,19 @@ def run_deploy(arguments: Namespace) -> int:
             deployment.close()
             sending.stay(deployment.robots, note)
     return 1 if deployment.failed else 0
+
+
+def _refuse_deadlocks(definitions: Definitions, library: Sequence[Path]) -> None:
+    """Raise DeploymentError for a mission that may deadlock or never complete; a note if not all is explored."""
+    from fame.check.explore.findings import FAILING
+    from fame.scenario.exploration import explore
+
+    result = explore(definitions, library=library)
+    note(result.summary())
+    found = [one for one in result.findings if one.kind in FAILING and not one.accepted]
+    if found:
+        more = f"; and {len(found) - 1} more: fame check --explore" if len(found) > 1 else ""
+        raise DeploymentError(f"nothing is sent: {found[0].text}{more}")
 
 
 def _tell(deployment: Deployment, *, json: bool) -> None:

@@ -51,7 +51,7 @@ def add_arguments(parser: Parser) -> None:
     group.add_argument("--seconds", type=positive, default=None, metavar="S", help="most seconds, for all deliveries")
     group.add_argument("--all", action="store_true", help="show findings without consequences too")
     group.add_argument(
-        "--trace", type=Path, metavar="DIR", help="write each run to DIR: a test, a picture, a recording"
+        "--trace", type=Path, metavar="DIR", help="write each run to DIR: as a test that fails today, and as a picture"
     )
 
 
@@ -81,6 +81,8 @@ def run(arguments: Namespace) -> int:
             seconds=arguments.seconds,
         )
         results.append(result)
+        if arguments.trace is not None:
+            _write(result, arguments, path, robots)
         if not arguments.json:
             for line in report(result, everything=arguments.all):
                 print(coloured(line, sys.stdout))
@@ -88,6 +90,16 @@ def run(arguments: Namespace) -> int:
     if arguments.json:
         print_json({"status": "failed" if failed else "completed", "explorations": [as_json(one) for one in results]})
     return 1 if failed else 0
+
+
+def _write(result: Exploration, arguments: Namespace, path: Path, robots: dict[str, int]) -> None:
+    """Write the runs of what was found."""
+    from fame.scenario.exploration import cast_of
+    from fame.scenario.traces import write_traces
+
+    definitions, _, _ = cast_of(path, robots, arguments.library)
+    for written in write_traces(result, definitions, arguments.trace, robots, path):
+        print(f"fame: wrote {written}", file=sys.stderr)
 
 
 def _robots(given: list[str]) -> dict[str, int]:
@@ -106,13 +118,13 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
     yield result.summary()
     if result.outside:
         yield f"  from outside, at any time: {', '.join(result.outside)}"
-    shown = [one for one in result.findings if everything or one.accepted or one.kind != "unneeded"]
+    shown = [one for one in result.findings if everything or one.accepted or one.kind not in ("unneeded", "fault")]
     for finding in shown:
         yield ""
         yield f"{finding.level}: {finding.text}"
         if finding.accepted:
             yield f"  accepted: {finding.accepted}"
-        elif finding.level == "error" or everything:
+        elif finding.run and (finding.level == "error" or everything):
             yield from _steps(finding)
     yield from _fault_table(result)
     yield ""

@@ -191,8 +191,11 @@ class Team:
             exhaustive=not cuts,
         )
         found = report.findings()
+        rows = report.faults() if request.faults else []
+        found += [finding for _, _, finding in rows if finding is not None]
         spent = time.perf_counter() - begun
-        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts), found
+        table = tuple((name, delivery, outcome) for name, outcome, _ in rows)
+        return Searched(delivery, len(explored.states), explored.transitions, spent, cuts, table), found
 
     def _cuts(self, product: Product, explored: Explored) -> Iterator[str]:
         """What was left out."""
@@ -256,6 +259,8 @@ def _cause(finding: Finding) -> tuple[str, str]:
     if finding.kind in FAILING:
         return ("wait", repr([(place.element) for place in finding.places]))
     if finding.kind in ("always-lost", "unneeded", "growth"):
+        return (finding.kind, finding.text)
+    if finding.kind == "fault":
         return (finding.kind, finding.text)
     return (finding.kind, repr([place.element for place in finding.places]))
 

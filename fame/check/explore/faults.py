@@ -52,8 +52,8 @@ class Faults:
     def _failure(self, robot: int, move: Move) -> Fault:
         text = next(what for kind, what in move.way.flags if kind == "error")
         element, _, error = text.partition("\n")
-        code = move.stimulus[2] if move.stimulus[0] == "end" and move.stimulus[2] else error.partition(";")[0]
-        return ("behaviour", self.product.robots[robot], element, str(code))
+        code = error.partition(";")[0].removeprefix("error ").removesuffix(" was not caught")
+        return ("behaviour", self.product.robots[robot], element, code)
 
     def _losses(self, state: int, robot: int, move: Move, told: Told) -> Iterator[Transition]:
         """One of the deliveries that happen at once is lost."""

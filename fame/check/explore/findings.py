@@ -3,7 +3,8 @@
 The first three kinds fail a check: a ``deadlock``, a mission that can ``never`` complete, a ``lost`` signal that a
 robot waits for afterwards. Warnings are signals that are ``always-lost``, ``dropped`` triggers, pools that may not have
 started at the end (``unstarted``), ``unreachable`` elements, errors that are not caught (``error``), conditions that
-fail (``condition``) and ``growth`` without bound. What has no consequence is a note.
+fail (``condition``), ``growth`` without bound, and a single ``fault`` that leaves others waiting for ever. What has no
+consequence is a note.
 
 An element or process with property ``accept`` = ``<kind>: <reason>`` accepts a finding about it.
 """
@@ -15,18 +16,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from fame.check.explore.faults import outcomes
 from fame.check.explore.graph import Explored
 from fame.check.explore.product import Product
 from fame.check.explore.trace import Place, Runs, Step, waiting
 
 Kind = Literal[
     "deadlock", "never", "lost", "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth",
-    "unneeded",
+    "fault", "unneeded",
 ]  # fmt: skip
 FAILING: tuple[Kind, ...] = ("deadlock", "never", "lost")
 """The kinds that make a check fail."""
 KINDS: tuple[Kind, ...] = (
-    *FAILING, "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "unneeded",
+    *FAILING, "always-lost", "dropped", "unstarted", "unreachable", "error", "condition", "growth", "fault",
+    "unneeded",
 )  # fmt: skip
 
 
@@ -52,6 +55,15 @@ class Finding:
     doomed: int | None = None
     delivery: str = "run"
     accepted: str = ""
+
+    @property
+    def choices(self) -> dict[str, list[int]]:
+        """Element -> the decisions about unknown values there in the run: 0 for true, 1 for false."""
+        found: dict[str, list[int]] = {}
+        for step in self.run:
+            for element, chosen, _ in step.choices:
+                found.setdefault(element, []).append(chosen)
+        return found
 
     @property
     def level(self) -> str:
@@ -107,6 +119,43 @@ class Report:
         delivery = self.product.options.delivery
         found = [self._judged(replace(one, delivery=delivery)) for one in found]
         return sorted(found, key=lambda one: KINDS.index(one.kind))
+
+    # ---- single faults -------------------------------------------------------------------------------
+
+    def faults(self) -> list[tuple[str, str, Finding | None]]:
+        """(fault, outcome, finding) of each single fault; without a finding if the others always can end."""
+        good = self.explored.completable()
+        rows: list[tuple[str, str, Finding | None]] = []
+        for fault, at in outcomes(self.product, self.explored, good).items():
+            name = self._fault_name(fault)
+            if at is None:
+                rows.append((name, "the others complete", None))
+                continue
+            stuck = self._waiting("deadlock", self._last_of(at, good), good)
+            who = stuck.text.partition(": ")[2].removesuffix(", and nothing will come")
+            finding = replace(stuck, kind="fault", text=f"{name}: {who}, for ever",
+                              delivery=self.product.options.delivery)  # fmt: skip
+            rows.append((name, f"{who}, for ever", self._judged(finding)))
+        return rows
+
+    def _last_of(self, at: int, good: bytearray) -> int:
+        """A state in which all has come to rest after that one, else that one itself."""
+        if at in self._stuck_states():
+            return at
+        return next((one for one in self.explored.reached_from(at) if one in self._stuck_states()), at)
+
+    def _stuck_states(self) -> frozenset[int]:
+        return frozenset(self.explored.stuck)
+
+    def _fault_name(self, fault: tuple[str, ...]) -> str:
+        kind, *details = fault
+        if kind == "engine":
+            return f"{details[0]}'s engine dies"
+        if kind == "message":
+            return f"{details[0]} to {details[1]} is lost"
+        robot, element, code = details
+        place = self.runs.place(element)
+        return f"{robot}'s {place.display_name} " + (f"fails: {_together([code])}" if code else "never ends")
 
     def _judged(self, finding: Finding) -> Finding:
         """The finding, accepted if the model says so."""

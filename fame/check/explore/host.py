@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
 
-from fame.bpmn.model import Expression
+from fame.bpmn.model import Expression, Task
 from fame.bpmn.topics import EMPTY_TYPE, TopicUse
+from fame.check.events import raised_codes
 from fame.check.explore.abstraction import Step, emitted, script_writes
 from fame.check.explore.purity import STEPS, is_certain, is_computable, waits
 from fame.check.explore.values import UndecidableError, Values
@@ -167,19 +168,14 @@ class ExplorationHost:
         return evaluate
 
     def _script(self, script: Expression, element: str, file: str) -> Callable[..., Any]:
-        from fame.bpmn.model import Task
-        from fame.check.events import raised_codes
-
-        writes = tuple(sorted(script_writes(script)))
-        codes = tuple(sorted(raised_codes(Task(id=element, kind="script", script=script)) or ()))
-        emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
-        step = Step(writes, codes, emits)
+        step = step_of(script, element)
         if script.language == "python":
             run = compile_script(script, file=file, element=element)
         if waits(script):
             running = Running(step)
             return lambda variables: running
-        if not emits and not codes and "signal" not in script.text and not any(map(self.kept, writes)):
+        quiet = not step.emits and not step.codes and "signal" not in script.text
+        if quiet and not any(map(self.kept, step.writes)):
             return lambda variables: None
         if not is_computable(script, self.fields):
             return lambda variables: self._abstract(step, element, variables)
@@ -328,6 +324,13 @@ class ExplorationHost:
         self.outcome.over.append(instance)
         if instance.error is not None:
             self.outcome.flags.append(("error", f"{instance.error.element}\n{instance.error.text}"))
+
+
+def step_of(script: Expression, element: str) -> Step:
+    """What is known of a script that is not run."""
+    codes = raised_codes(Task(id=element, kind="script", script=script)) or ()
+    emits = tuple((topic, is_certain(script, topic)) for topic in emitted(script))
+    return Step(tuple(sorted(script_writes(script))), tuple(sorted(codes)), emits)
 
 
 def _seconds(text: str) -> float | None:

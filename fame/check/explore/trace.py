@@ -193,9 +193,11 @@ class Runs:
         for failed, _, why in failures:
             text += f"; {self._label(failed)} fails: {why}" if failed != element else ""
         start = kind == "start"
-        if start and not throws and not failures:
+        choices = (
+            () if kind == "loss" else local.chosen(None if start else old, None if start else move.stimulus, move.way)
+        )
+        if start and not throws and not failures and not choices:
             return None
-        choices = local.chosen(None if start else old, None if start else move.stimulus, move.way)
         return Step(robot, kind, element, code, text, throws, tuple(choices))
 
     def _label(self, element: str) -> str:
