@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import resource
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 from joblib.externals.loky import get_reusable_executor
 
+from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import DEFAULTS, fit, is_supervised, make
 from fame.monitor.anomaly.learn import best, learn
 from fame.monitor.anomaly.learning_file import Candidate, DataFile, Learning
@@ -65,7 +67,10 @@ def main() -> None:
     parser.add_argument("--learn", action="store_true", help="time learning too")
     arguments = parser.parse_args()
     files = [arguments.data / name for name in ("original_30.csv", "rbfsvm_train_30.csv")]
-    benign, both = (read_csv(path) for path in files)
+    try:
+        benign, both = (read_csv(path) for path in files)
+    except ConfigError as error:
+        sys.exit(f"{error}; the recordings are those of mh5_anomaly_detector: --data DIR")
     for candidate in (*DEFAULTS, PATH):
         scorer = model(candidate, benign, both).scorer()
         taken = microseconds(scorer, benign.select(range(10)))

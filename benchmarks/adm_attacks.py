@@ -10,12 +10,14 @@ moved by more than benign edges ever are (57 micrometres).
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from fame.errors import ConfigError
 from fame.monitor.anomaly.classifiers import render
 from fame.monitor.anomaly.learn import fold_numbers
 from fame.monitor.anomaly.paths import PathDetector
@@ -39,7 +41,10 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=root / "shared" / "data" / "mh5")
     parser.add_argument("--sizes", type=float, nargs="+", default=[0.1, 0.25], metavar="MM")
     arguments = parser.parse_args()
-    benign = read_csv(arguments.data / "original_30.csv")
+    try:
+        benign = read_csv(arguments.data / "original_30.csv")
+    except ConfigError as error:
+        sys.exit(f"{error}; the recordings are those of mh5_anomaly_detector: --data DIR")
     plain, stamped = held_out(benign), held_out(replace(benign, stamps=PERIOD * np.arange(len(benign))))
     lines = [("benign", *seen(plain, lambda run: (run, None)))]
     lines += [("benign, with time stamps", *seen(stamped, lambda run: (run, None)))]

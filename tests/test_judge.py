@@ -12,7 +12,7 @@ import pytest
 
 from fame.cli import main
 from fame.monitor.data_files import LabelledRun
-from fame.monitor.drift import DriftMonitor
+from fame.monitor.drift import Drift, DriftMonitor
 from fame.monitor.judge import areas, judge_trained
 from fame.monitor.model_card import card_of, to_markdown
 from fame.monitor.pipeline.processor import Samples
@@ -164,6 +164,24 @@ def test_a_slow_change_is_drift_before_it_is_an_alarm(model: TrainedModel, tmp_p
     assert monitor.drifting == ("current_0",)
     assert (scores < np.array(model.thresholds)).all()
     assert 5 < monitor.runs < 30
+
+
+def test_a_node_signals_drift_once_and_goes_on_after_a_restart(model: TrainedModel, tmp_path: Path) -> None:
+    assert model.calibration is not None
+    levels, deviations = np.array(model.calibration.levels), np.array(model.calibration.deviations)
+    told = []
+    for mission in range(12):
+        drift = Drift(model, state=str(tmp_path / "drift.json"), gap=2.0)
+        for cycle in range(2):  # two runs of each mission, 10 s apart
+            loss = np.exp(levels + np.where(np.arange(12) == 6, 0.2 * (2 * mission + cycle), 0.0) * deviations)
+            stamps = 100.0 * mission + 10.0 * cycle + np.arange(5) * 0.1 + 1
+            found = drift.execute({"loss": Samples(np.tile(loss, (5, 1)), stamps, model.columns)})
+            if found:
+                told.append((mission, found["name"].values.tolist(), found["sum"].values[0, 0] > 5))
+        drift.close()
+        assert drift.monitor.runs == 2 * (mission + 1)
+    assert told[0][1:] == ([["current_2"]], True)
+    assert [mission for mission, *_ in told] == sorted({mission for mission, *_ in told})  # once in each mission
 
 
 def test_one_anomalous_run_is_no_drift(model: TrainedModel) -> None:

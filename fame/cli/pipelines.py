@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentTypeError, Namespace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from fame.cli.output import note, print_json, table
 if TYPE_CHECKING:
     from fame.clock import WallScheduler
     from fame.middleware.interface import Middleware
+    from fame.monitor.pipeline.compare import Compared
     from fame.monitor.pipeline.configuration import Configuration
     from fame.monitor.pipeline.recording import RecordingNode
     from fame.monitor.pipeline.train import Training
@@ -208,7 +210,7 @@ def add_train(commands: Commands) -> None:
     """Declare the command."""
     parser = command(
         commands, "train", run_train,
-        examples=("fame train monitor.yaml --plots out", "fame train monitor.yaml --onnx monitor.onnx"),
+        examples=("fame train monitor.yaml --plots out", "fame train monitor.yaml --compare"),
         help="train a detector on recorded runs, with thresholds that promise a rate of false alarms",
     )  # fmt: skip
     parser.add_argument("configuration", type=Path, metavar="CONFIG.yaml", help="a configuration with Training")
@@ -216,12 +218,15 @@ def add_train(commands: Commands) -> None:
     parser.add_argument("--onnx", type=Path, metavar="MODEL.onnx", help="write the model as ONNX too (autoencoders)")
     parser.add_argument("--onnx-single", action="store_true", help="with --onnx: inputs and outputs of 32 bit")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the loss of each run, with the thresholds")
+    parser.add_argument("--compare", action="store_true", help="compare all detectors on these runs, and use the best")
     parser.add_argument("--check", action="store_true", help="only look whether the stored model is of these data")
     add_json(parser)
 
 
 def run_train(arguments: Namespace) -> int:
     """Train, store with a card, and tell how it went."""
+    from dataclasses import replace
+
     from fame.errors import ConfigError
     from fame.imports import require
     from fame.monitor.data_files import hash_files
@@ -239,10 +244,16 @@ def run_train(arguments: Namespace) -> int:
         raise ConfigError(text, file=file)
     training = training_of(configuration.training, configuration.folder)
     path = arguments.output or Path(training.model)
+    compared: list[Compared] = []
     if arguments.check:
         model = TrainedModel.load(path, columns=training.columns, data=hash_files(training.files))
     else:
-        model = train(training, report=lambda text: note(text) if sys.stderr.isatty() else None)
+        progress: Callable[[str], object] = note if sys.stderr.isatty() else lambda text: None
+        compared += _compare(training, progress) if arguments.compare else []
+        training = replace(training, detector=compared[0].detector) if compared else training
+        if compared and not arguments.json:
+            print(_comparison(compared))
+        model = train(training, report=progress)
         model.save(path)
         write_card(model, path)
     if arguments.onnx is not None:
@@ -251,7 +262,8 @@ def run_train(arguments: Namespace) -> int:
     if arguments.plots is not None:
         _plot_training(arguments.plots, model, training)
     if arguments.json:
-        print_json(_trained(path, model, training, warnings))
+        told = {"compared": [item.to_plain() for item in compared]} if compared else {}
+        print_json(_trained(path, model, training, warnings) | told)
         return 0
     for text in warnings:
         note(f"warning: {text}")
@@ -263,6 +275,28 @@ def run_train(arguments: Namespace) -> int:
     print(f"\n{path}: {_detector_text(model)}, windows of {model.window} samples at {model.rate:.4g} Hz, "
           f"data {model.data[:12]}\nfalse alarms: {promise}")  # fmt: skip
     return 0
+
+
+def _compare(training: Training, report: Callable[[str], object]) -> list[Compared]:
+    from fame.monitor.data_files import read_runs
+    from fame.monitor.pipeline.compare import compare
+
+    return compare(read_runs(training.files, training.columns, undisturbed=True), training, report=report)
+
+
+def _comparison(compared: Sequence[Compared]) -> str:
+    """Give the table of a comparison and its rule."""
+    rows = [
+        (
+            item.detector, f"{item.false_alarms} of {item.runs}", f"{sum(item.found.values())} of {item.faults}",
+            *map(str, item.found.values()), "-" if item.latency is None else f"{item.latency:.3g} s",
+            f"{item.cost:.1f} us",
+        )
+        for item in compared
+    ]  # fmt: skip
+    heads = ("detector", "false alarms", "faults found", *compared[0].found, "latency", "cost per sample")
+    rule = "the best has the fewest false alarms, then finds the most injected faults, then is the cheapest"
+    return f"{table(heads, rows)}\n{compared[0].detector} is used: {rule}\n"
 
 
 def _detector_text(model: TrainedModel) -> str:

@@ -11,16 +11,18 @@ as z = `MOST`.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fame.errors import ConfigError
 from fame.monitor.arrays import Floats
 from fame.monitor.calibration import LEAST, Calibration
+from fame.monitor.pipeline.processor import Parameter, Processor, Result, Samples, stacked
+from fame.monitor.pipeline.trained_model import TrainedModel
 
 SLACK, LIMIT, MOST = 0.5, 5.0, 2.5
 
@@ -73,3 +75,77 @@ class DriftMonitor:
             text = f"is of the channels {', '.join(map(str, names))}; expected {', '.join(self.names)}: remove it"
             raise ConfigError(text, file=str(path))
         self.sums, self.runs = sums, runs
+
+
+class Drift(Processor):
+    """Tells once which channels drift: takes the smoothed losses of a model, as `Threshold` does.
+
+    A run ends when no sample has come for `gap`, and with the node. The sums go on from run to run, and with a `state`
+    file from one start of the node to the next. `name` and `sum` have one value per drifting channel.
+    """
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("model", "file", "", description="trained model whose calibration is used", fixed=True),
+        Parameter("state", "file", "", description="file that keeps the sums between starts; empty: none", fixed=True),
+        Parameter("gap", "float", 2.0, (0, None), "s", "between two samples, which ends a run"),
+    )
+    outputs: tuple[str, ...] = ("drift", "name", "sum")
+    model: str
+    state: str
+    gap: float
+
+    def __init__(self, model: str | Path | TrainedModel = "", **values: Any) -> None:
+        super().__init__(**values)
+        if not model:
+            raise ConfigError("needs the file of a trained model", element="model")
+        trained = model if isinstance(model, TrainedModel) else TrainedModel.load(model)
+        if trained.calibration is None:
+            text = "was trained by an earlier version, which stored no calibration: fame train makes it anew"
+            raise ConfigError(text, file=str(model), element="model")
+        self.model = "" if isinstance(model, TrainedModel) else str(model)
+        self.monitor = DriftMonitor.of(trained.columns, trained.calibration)
+        if self.state:
+            self.monitor.restore(Path(self.state))
+        self._largest: Floats | None = None
+        self._last: float | None = None
+        self._told: tuple[str, ...] = ()
+
+    def execute(self, inputs: Mapping[str, Samples], /) -> Result:
+        samples = stacked(inputs)
+        if not len(samples):
+            return None
+        values = samples.channels()
+        if values.shape[1] != len(self.monitor.names):
+            raise ValueError(f"the model has {len(self.monitor.names)} channels; the data are {values.shape[1]}")
+        before = samples.stamps[0] if self._last is None else self._last
+        bounds = np.flatnonzero(np.diff(samples.stamps, prepend=before) > self.gap)
+        for number, rows in enumerate(np.split(np.arange(len(samples)), bounds)):
+            if number:
+                self._end_run()
+            if len(rows):
+                largest = values[rows].max(axis=0)
+                self._largest = largest if self._largest is None else np.maximum(self._largest, largest)
+        self._last = float(samples.stamps[-1])
+        drifting = self.monitor.drifting
+        if not drifting or drifting == self._told:
+            return None
+        self._told = drifting
+        sums = [self.monitor.sums[self.monitor.names.index(name)] for name in drifting]
+        stamps = samples.stamps[-1:]
+        names = tuple(name.rpartition(".")[2] for name in drifting)
+        return {
+            "drift": Samples(np.ones(1, dtype=bool), stamps),
+            "name": Samples(np.array([names], dtype=object), stamps),
+            "sum": Samples(np.array([sums]), stamps),
+        }
+
+    def close(self) -> None:
+        """End the run, and store the sums."""
+        self._end_run()
+        if self.state:
+            self.monitor.save(Path(self.state))
+
+    def _end_run(self) -> None:
+        if self._largest is not None:
+            self.monitor.add(self._largest)
+            self._largest = None

@@ -12,6 +12,7 @@ import numpy as np
 from fame.config.loader import find_object
 from fame.config.values import join
 from fame.errors import ConfigError, FameError
+from fame.monitor.drift import Drift
 from fame.monitor.pipeline.configuration import Configuration, Port, Stage
 from fame.monitor.pipeline.estimators import Autoencoder, Estimator
 from fame.monitor.pipeline.filters import RMS, LowPass, MovingStatistics, Resample, Scale, Spectrum, Window
@@ -23,7 +24,7 @@ PROCESSORS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         LowPass, Resample, Scale, Window, RMS, MovingStatistics, Spectrum,
-        Estimator, Autoencoder, Threshold, Expression, Machine,
+        Estimator, Autoencoder, Threshold, Drift, Expression, Machine,
     )
 }  # fmt: skip
 
@@ -31,6 +32,7 @@ __all__ = [
     "PROCESSORS",
     "RMS",
     "Autoencoder",
+    "Drift",
     "Estimator",
     "Expression",
     "LowPass",
