@@ -10,7 +10,7 @@ from typing import Any
 from fame.bpmn.model import Definitions
 from fame.bpmn.reader import read
 from fame.clock import SECOND
-from fame.errors import FameError, ModelError
+from fame.errors import ConfigError, FameError, ModelError
 from fame.log import Recording
 from fame.log.channels import EVENTS, GROUND, KEY, VARIABLES, WAITING, WORLD
 from fame.log.recording import Message
@@ -29,7 +29,11 @@ class Replay:
 
     def __init__(self, path: str | Path, *, branch: Callable[[int], str] | None = None) -> None:
         self._branch = branch
-        self._recording = Recording(path)
+        try:
+            self._recording = Recording(path)
+        except _MALFORMED as error:
+            text = f"has messages of another form than those of FAME ({type(error).__name__}: {error})"
+            raise ConfigError(text, file=str(path)) from None
         self._path = Path(path)
         self.notices = list(self._recording.warnings)
         self.catalogue = Catalogue(self._models())
@@ -87,7 +91,7 @@ class Replay:
                 if number % 256 == 0:
                     with self._lock:
                         self._done, self._reading = len(packer.blocks) - 1, (message.time - recording.start) / length
-        except (FameError, LookupError, TypeError, ValueError, AttributeError) as error:
+        except (FameError, *_MALFORMED) as error:
             self.notices.append(f"the rest of the recording cannot be shown: {error}")
         with self._lock:
             self._done, self._reading = len(packer.blocks), 1.0
@@ -118,6 +122,7 @@ class Replay:
             end=recording.end - self._offset,
             reading=reading,
             control=["branch"] if self._can_branch else [],
+            empty=["The recording has no models", "It shows timeline, variables and log, but no diagrams."],
             messages=not {*self._topics} <= {*_OWN},
         )
 
@@ -174,5 +179,7 @@ class Replay:
         return self._branch is not None and "seed" in self._recording.metadata
 
 
+_MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
+"""What messages of another form raise."""
 _LONGEST = 365 * 24 * 3600 * SECOND
 """A recording whose times are later than this (ns) counts from another epoch: the page counts from its start."""

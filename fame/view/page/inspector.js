@@ -35,6 +35,7 @@ export class Inspector {
     this.body = h("div", { cls: "body", tabindex: 0 });
     root.append(h("div", { cls: "bar" }, this.tabs, this.robots), this.body);
     this.opened = new Set();
+    this.pause = 90; // ms until it is shown again
   }
 
   choose(tab) {
@@ -60,8 +61,8 @@ export class Inspector {
     const key = [this.tab, selected.robot, selected.element, time, store.version, plots.key, state === null, this.app.controlKey(), this.app.mission.version].join();
     if (key === this.key) return;
     const now = performance.now();
-    if (this.app.player.playing && now - (this.last ?? 0) < 90) { // ten times a second is as much as anybody reads
-      this.app.later(() => this.app.redraw(), 100);
+    if (now - (this.last ?? 0) < this.pause) { // a few times a second is as much as anybody reads
+      this.app.later(() => this.app.redraw(), this.pause);
       return;
     }
     this.key = key;
@@ -77,6 +78,7 @@ export class Inspector {
     const top = this.body.scrollTop;
     show(this.body, { state: () => this.state(state, time), topics: () => this.topics(state, time), log: () => this.log(time) }[this.tab]());
     this.body.scrollTop = top;
+    this.pause = Math.min(400, Math.max(90, 6 * (performance.now() - now))); // of a large team it takes longer
   }
 
   /** The findings of a model, those of the chosen element first. */
@@ -121,7 +123,7 @@ export class Inspector {
       else if (this.status(state, r)) parts.push(h("p", { cls: "status" }, this.status(state, r)));
       parts.push(...body);
     });
-    return parts.length ? parts : [h("p", { cls: "quiet" }, "No robot has started yet.")];
+    return parts.length ? parts : [h("p", { cls: "quiet" }, selected.robot < 0 ? "No robot has started yet." : `${mission.robots[selected.robot].name} runs no process at this time.`)];
   }
 
   status(state, r) {

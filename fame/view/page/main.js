@@ -75,10 +75,11 @@ class App {
       if (!trail.length) this.diagram.plane = -1;
       if (trail.length) await this.diagram.draw(trail.at(-1)[0]); // the same place, at the same zoom
       else if (mission.planes.length) await this.diagram.open(Math.max(0, mission.robots[0]?.plane ?? 0));
-      else if (mission.elements.length) this.diagram.draw(-1);
+      else if (mission.models.length) this.diagram.draw(-1);
       else this.diagram.nothing(mission.empty?.[0] ?? "Nothing to show", mission.empty?.[1] ?? "");
     }
     document.body.dataset.kind = mission.kind;
+    document.body.style.setProperty("--lanes", String(Math.max(2, mission.robots.length)));
     this.changedPlayer();
     this.redraw();
   }
@@ -189,6 +190,8 @@ class App {
   }
 
   changedPlots() {
+    const { length } = this.plots.shown; // room for the first ones; more are scrolled to
+    document.body.style.setProperty("--lanes", String(Math.max(2, this.mission.robots.length) + 1.3 * Math.min(length, 3)));
     this.redraw();
   }
 

@@ -122,7 +122,7 @@ export class Timeline {
         depths[depth] = rows;
         rows += Math.min(MOST_ROWS, 1 + Math.max(0, ...known.values()));
       }
-      const height = Math.max(rows, 1) * ROW + 2 * PAD;
+      const height = Math.max(Math.max(rows, 1) * ROW + 2 * PAD, 36);
       found.push({ r, top, height, depths });
       top += height;
     });

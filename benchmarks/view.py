@@ -1,0 +1,133 @@
+"""What the page of a long recording costs: 20 robots and a million events.
+
+    python benchmarks/view.py [--robots N] [--events N]
+
+Makes a recording, serves it, and measures in chromium (playwright): until the page shows the first state, a jump to an
+instant that is not loaded, jumps once everything is loaded, and the frames of scrubbing across the whole run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import sync_playwright
+
+from fame.bpmn.reader import read
+from fame.log.recorder import RecordingFile
+from fame.view import Replay, Server
+
+MODEL = Path(__file__).parent.parent / "models" / "agriculture.bpmn"
+SECOND = 1_000_000_000
+PER_VISIT, STEP = 5, SECOND // 10
+SCRUB = """async () => {
+  const gaps = [], end = fame.store.end;
+  let last = performance.now();
+  for (let frame = 0; frame < 180; frame += 1) {
+    fame.player.seek(end * (0.5 + 0.5 * Math.sin(frame / 18)));
+    await new Promise((done) => requestAnimationFrame(done));
+    const now = performance.now();
+    gaps.push(now - last);
+    last = now;
+  }
+  gaps.sort((a, b) => a - b);
+  return {median: gaps[90], slow: gaps[170], worst: gaps[179]};
+}"""
+JUMPS = """async () => {
+  const times = [], end = fame.store.end;
+  for (let jump = 0; jump < 30; jump += 1) {
+    const time = Math.floor(end * ((jump * 0.618) % 1)), begun = performance.now();
+    fame.player.seek(time);
+    while (fame.state === null || fame.state.time !== time) await new Promise((done) => setTimeout(done));
+    times.push(performance.now() - begun);
+  }
+  times.sort((a, b) => a - b);
+  return {median: times[15], worst: times[29]};
+}"""
+
+
+def record(path: Path, robots: int, events: int) -> None:
+    """A recording of tractors that go through their process again and again, with variables and waits."""
+    definitions = read(MODEL)
+    process = next(one for one in definitions.processes if "Tractor" in one.id)
+    nodes, flow = [node.id for node in process.body.nodes][:40], process.body.flows[0].id
+    with path.open("wb") as stream:
+        file = RecordingFile(stream)
+        file.describe({"seed": "0"})
+        file.attach("models/agriculture.bpmn", "application/bpmn+xml", definitions.source)
+        names = [f"Tractor_{number + 1}" for number in range(robots)]
+        for name in names:
+            start = {"instance": 1, "scope": 1, "marks": [[process.id, "start"]]}
+            file.put("/fame/events", 0, json.dumps({"robot": name, "events": [start]}))
+        for visit in range(events // PER_VISIT):
+            robot, at = visit % robots, visit // robots * STEP + visit % robots * 1000 + 1
+            now, following = nodes[visit // robots % len(nodes)], nodes[(visit // robots + 1) % len(nodes)]
+            begun = [[now, "enter"]] if visit < robots else []
+            marks = [
+                *begun,
+                [now, "leave"],
+                [flow, "take"],
+                [following, "enter"],
+                ["", "log", "on the way"],
+                [flow, "take"],
+            ]
+            group = {"instance": 1, "scope": 1, "marks": marks}
+            file.put("/fame/events", at, json.dumps({"robot": names[robot], "events": [group]}))
+            change = {"instance": 1, "scope": 1, "path": [], "set": {"x": visit % 97, "y": visit % 89 / 7}}
+            if visit % 4 == 0:
+                file.put("/fame/variables", at, json.dumps({"robot": names[robot], "changes": [change]}))
+        file.finish()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robots", type=int, default=20)
+    parser.add_argument("--events", type=int, default=1_000_000)
+    arguments = parser.parse_args()
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
+        path = Path(folder, "long.mcap")
+        record(path, arguments.robots, arguments.events)
+        print(f"load {os.getloadavg()[0]:.1f}; {path.stat().st_size / 1e6:.1f} MB")
+        browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page: Any = browser.new_page(viewport={"width": 1280, "height": 720})
+        begun = time.monotonic()
+        source = Replay(path)
+        server = Server(source)
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        page.goto(server.address)
+        wait(page, "window.fame && fame.state !== null")
+        print(f"opens in {time.monotonic() - begun:.2f} s (command to first state)")
+        half = page.evaluate("Math.floor(fame.store.end / 2)")
+        begun = time.monotonic()
+        page.evaluate(f"fame.player.seek({half})")
+        wait(page, f"fame.state !== null && fame.state.time === {half}")
+        print(f"a jump into what is not read yet: {time.monotonic() - begun:.2f} s")
+        wait(page, "fame.mission.reading >= 1 && fame.store.blocks.every((one) => one.data)")
+        blocks = page.evaluate("fame.store.blocks.length")
+        print(f"everything loaded after {time.monotonic() - begun:.1f} s: {blocks} blocks")
+        print("jumps, ms:", page.evaluate(JUMPS))
+        scrub = page.evaluate(SCRUB)
+        print("scrubbing, ms a frame:", scrub, f"-> {1000 / scrub['slow']:.0f} frames/s or more in 95 %")
+        browser.close()
+        server.stop()
+        thread.join()
+        source.close()
+
+
+def wait(page: Any, condition: str) -> None:
+    """Wait until an expression is true on the page."""
+    while not page.evaluate(condition):
+        time.sleep(0.01)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""Recordings that cannot be shown, or only in part: one line that says why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from view_page import browser, opened
+
+from fame.bpmn.reader import read
+from fame.cli import main
+from fame.errors import ConfigError
+from fame.log import logging_to
+from fame.log.recorder import RecordingFile
+from fame.scenario import Scenario
+from fame.view import Replay
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    scenario = Scenario.load(EXAMPLES / "ground_vehicles.yaml", duration=60)
+    path = tmp_path_factory.mktemp("view") / "run.mcap"
+    with logging_to(path, scenario.closures()) as log:
+        scenario.run(observer=log)
+    return path
+
+
+def written(path: Path, metadata: dict[str, str], *messages: tuple[str, int, str], models: Any = ()) -> Path:
+    """A recording with these messages."""
+    with path.open("wb") as stream:
+        file = RecordingFile(stream)
+        file.describe(metadata)
+        for name, data in models:
+            file.attach(f"models/{name}", "application/bpmn+xml", data)
+        for message in messages:
+            file.put(*message)
+        file.finish()
+    return path
+
+
+def test_a_recording_that_was_cut_short_is_shown_up_to_where_it_is_whole(recording: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recording.read_bytes()[: recording.stat().st_size * 2 // 3])
+    replay = Replay(cut)
+    replay.wait()
+    mission = replay.mission()
+    assert 10e9 < mission["end"] < 60e9
+    assert mission["blocks"][-1][2] <= mission["end"]
+    assert len(mission["notices"]) == 1
+    with browser() as chromium, opened(chromium, replay) as page:
+        assert page.locator(".notice").inner_text() == mission["notices"][0]
+    replay.close()
+
+
+@pytest.mark.parametrize("content", [b"", b"not an MCAP file", b"\x89MCAP0\r\n"])
+def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"run\.mcap: "):
+        Replay(path)
+
+
+def test_a_newer_format_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "run.mcap", {"format": "99"}, ("/fame/key", 0, '{"robots":{}}'))
+    with pytest.raises(ConfigError, match="expected format 1 or older, got format 99"):
+        Replay(path)
+
+
+def test_a_recording_without_models_says_what_is_missing(tmp_path: Path) -> None:
+    events = '{"robot":"REX","events":[{"instance":1,"scope":2,"marks":[["P","start"],["T","enter"]]}]}'
+    path = written(tmp_path / "run.mcap", {}, ("/fame/events", 5, events))
+    replay = Replay(path)
+    replay.wait()
+    with browser() as chromium, opened(chromium, replay) as page:
+        assert "The recording has no models" in page.locator("#diagram").inner_text()
+        page.evaluate("fame.player.seek(5)")
+        assert page.evaluate(
+            "[...fame.store.stateAt(5).tokens.values()].map((one) => fame.mission.elements[one.e].id)"
+        ) == ["T"]
+    replay.close()
+
+
+def test_a_model_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    key = ("/fame/key", 0, '{"robots":{}}')
+    replay = Replay(written(tmp_path / "run.mcap", {}, key, models=[("broken.bpmn", b"<half a")]))
+    replay.wait()
+    assert replay.notices[0].startswith("broken.bpmn is not shown: ")
+    replay.close()
+
+
+@pytest.mark.parametrize(
+    "text", ['{"robot":"REX"}', "[]", '{"robot":"REX","events":[{"instance":1}]}', '{"robot":"REX","events":7}']
+)
+def test_messages_of_another_form_end_the_replay_with_a_notice(tmp_path: Path, text: str) -> None:
+    path = written(tmp_path / "run.mcap", {}, ("/fame/events", 5, text))
+    try:
+        replay = Replay(path)
+    except ConfigError:
+        return  # refused as a whole, in one line
+    replay.wait()
+    assert "the rest of the recording cannot be shown" in replay.notices[-1]
+    replay.close()
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["missing.mcap"], "missing.mcap: cannot be read"),
+        (["missing.bpmn"], "missing.bpmn: cannot be read: no such file"),
+        (["run.txt"], "expected a recording (.mcap), a model (.bpmn) or a scenario (.yaml), got '.txt'"),
+        (["run.mcap", "--port", "99999"], "expected a port from 0 to 65535, got '99999'"),
+        (["--branch", "3"], "--branch needs a recording"),
+        (["run.mcap", "--branch", "0"], "expected a number above 0, got '0'"),
+    ],
+)
+def test_a_wrong_request_is_one_line(words: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", *words, "--no-open"]) == 2
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+
+
+def test_a_run_that_was_not_recorded_by_the_command_is_not_run_again(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(recording), "--branch", "3", "--no-open"]) == 2
+    assert "cannot be run again: it was not recorded by fame run" in capsys.readouterr().err
+
+
+def test_a_model_without_a_diagram_has_its_elements(tmp_path: Path) -> None:
+    bare = Path(__file__).parent.parent / "models" / "ground_vehicles.bpmn"
+    text = bare.read_text(encoding="utf-8")
+    start, end = text.index("<bpmndi:BPMNDiagram"), text.index("</bpmndi:BPMNDiagram>") + len("</bpmndi:BPMNDiagram>")
+    model = tmp_path / "bare.bpmn"
+    model.write_text(text[:start] + text[end:], encoding="utf-8")
+    assert not read(model).shapes
+    scenario, path = Scenario.load(model, duration=1), tmp_path / "run.mcap"
+    with logging_to(path, [scenario.definitions]) as log:
+        scenario.run(observer=log)
+    replay = Replay(path)
+    replay.wait()
+    with browser() as chromium, opened(chromium, replay) as page:
+        assert "This model has no diagram" in page.locator("#diagram").inner_text()
+    replay.close()
