@@ -1,8 +1,8 @@
 """A simulated world as `foxglove.SceneUpdate`, for recordings: Foxglove and Lichtblick show it as it is.
 
-What stands still is on ``/fame/ground``, again whenever a weed was cut; robots are on ``/fame/world``, ten times a
-second while something moves. The metadata of each entity has what FAME's own view draws: ``appearance`` of a robot,
-``ground`` of the ground.
+What stands still is on ``/fame/ground``, again whenever a weed was cut, a door moved or a parcel was moved; robots are
+on ``/fame/world``, ten times a second while something moves. The metadata of each entity has what FAME's own view
+draws: ``appearance`` of a robot, ``ground`` of the ground.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from fame.config.values import Point
 from sim2d import style
-from sim2d.ground import Circle, Shape, Weed, disc
-from sim2d.record import Record, Track
+from sim2d.ground import ChargerConfig, Circle, Polygon, Shape, Weed, disc
+from sim2d.record import Record, Things, Track
 from sim2d.robot import Appearance, Cone, Pose, SimulatedRobot, Workpiece
+from sim2d.warehouse import StationConfig
 
 if TYPE_CHECKING:
     from sim2d.config import WorldConfig
@@ -42,15 +43,15 @@ class SceneRecorder:
         self._every = max(1, math.floor(1 / (_RATE * world.step) + 0.5))
         self._outlines = {name: _outline(robot, number) for number, (name, robot) in enumerate(world.robots.items())}
         self._last: list[Appearance] = []
-        self._cut = -1
+        self._changes: object = None
         world.watchers.append(self._watch)
 
     def _watch(self, world: World) -> None:
         if world.steps % self._every:
             return
-        cut = sum(weed.cut_at is not None for weed in world.weeds.all)
-        if cut != self._cut:
-            self._cut = cut
+        changes = _changes(world)
+        if changes != self._changes:
+            self._changes = changes
             self._put("/fame/ground", world.scheduler.now, ground_scene(world))
         if not self._wanted():
             self._last = []
@@ -86,6 +87,13 @@ class SceneRecorder:
         )
 
 
+def _changes(world: World) -> object:
+    """What of the ground can change: weeds, doors, parcels."""
+    cut = sum(weed.cut_at is not None for weed in world.weeds.all)
+    doors = [round(door.opening, 2) for door in world.doors]
+    return cut, doors, [(parcel.at, parcel.carrier) for parcel in world.parcels.all]
+
+
 def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
     """How a robot looks, as plain data: m, rad; what is as usual is left out."""
     x, y, heading = look.pose
@@ -106,6 +114,8 @@ def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
     ):
         if value != usual:
             data[key] = round(value, 4)
+    if look.cargo:
+        data["cargo"] = True
     if look.limb:
         data["limb"] = _rounded(look.limb)
     if look.workpieces:
@@ -120,17 +130,26 @@ def appearance(robot: SimulatedRobot, look: Appearance) -> dict[str, Any]:
 
 
 def read_record(
-    config: WorldConfig, samples: Iterable[tuple[float, bytes]], ground: Mapping[str, Any], summary: Mapping[str, Any]
+    config: WorldConfig,
+    samples: Iterable[tuple[float, bytes]],
+    grounds: Iterable[tuple[float, bytes]],
+    summary: Mapping[str, Any],
 ) -> Record:
     """The record of a run that drawings need, from its recording.
 
-    `samples` are seconds and scenes, `ground` is how the ground was in the end, `summary` that of the world.
+    `samples` are seconds and scenes of robots, `grounds` those of the ground, `summary` is that of the world.
     """
+    changes = [(second, _ground(scene)) for second, scene in grounds]
+    ground = changes[-1][1] if changes else {"weeds": []}
+    things: list[Things] = []
     times: list[float] = []
     tracks: dict[str, Track] = {}
     for second, scene in samples:
         entities = json.loads(scene)["entities"]
         times.append(second)
+        while len(changes) > 1 and changes[1][0] <= second:
+            del changes[0]
+        things.append(_things(changes[0][1] if changes else {}))
         for entity in entities:
             look = json.loads(entity["metadata"][0]["value"])
             if entity["id"] not in tracks:
@@ -142,7 +161,19 @@ def read_record(
     from sim2d.world import Collision
 
     collisions = [Collision(each["time"], each["a"], each["b"]) for each in summary.get("collisions", ())]
-    return Record(config, times, list(tracks.values()), collisions, weeds)
+    return Record(config, times, list(tracks.values()), collisions, weeds, things)
+
+
+def _ground(scene: bytes) -> dict[str, Any]:
+    """The data of a scene of the ground (`ground_data`)."""
+    data: dict[str, Any] = json.loads(json.loads(scene)["entities"][0]["metadata"][0]["value"])
+    return data
+
+
+def _things(ground: Mapping[str, Any]) -> Things:
+    doors = tuple(door["opening"] for door in ground.get("doors", ()))
+    parcels = ground.get("parcels", ())
+    return Things(doors, tuple(None if each["carrier"] else (each["at"][0], each["at"][1]) for each in parcels))
 
 
 def _appearance(look: Mapping[str, Any]) -> Appearance:
@@ -155,6 +186,7 @@ def _appearance(look: Mapping[str, Any]) -> Appearance:
         cone=Cone(Pose(*cone["pose"]), cone["angle"], cone["length"]) if cone is not None else None,
         footprint=look.get("footprint", 0.0),
         blade=look.get("blade", 0.0),
+        cargo=look.get("cargo", False),
         charge=look.get("charge", 1.0),
         limb=_points(look.get("limb", ())),
         jaws=look.get("jaws", -1.0),
@@ -172,17 +204,38 @@ def _points(points: Iterable[Sequence[float]]) -> list[Point]:
 def ground_data(world: World) -> dict[str, Any]:
     """What stands and lies on the ground, as plain data: m."""
     config = world.config
+    warehouse: dict[str, Any] = {}
+    if config.stations:
+        warehouse["stations"] = [
+            {"name": one.name, "at": list(one.at), "radius": one.radius} for one in config.stations
+        ]
+    if world.doors:
+        warehouse["doors"] = [
+            {"name": one.name, "from": list(one.start), "to": list(one.end), "opening": round(door.opening, 2)}
+            for door in world.doors
+            for one in (door.config,)
+        ]
+    if world.parcels.all:
+        warehouse["parcels"] = [
+            {"name": parcel.name, "at": _rounded([parcel.at])[0], "carrier": parcel.carrier}
+            for parcel in world.parcels.all
+        ]
     return {
         "bounds": list(config.bounds),
         "walls": config.walls,
         "obstacles": [{"name": thing.name, **_shape(thing.shape)} for thing in config.obstacles],
         "targets": [{"name": thing.name, **_shape(thing.shape)} for thing in config.targets],
-        "chargers": [{"name": one.name, "at": list(one.at), "radius": one.radius} for one in config.chargers],
+        "chargers": [_flat(charger) for charger in config.chargers],
         "weeds": [
             {"name": weed.name, "at": list(weed.at), "radius": weed.radius, "cut": weed.cut_at, "by": weed.cut_by}
             for weed in world.weeds.all
         ],
+        **warehouse,
     }
+
+
+def _flat(place: ChargerConfig | StationConfig) -> dict[str, Any]:
+    return {"name": place.name, "at": list(place.at), "radius": place.radius}
 
 
 def ground_scene(world: World) -> str:
@@ -196,14 +249,27 @@ def ground_scene(world: World) -> str:
         for weed in world.weeds.all
     ]
     solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.chargers]
+    solid += [(Circle(one.at, one.radius), style.LINES, 0.005) for one in config.stations]
+    solid += [
+        (Polygon(tuple(style.parcel(parcel.at))), style.PARCEL, style.PARCEL_SIZE)
+        for parcel in world.parcels.all
+        if not parcel.carrier
+    ]
     edge = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
     entity = {
         **_empty_entity("ground", world.now),
         "metadata": [{"key": "ground", "value": _encode(ground_data(world))}],
-        "lines": [_line(edge, style.LINES, 0.02)],
+        "lines": [_line(edge, style.LINES, 0.02), *(_line(leaf, style.DOOR, 0.1) for leaf in _leaves(world))],
         "triangles": [_prism(shape, colour, height) for shape, colour, height in solid],
     }
     return _encode({"deletions": [], "entities": [entity]})
+
+
+def _leaves(world: World) -> list[tuple[Point, Point]]:
+    """The leaves of all doors."""
+    return [
+        leaf for door in world.doors for leaf in style.door_leaves(door.config.start, door.config.end, door.opening)
+    ]
 
 
 def _empty_entity(name: str, now: float) -> dict[str, Any]:

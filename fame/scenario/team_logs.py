@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError
-from fame.log.channels import WORLD
+from fame.log.channels import GROUND, WORLD
 from fame.log.conversion import FORMS, convert
 from fame.log.recorder import About, LogTopics, RecordingFile, model_attachments
 from fame.log.recording import Recording
@@ -74,7 +74,8 @@ class TeamLogs:
             for event in recording.events():
                 captions.add(event)
             samples = ((message.time / SECOND, message.data) for message in recording.messages((WORLD,)))
-            record = read_record(scenario.world, samples, recording.ground(recording.end), result.world or {})
+            grounds = ((message.time / SECOND, message.data) for message in recording.messages((GROUND,)))
+            record = read_record(scenario.world, samples, grounds, result.world or {})
         return replace(result, record=record, labels=tuple(captions.labels))
 
     def close(self) -> None:

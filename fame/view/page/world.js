@@ -6,11 +6,12 @@ import { after } from "./store.js";
 
 const TAU = 2 * Math.PI, SMALLEST = 26, MOST_NAMES = 24, LOW = 0.2;
 const LEDS = { red: "#ff1f1f", green: "#16d943", blue: "#2f6bff", yellow: "#ffd400", cyan: "#00d5e8", magenta: "#f02be0", white: "#ffffff" };
+const PARCEL = 0.3; // m
 const COLOURS = {
   light: { ground: "#f6f4ee", lines: "#e4e0d5", ink: "#2b2f36", faint: "#62676f", obstacle: "#8a9099", edge: "#5d636c", target: "#e0a100",
-    targetEdge: "#7a5800", weed: "#4f9a2f", weedEdge: "#2c5d17", charger: "#1b7f8c", stubble: "#d9cfae", paper: "#ffffff", fixture: "#d3d6da" },
+    targetEdge: "#7a5800", weed: "#4f9a2f", weedEdge: "#2c5d17", charger: "#1b7f8c", station: "#7b5ea7", parcel: "#c98d4b", parcelEdge: "#7a4d1f", door: "#b03a2e", stubble: "#d9cfae", paper: "#ffffff", fixture: "#d3d6da" },
   dark: { ground: "#20242a", lines: "#2d333b", ink: "#cfd5dc", faint: "#9aa3ad", obstacle: "#69717c", edge: "#8f98a4", target: "#d9a520",
-    targetEdge: "#f0cb6a", weed: "#5fae3d", weedEdge: "#a4dd86", charger: "#4fc3d2", stubble: "#5b5540", paper: "#14171b", fixture: "#4a515b" },
+    targetEdge: "#f0cb6a", weed: "#5fae3d", weedEdge: "#a4dd86", charger: "#4fc3d2", station: "#b49ade", parcel: "#c98d4b", parcelEdge: "#f0c48e", door: "#e0675a", stubble: "#5b5540", paper: "#14171b", fixture: "#4a515b" },
 };
 
 const box = (x, y, length, width) => [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [x + (a * length) / 2, y + (b * width) / 2]);
@@ -163,10 +164,44 @@ export class World {
       const [x, y] = at(charger.at);
       this.label(pen, charger.name, x, y + charger.radius * pen.scale + 11, look.charger, 11);
     }
+    this.drawWarehouse(pen, ground);
     for (const target of ground.targets) {
       const [x, y] = at(target.at ?? target.corners[0]);
       this.label(pen, target.name, x, y - (target.radius ?? 0.3) * pen.scale - 6, look.targetEdge, 12);
     }
+  }
+
+  /** Stations, doors whose leaves retract as they open, and the parcels that no robot carries. */
+  drawWarehouse(pen, ground) {
+    const { context, look, at, scale } = pen;
+    context.lineWidth = 2;
+    for (const { name, at: place, radius } of ground.stations ?? []) {
+      const [x, y] = at(place), half = radius * scale;
+      context.strokeStyle = look.station;
+      context.strokeRect(x - half, y - half, 2 * half, 2 * half);
+      this.label(pen, name, x, y - half - 6, look.station, 11);
+    }
+    context.strokeStyle = look.door;
+    context.lineWidth = Math.max(3, 0.1 * scale);
+    for (const { from, to, opening } of ground.doors ?? []) {
+      const part = Math.max(0.5 * (1 - opening), 0.05), along = [0, 1].map((axis) => (to[axis] - from[axis]) * part);
+      for (const [end, sign] of [[from, 1], [to, -1]]) {
+        context.beginPath();
+        context.moveTo(...at(end));
+        context.lineTo(...at([end[0] + sign * along[0], end[1] + sign * along[1]]));
+        context.stroke();
+      }
+    }
+    for (const parcel of ground.parcels ?? []) if (!parcel.carrier) this.drawParcel(pen, box(...parcel.at, PARCEL, PARCEL));
+  }
+
+  drawParcel(pen, corners) {
+    this.polygon(pen, corners);
+    pen.context.fillStyle = pen.look.parcel;
+    pen.context.strokeStyle = pen.look.parcelEdge;
+    pen.context.lineWidth = 1.5;
+    pen.context.fill();
+    pen.context.stroke();
   }
 
   drawWeed(pen, weed, time, ground) {
@@ -320,6 +355,7 @@ export class World {
         context.stroke();
       }
     }
+    if (pose.cargo) this.drawParcel(pen, placed(box(0, 0, PARCEL, PARCEL)));
     if (led) {
       context.beginPath();
       context.arc(...pen.at(lamp), Math.max(ahead * scale * 0.35, 2.5), 0, TAU);
