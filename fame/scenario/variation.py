@@ -110,7 +110,7 @@ def points(variation: Variation, runs: int, seed: int, world: WorldConfig | None
 
     A factorial design gives each combination in turn, and begins again after the last one.
     """
-    places = {one.path: _free_places(one, world) for one in variation.distributions if one.kind == "free"}
+    places = {one.path: free_places(one, world) for one in variation.distributions if one.kind == "free"}
     if variation.design == "factorial":
         combinations = itertools.cycle(itertools.product(*(one.choices for one in variation.distributions)))
         for values in itertools.islice(combinations, runs):
@@ -136,7 +136,7 @@ def _quantiles(variation: Variation, runs: int, seed: int) -> Iterator[Sequence[
         yield [generator.random() for _ in range(count)]
 
 
-def _free_places(distribution: Distribution, world: WorldConfig | None) -> list[tuple[float, float]]:
+def free_places(distribution: Distribution, world: WorldConfig | None) -> list[tuple[float, float]]:
     """The centres of the cells of the ground that are clear of obstacles."""
     if world is None:
         raise ConfigError(f"{distribution.path}: free: the scenario has no world")

@@ -1,4 +1,4 @@
-"""Tests of missions, in the terms of the model and in simulated time: a pytest plugin.
+"""Tests of missions, in the terms of the model and in simulated time: a pytest plugin (docs/testing.md).
 
 The fixture ``mission`` loads a model or a scenario::
 
@@ -19,6 +19,7 @@ The fixture ``mission`` loads a model or a scenario::
     fakes         topics, services, actions and people that a test plays
     stubs         behaviours that a test replaces
     coverage      elements and flows that tests have entered
+    strategies    strategies of hypothesis: networks, faults, free places, messages
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ deterministic; nothing sleeps.
 
 from __future__ import annotations
 
+import gc
 import io
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -62,12 +63,12 @@ class MissionUnderTest:
     raise ExpectationError, which shows the state of the mission.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path, on_close: Callable[[MissionUnderTest], object]) -> None:
+    def __init__(self, scenario: Scenario, folder: Path) -> None:
         self.scenario: Scenario = scenario
         self.elements: Elements = Elements(scenario.definitions, scenario.cast, scenario.library)
         self.trace: Trace = Trace(dict.fromkeys(scenario.cast, scenario.definitions.file))
         self.library: StubLibrary = StubLibrary(scenario.library)
-        self._folder, self._on_close = folder, on_close
+        self._folder = folder
         self._variables: dict[str, dict[str, Any]] = {
             robot: dict(scenario.variables.get(robot, {})) for robot in self.robots
         }
@@ -414,11 +415,15 @@ class MissionUnderTest:
         yield from save_diagrams(self, self._folder)
 
     def close(self) -> None:
-        """End the mission."""
+        """End the mission, and let go of its world: a physics space must not outlive pymunk's functions at exit."""
         if self._run is not None:
             self._run.stop()
         self._resources.close()
-        self._on_close(self)
+        self._run, self._pending = None, []
+        self.trace.close()
+        for name in ("_recorder", "_outside"):
+            self.__dict__.pop(name, None)
+        self.fakes = Fakes(self)
 
 
 class _Buffer(io.BytesIO):
@@ -458,17 +463,12 @@ class _UntilSaved:
 class MissionLoader:
     """The fixture ``mission``: loads missions, relative to the file of the test or to the folder of pytest.
 
-    `folder` is where a failed mission is saved; `on_close` is called with each mission at the end of the test.
+    `folder` is where a failed mission is saved.
     """
 
-    def __init__(
-        self,
-        folder: Callable[[], Path],
-        search: Sequence[Path] = (),
-        on_close: Callable[[MissionUnderTest], object] = lambda mission: None,
-    ) -> None:
+    def __init__(self, folder: Callable[[], Path], search: Sequence[Path] = ()) -> None:
         self.loaded: list[MissionUnderTest] = []
-        self._folder, self._search, self._on_close = folder, search, on_close
+        self._folder, self._search = folder, search
 
     def load(self, path: str | Path, **options: Any) -> MissionUnderTest:
         """Load a model (.bpmn) or a scenario (.yaml); `options` are those of `fame.Scenario.load`: seed, faults ...
@@ -478,11 +478,14 @@ class MissionLoader:
         found = next((folder / path for folder in self._search if (folder / path).is_file()), Path(path))
         scenario = Scenario.load(found, **options)
         number = f"-{len(self.loaded) + 1}" if self.loaded else ""
-        mission = MissionUnderTest(scenario, self._folder() / f"mission{number}", self._on_close)
+        mission = MissionUnderTest(scenario, self._folder() / f"mission{number}")
         self.loaded.append(mission)
         return mission
 
     def close(self) -> None:
         """End all missions."""
+        worlds = any(mission.begun and mission.world is not None for mission in self.loaded)
         for mission in self.loaded:
             mission.close()
+        if worlds:
+            gc.collect()  # a world and its robots refer to each other

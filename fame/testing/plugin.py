@@ -55,6 +55,7 @@ def mission(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     if coverage is not None:
         for loaded in loader.loaded:
             coverage.add(loaded, request.node.nodeid)
+    del request.node.stash[_LOADER]
     loader.close()
 
 

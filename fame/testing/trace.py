@@ -61,6 +61,11 @@ class Trace:
             self._programs[program] = {id: next(iter(found)) for id, found in files.items() if len(found) == 1}
         return self._programs[program]
 
+    def close(self) -> None:
+        """Let go of what ran; what has happened is kept."""
+        self._programs.clear()
+        self.listeners.clear()
+
     def of(self, robot: str, elements: frozenset[str], what: str) -> list[Step]:
         """The steps of one kind at some elements of a robot, in order."""
         steps = [step for element in elements for step in self._at[robot, element] if step.what == what]
