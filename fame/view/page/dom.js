@@ -75,7 +75,7 @@ export function duration(time) {
   return `${Number((time / 60e9).toPrecision(3))} min`;
 }
 
-const LIGHT = ["#2364c9", "#c2560a", "#1f8a4c", "#8a3ab9", "#0d7f8f", "#c2257e", "#6b6f1a", "#7a4a2b"];
+const LIGHT = ["#2364c9", "#b04b05", "#1a7841", "#8a3ab9", "#0a707f", "#c2257e", "#65691a", "#7a4a2b"];
 const DARK = ["#79a9ff", "#ff9d52", "#5fd08f", "#cf9bf2", "#4fd0e2", "#ff86c4", "#c9ce62", "#d9a583"];
 
 /** Whether the page is dark now. */
