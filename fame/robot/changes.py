@@ -232,12 +232,14 @@ class _ScopeVariables:
         """What is different now, as members of a JSON object; empty if nothing is."""
         variables, texts = self._variables, self._texts
         names, values = list(variables), list(dict.values(variables))
+        gone: list[str] = []
         if names == self._names:
             changed = list(compress(names, map(is_not, values, self._values)))
         else:
             before = dict(zip(self._names, self._values, strict=True))
             changed = [name for name, value in zip(names, values, strict=True) if before.get(name, before) is not value]
             self._names = names
+            gone = [name for name in texts if not dict.__contains__(variables, name)]
         self._values = values
         changed += [name for name, copy in self._changeable.items() if _differs(dict.get(variables, name), copy)]
         fresh: list[str] = []
@@ -252,7 +254,6 @@ class _ScopeVariables:
                 if texts.get(name) != text:
                     texts[name] = text
                     fresh.append(f"{name_text(name)}:{text}")
-        gone = [name for name in texts if not dict.__contains__(variables, name)]
         for name in gone:
             del texts[name]
             self._changeable.pop(name, None)
