@@ -18,6 +18,7 @@ from fame.scenario.campaign_report import causes, counted, html_report, importan
 from fame.scenario.scenario import Scenario
 from fame.scenario.variation import Distribution, Variation, changed, points, read_variation
 
+ROOT = Path(__file__).parent.parent
 FLOW = '<sequenceFlow id="f" sourceRef="s" targetRef="t"/>'
 DATA = (
     f'<dataObjectReference id="o" dataObjectRef="d">{properties(speed="0.5")}</dataObjectReference><dataObject id="d"/>'
@@ -157,6 +158,13 @@ def test_an_impossible_world_is_counted_apart(tmp_path: Path, scenario: Path) ->
     found = summary(rows)
     assert (found["probability"], found["statuses"]["impossible"]) == (1.0, 2)
     assert "rock" in found["causes"][0]["cause"]
+    assert rows[0]["distance"] == 0
+
+
+def test_the_way_that_robots_go_is_measured(tmp_path: Path) -> None:
+    campaign = Campaign(scenario=str(ROOT / "examples" / "ground_vehicles.yaml"), runs=1, duration=20, workers=1)
+    (row,) = rows_of(campaign, tmp_path / "out")
+    assert 1 < row["distance"] < 20
 
 
 def test_a_broken_model_stops_before_the_first_run(

@@ -8,6 +8,7 @@ was interrupted can go on.
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -72,6 +73,7 @@ def run_job(job: Job) -> Row:
         run = Run(scenario, False, None, None)
     except FameError as error:
         return {**row, "status": "impossible", "cause": str(error)}
+    driven = _Distances(run.world) if run.world is not None else None
     result = run.result()
     variables = {
         node.name: _Variables(node.instances[-1].variables) if node.instances else _Variables({}) for node in run.nodes
@@ -83,10 +85,29 @@ def run_job(job: Job) -> Row:
         "cause": cause_of(result),
         "duration": round(result.simulated, 6),
         "wall": round(result.wall, 3),
+        "distance": round(driven.total, 3) if driven is not None else None,
         "collisions": len(world.get("collisions", ())),
         "lost": sum(run.network.lost.values()) if run.network is not None else 0,
         **{f"measure.{name}": _measured(text, variables) for name, text in job.measures.items()},
     }
+
+
+class _Distances:
+    """The way that all robots of a world have gone together (m), by their places every tenth step."""
+
+    def __init__(self, world: Any) -> None:
+        self.total = 0.0
+        self._bodies = [robot.body for robot in world.robots.values() if getattr(robot, "body", None) is not None]
+        self._last = [tuple(body.position) for body in self._bodies]
+        self._steps = 0
+        world.watchers.append(self._look)
+
+    def _look(self, _: object) -> None:
+        self._steps += 1
+        if self._steps % 10 == 0:
+            places = [tuple(body.position) for body in self._bodies]
+            self.total += sum(map(math.dist, self._last, places))
+            self._last = places
 
 
 class _Variables:

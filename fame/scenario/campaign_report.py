@@ -54,7 +54,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "interval": [round(low, 6), round(high, 6)],
         "distributions": {
             name.removeprefix("measure."): spread
-            for name in ("duration", "collisions", "lost", *measures)
+            for name in ("duration", "distance", "collisions", "lost", *measures)
             if (spread := _spread([row.get(name) for row in done]))
         },
         "causes": causes(rows),
