@@ -1,4 +1,4 @@
-"""Writes the events of a run to a file, for people, tables and process mining, and reads its path back.
+"""Writes what happens in a run to a file, for people, tables, process mining and replay, and reads it back.
 
 The suffix of the file selects the format:
 
@@ -11,11 +11,18 @@ equal bytes. Events are written as they occur. The file is complete when the ``w
 
 ::
 
-    writing   the files
-    lines     JSON Lines and CSV
-    xes       IEEE 1849
-    elements  names and kinds of elements
-    reading   visited elements, and the outcomes of their executions
+    writing        the files; .mcap files are recordings (docs/recordings.md)
+    lines, xes     JSON Lines and CSV; IEEE 1849
+    elements       names and kinds of elements
+    reading        visited elements, and the outcomes of their executions
+    channels       topics and schemas of a recording
+    recorder       writes the recording of a run in one process
+    recording      reads recordings (mcap_index finds their chunks)
+    team_state     the state of a team at one time
+    live_team      follows a team on the network
+    team_recorder  records it; engine_log: the log that an engine keeps itself
+    wait_reasons   why a token waits
+    conversion     other forms of a recording, merging; ocel: OCEL 2.0
 """
 
 from __future__ import annotations

@@ -10,6 +10,8 @@ services        services that a task runs for as long as its scope lasts
 timers          ISO 8601 timers on the scheduler
 waiting_tokens  what its tokens wait for
 events          events of a run, and observers of them
+changes         what changes from instant to instant: events, variables, waiting tokens (plain_values: as JSON)
+live            what watchers in other processes are told of it
 """
 
 from __future__ import annotations

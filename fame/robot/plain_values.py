@@ -81,6 +81,8 @@ def snapshot_of(value: Any) -> Any:
 
 _CHANGEABLE = frozenset((list, dict, set, bytearray))
 _CHANGED_IN_PLACE: dict[type, bool] = {}
+_RECENT: dict[int, tuple[Message, str]] = {}  # messages by identity, which do not change, and their JSON
+_MOST_RECENT = 64
 
 
 # ---- values ----------------------------------------------------------------------------------------------------------
@@ -161,11 +163,18 @@ def _message(value: Any, depth: int) -> str:
 
 
 def _small_message(value: Any, depth: int) -> str:
-    """A message of a type without lists of any length."""
+    """A message of a type without lists of any length. Several scopes often have the same one at a time."""
+    known = _RECENT.get(id(value))
+    if known is not None and known[0] is value:
+        return known[1]
     try:
-        return orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+        text = orjson.dumps(value, option=orjson.OPT_SERIALIZE_NUMPY).decode()
     except TypeError:  # what was put into its fields does not fit
         return _message(value, depth)
+    if len(_RECENT) >= _MOST_RECENT:
+        _RECENT.clear()
+    _RECENT[id(value)] = value, text
+    return text
 
 
 @cache
