@@ -15,6 +15,7 @@ import shutil
 import tempfile
 import threading
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,11 @@ def record(path: Path, robots: int, events: int) -> None:
         for name in names:
             start = {"instance": 1, "scope": 1, "marks": [[process.id, "start"]]}
             file.put("/fame/events", 0, json.dumps({"robot": name, "events": [start]}))
+        counts: list[Counter[str]] = [Counter() for _ in names]
         for visit in range(events // PER_VISIT):
+            if visit % (robots * SECOND // STEP) == 0:
+                file.put("/fame/key", visit // robots * STEP, key_of(names, process.id, counts))
+            counts[visit % robots][nodes[visit // robots % len(nodes)]] += 1
             robot, at = visit % robots, visit // robots * STEP + visit % robots * 1000 + 1
             now, following = nodes[visit // robots % len(nodes)], nodes[(visit // robots + 1) % len(nodes)]
             begun = [[now, "enter"]] if visit < robots else []
@@ -84,6 +89,22 @@ def record(path: Path, robots: int, events: int) -> None:
             if visit % 4 == 0:
                 file.put("/fame/variables", at, json.dumps({"robot": names[robot], "changes": [change]}))
         file.finish()
+
+
+def key_of(names: list[str], process: str, counts: list[Counter[str]]) -> str:
+    """The state of all robots, as recordings have it once a second."""
+    instances = [{"instance": 1, "process": process, "status": "running"}]
+    robots = {
+        name: {
+            "process": process,
+            "instances": instances,
+            "tokens": [],
+            "variables": [],
+            "counts": {id: {"enter": times, "leave": times} for id, times in own.items()},
+        }
+        for name, own in zip(names, counts, strict=True)
+    }
+    return json.dumps({"robots": robots})
 
 
 def main() -> None:

@@ -25,8 +25,8 @@ WHATS: tuple[str, ...] = ("start", "enter", "leave", "take", "cancel", "fail", "
 _WHAT = {what: number for number, what in enumerate(WHATS)}
 _START, _ENTER, _LEAVE, _TAKE, _CANCEL, _FAIL, _END = range(7)
 COMPLETED, FAILED, CANCELLED = range(3)
-SIZE = 6000
-"""Events after which a block is full. Replaying one takes the page about a millisecond."""
+SIZE = 3000
+"""Events after which a block is full. Replaying one takes the page less than a millisecond."""
 ITEMS = 4000
 """Changes of variables, waits and poses after which a block is full."""
 

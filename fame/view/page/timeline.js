@@ -217,9 +217,15 @@ export class Timeline {
   /** Bars, arrows, marks and plots, in a picture that is kept until something other than the cursor changes. */
   bars(lanes, plotsTop) {
     const { store, selected } = this.app, height = this.scroller.clientHeight, scroll = this.scroller.scrollTop;
-    const key = [this.from, this.until, this.width, height, scroll, store.version, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
-    if (key === this.layerKey || height < 2) return;
+    const key = [this.from, this.until, this.width, height, scroll, selected.robot, selected.element, this.levels, isDark(), this.plots.key, window.devicePixelRatio].join();
+    if ((key === this.layerKey && store.version === this.layerVersion) || height < 2) return;
+    const begun = performance.now();
+    if (key === this.layerKey && begun < (this.layerPause ?? 0)) { // a long run is being loaded: not for each of its blocks
+      this.app.later(() => this.app.redraw(), 200);
+      return;
+    }
     this.layerKey = key;
+    this.layerVersion = store.version;
     const context = sharp(this.canvas, this.width, height);
     context.clearRect(0, 0, this.width, height);
     context.save();
@@ -235,6 +241,8 @@ export class Timeline {
     this.drawMarks(context, lanes);
     this.plots.draw(context, plotsTop);
     context.restore();
+    const cost = performance.now() - begun;
+    this.layerPause = begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0);
   }
 
   drawLanes(context, lanes, scroll, height, plotsTop) {
@@ -445,14 +453,15 @@ export class Timeline {
   }
 
   drawOverview(time) {
-    const { store } = this.app, width = this.width, key = [store.version, width, isDark(), this.from, this.until, Math.round((time / Math.max(store.end, 1)) * width)].join();
+    const { store } = this.app, width = this.width, key = [store.version, width, isDark(), this.from, this.until, Math.round((time / Math.max(store.end, 1)) * width), this.density?.version].join();
     if (key === this.overviewKey) return;
     this.overviewKey = key;
     const context = sharp(this.overview, width, OVERVIEW), end = Math.max(store.end, 1e9);
     context.clearRect(0, 0, width, OVERVIEW);
     context.fillStyle = css("--soft");
     context.fillRect(0, 3, width, OVERVIEW - 6);
-    if (this.density?.version !== store.version || this.density.width !== width) this.density = this.densities(end, width);
+    const stale = this.density?.version !== store.version && performance.now() > (this.density?.until ?? 0);
+    if (stale || this.density?.width !== width) this.density = this.densities(end, width);
     context.fillStyle = css("--muted");
     this.density.values.forEach((value, x) => {
       if (value > 0) context.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
@@ -466,14 +475,15 @@ export class Timeline {
   }
 
   densities(end, width) {
-    const values = new Float32Array(Math.ceil(width));
+    const begun = performance.now(), values = new Float32Array(Math.ceil(width));
     for (const block of this.app.store.blocks) {
       const times = block.data?.columns.t;
       if (!times) continue;
       for (let at = 0; at < times.length; at += 1) values[Math.min(values.length - 1, Math.floor((times[at] / end) * width))] += 1;
     }
     const most = Math.log1p(Math.max(...values, 1));
-    return { version: this.app.store.version, width, values: values.map((value) => Math.log1p(value) / most) };
+    const shown = values.map((value) => Math.log1p(value) / most), cost = performance.now() - begun;
+    return { version: this.app.store.version, width, values: shown, until: begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0) };
   }
 
   // ---- what people do ----------------------------------------------------------------------------
