@@ -157,6 +157,25 @@ def test_lost_batches_are_counted_and_the_next_key_mends_the_state(field: Field)
     assert team.state.robots["REX"].counts["Count"]["leave"] == running.instances[0].visits["Count"]
 
 
+def test_who_was_cut_off_and_comes_back_misses_nothing_unseen(field: Field) -> None:
+    field.engine("REX")
+    team = field.watch()
+    field.run(1)
+    field.deploy("REX")
+    field.run(2)
+    node = next(node for node in field.middleware.nodes if node.name == "watcher")
+    subscription = next(end for end in node.endpoints if getattr(end, "topic", "") == "/REX/bpmn_events")
+    subscription.close()
+    field.run(3)
+    node.subscription("/REX/bpmn_events", "std_msgs/msg/String", subscription._callback)  # type: ignore[union-attr]
+    field.run(3)
+    team.close()
+    assert 1 <= team.gaps["REX"] <= 5
+    running = field.engines[0].running
+    assert running is not None
+    assert team.state.robots["REX"].counts["Count"]["leave"] == running.instances[0].visits["Count"]
+
+
 def test_a_new_process_begins_anew(field: Field) -> None:
     field.engine("REX")
     team = field.watch()

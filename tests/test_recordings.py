@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import fame
+from fame.cli import main
 from fame.errors import ConfigError
 from fame.log import About, Recording, TeamState, logging_to
 from fame.log.channels import EVENTS, VARIABLES, WAITING
@@ -174,6 +175,15 @@ def test_a_recording_that_was_cut_short_opens_as_far_as_it_is_whole(run: tuple[P
         assert "cut short" in cut.warnings[0]
         assert 0 < cut.end < whole.end
         assert list(cut.events()) == list(whole.events(end=cut.end))[: len(list(cut.events()))]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk to try")
+def test_a_full_disk_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "run.mcap").symlink_to("/dev/full")
+    command = ["run", str(EXAMPLES / "agriculture.yaml"), "--duration", "5", "--quiet"]
+    assert main([*command, "--log", str(tmp_path / "run.mcap")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("run.mcap: cannot be written: No space left on device")
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,7 @@ class LiveFeed:
         self._current.resume(active=self.watched)
         if not self.watched:
             self._changes.clear()
+            self._batch += 1  # who comes back has missed something, and sees it by the number
         elif self._subscribers > before or self._scheduler.now >= self._key_due:
             self._key_due = 0
             self._current.look()  # who publishes may have changed, if nothing else
