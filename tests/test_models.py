@@ -89,7 +89,8 @@ def test_no_two_files_that_run_together_have_ids_in_common() -> None:
 @every_model
 def test_every_called_process_is_in_the_library(model: Definitions) -> None:
     called = {node.called for node in nodes(model) if isinstance(node, CallActivity)}
-    assert called <= {file.stem for file in LIBRARY}
+    nav2 = {file.stem for file in (MODELS / "nav2").glob("*.bpmn")}
+    assert called <= {file.stem for file in LIBRARY} | nav2
 
 
 @every_model
