@@ -9,6 +9,7 @@ A robot is a list of steps::
     ("and", A, B)   branches in parallel             ("or", A, B)   one of them, by an unknown value
     ("if", C, A, B) A if condition C, else B         ("race", A, B) the first whose catch or timer comes
     ("loop", A)     again and again, or not          ("while", A)   for ever
+    ("scope", A, x, H)  a sub-process A with an interrupting event sub-process H for signal x
     "stop"          terminate                        "end"          an end event in a branch
 
 The first step may be ``start x``: the robot starts with that signal.
@@ -152,6 +153,22 @@ class _Process:
         for end in ends:
             self.flow(end, merge)
         return merge
+
+    def _scope(self, before: str, body: Steps, signal: str, handler: Steps) -> str:
+        outside, self.text = self.text, []
+        self._inside(self.node("startEvent", "", "", "start"), body)
+        content, self.text = self.text, []
+        self._inside(self.node("startEvent", self.signal(signal), f'name="{signal}"', "start"), handler)
+        handling = f'<subProcess id="{self.id("handler")}" triggeredByEvent="true">{"".join(self.text)}</subProcess>'
+        self.text = outside
+        made = self.node("subProcess", "".join(content) + handling, "", "scope")
+        self.flow(before, made)
+        return made
+
+    def _inside(self, begin: str, steps: Steps) -> None:
+        end = self.steps(begin, steps)
+        if end is not None:
+            self.flow(end, self.node("endEvent", "", "", "end"))
 
     def _loop(self, before: str, body: Steps) -> str | None:
         probe = self.script("unknown = robot.now", "look")

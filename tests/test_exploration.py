@@ -143,9 +143,20 @@ def test_multi_instance_bidding() -> None:
     assert any("Bidder_" in one.text for one in result.findings if one.kind == "lost")
 
 
-def test_a_dropped_trigger() -> None:
+def test_an_event_sub_process_that_arms_too_late() -> None:
+    """It listens once its scope is entered, which is after some work."""
+    late: Steps = ["work", ("scope", ["work"], "alarm", ["throw ack"])]
+    result = found({"A": late, "B": ["throw alarm", "catch ack"]}, delivery="run")
+    (one,) = (one for one in result.findings if one.kind == "deadlock")
+    assert "B waits at" in one.text
+    assert any(step.kind == "miss" and step.detail == "/alarm" for step in one.run)
+    in_time: Steps = [("scope", ["throw ready", "work"], "alarm", ["throw ack"])]
+    assert not found({"A": in_time, "B": ["catch ready", "throw alarm", "catch ack"]}, delivery="run").failed
+
+
+def test_two_triggers_start_two_instances() -> None:
     robots: dict[str, Steps] = {"A": ["throw go", "work", "throw go"], "B": ["start go", "work"]}
-    assert not kinds(found(robots)), "two instances may run at a time"
+    assert not kinds(found(robots))
 
 
 def test_an_element_that_no_token_enters() -> None:

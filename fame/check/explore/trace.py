@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from fame.check.explore.graph import Explored
 from fame.check.explore.local import Local
-from fame.check.explore.product import BITS, MASK, Move, Product, Seen, Transition
+from fame.check.explore.product import BITS, DEAD, MASK, Move, Product, Seen, Transition
 from fame.errors import display_name
 
 
@@ -147,12 +147,15 @@ class Runs:
         _, robot, move, told = transition
         olds = self.product.locals_of(state) if state is not None else [0] * self.product.count
         for place, done in ((robot, move), *told):
-            old = olds[place] if done is move or done.stimulus[0] != "start" else 0
-            step = self._step(self.product.locals[place], names[place], old, done)
+            step = self._step(self.product.locals[place], names[place], olds[place], done)
+            if done.stimulus[0] != "loss":
+                olds[place] = done.state
             if step is not None:
                 yield step
 
     def _step(self, local: Local, robot: str, old: int, move: Move) -> Step | None:
+        if old == DEAD:
+            return None
         kind, what, detail = move.stimulus
         element, code = "", ""
         match kind:
