@@ -6,6 +6,9 @@ and connect directly. When the first one ends, another one listens there in its 
 later. It does so by a second session: Zenoh cannot add a listener to a session, and a session that waits for a port
 cannot close.
 
+The session that listens there is a router of Zenoh, and the others gossip with it alone: if all told all others of
+everybody, discovery would cost each of them the square of their number.
+
 Machines are connected by routers: ``fame router``, `zenohd` or rmw_zenoh's `rmw_zenohd`, one on each machine. The
 sessions of a machine connect to its router, which says to each who else is there; what is for another machine goes
 through the routers. A session never listens on the network itself.
@@ -49,6 +52,7 @@ _SETTINGS: dict[str, Any] = {
 }
 _PEER: dict[str, Any] = {
     "mode": "peer",
+    "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
     "listen/endpoints": ["tcp/127.0.0.1:0"],
 }
 
@@ -75,7 +79,7 @@ def take_over(domain: int) -> zenoh.Session | None:
         except OSError:
             return None
     try:
-        return _open(_SETTINGS | _PEER | {"listen/endpoints": [_meeting_point(domain)]})
+        return _open(_SETTINGS | _PEER | {"mode": "router", "listen/endpoints": [_meeting_point(domain)]})
     except ConfigError:
         return None  # another process was faster
 
