@@ -405,3 +405,29 @@ def test_the_graph_does_not_grow_without_bound(here: WallWorld, monkeypatch: pyt
     assert added == [True, True, False, False]
     graph.remove(token_of(0))
     assert graph.add(tokens.entity(token_of(3)))
+
+
+@pytest.mark.processes
+def test_a_router_with_passwords_lets_in_who_knows_one(tmp_path: Path) -> None:
+    port, scheduler = free_port(), WallScheduler()
+    (tmp_path / "users.txt").write_text("rex:secret\n")
+
+    def file(name: str, password: str, more: str = "") -> str:
+        path = tmp_path / f"{name}.json5"
+        auth = f'transport: {{auth: {{usrpwd: {{user: "rex", password: "{password}"{more}}}}}}}'
+        path.write_text(f'{{{auth}, connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}}}}')
+        return str(path)
+
+    users = f', dictionary_file: "{tmp_path / "users.txt"}"'
+    config = tmp_path / "router.json5"
+    config.write_text(f'{{transport: {{auth: {{usrpwd: {{user: "rex", password: "secret"{users}}}}}}}}}')
+    router = Router(port, "--zenoh-config", str(config))
+    friend, stranger = (through(scheduler, file(name, name)) for name in ("secret", "guess"))
+    try:
+        run_until(scheduler, lambda: list(friend.session.info.routers_zid()))
+        scheduler.run(scheduler.now + SECOND)
+        assert list(stranger.session.info.routers_zid()) == []
+    finally:
+        for middleware in (friend, stranger):
+            middleware.close()
+        router.kill()
