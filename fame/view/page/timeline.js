@@ -230,7 +230,7 @@ export class Timeline {
     context.clearRect(0, 0, this.width, height);
     context.save();
     context.translate(0, -scroll);
-    this.drawLanes(context, lanes, scroll, height, plotsTop);
+    this.drawLanes(context, lanes, scroll, height);
     this.hits = [];
     const last = new Map();
     for (const block of store.within(this.from, this.until)) {
@@ -245,7 +245,7 @@ export class Timeline {
     this.layerPause = begun + (cost > 8 ? Math.min(2000, 10 * cost) : 0);
   }
 
-  drawLanes(context, lanes, scroll, height, plotsTop) {
+  drawLanes(context, lanes, scroll, height) {
     const line = css("--line"), soft = css("--soft");
     const each = step(this.until - this.from, this.width);
     context.fillStyle = soft;
@@ -258,7 +258,6 @@ export class Timeline {
       context.fillStyle = line;
       context.fillRect(0, top + tall - 1, this.width, 1);
     }
-    if (plotsTop === 0) context.clearRect(0, 0, 0, 0);
   }
 
   drawMissing(context, block, height) {
