@@ -1,6 +1,7 @@
 """Learning: the file, the table, the best model, and how it is stored."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
@@ -20,6 +21,7 @@ from fame.monitor.anomaly.learn import Interface, best, learn
 from fame.monitor.anomaly.learning_file import load
 from fame.monitor.anomaly.model import DataPersist, DataProcess, data_hash, load_model, save_model
 from fame.monitor.anomaly.recording import join, of_runs, write_csv
+from fame.monitor.model_card import card_of
 from fame.monitor.storage import write_artefact
 
 FILES = """
@@ -408,3 +410,13 @@ def test_a_classifier_that_could_not_be_read_back_is_not_stored(tmp_path: Path) 
     with pytest.raises(ConfigError, match="could not be read back as data"):
         write_artefact({"estimator": Own()}, tmp_path / "own.skops")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_threshold_is_told_in_points_and_the_card_says_what_was_learned(folder: Path):
+    model = replace(best(learn(load(folder / "learning.yaml"))).model, threshold=0.002, nominal=496)
+    assert model.alarm_text() == "alarm from 1 anomalous point of a run of 496 on"
+    assert model.alarm_text(0.0021) == "alarm from 2 anomalous points of a run of 496 on"
+    card = card_of(model)
+    assert card["Threshold"]["in points"] == model.alarm_text()
+    assert card["Data"]["sha256"] == model.data
+    assert any("sees single points" in text for text in card["Limits"])

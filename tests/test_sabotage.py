@@ -57,7 +57,9 @@ def test_all_parts_before_are_judged_benign(result: Result) -> None:
 
 
 def test_what_was_recorded_and_learned_stays(result: Result, tree: Path) -> None:
-    assert {path.name for path in (tree / "out" / "sabotage").iterdir()} == {"good.csv", "good.skops"}
+    assert {path.name for path in (tree / "out" / "sabotage").iterdir()} == {
+        "good.csv", "good.skops", "good.card.md", "good.card.json",
+    }  # fmt: skip
 
 
 def test_a_computer_with_the_name_of_a_robot_is_refused(tree: Path) -> None:

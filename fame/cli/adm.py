@@ -121,6 +121,7 @@ def run_learn(arguments: Namespace) -> int:
     from fame.monitor.anomaly.learn import best, learn, read_data
     from fame.monitor.anomaly.learning_file import load
     from fame.monitor.anomaly.model import save_model
+    from fame.monitor.model_card import write_card
 
     learning = load(arguments.config)
     writable(arguments.output)
@@ -131,6 +132,8 @@ def run_learn(arguments: Namespace) -> int:
     learned = learn(learning, data, jobs=max(1, arguments.jobs), progress=progress)
     chosen = best(learned)
     save_model(chosen.model, arguments.output)
+    write_card(chosen.model, arguments.output)
+    say(f"{arguments.output}: {chosen.model.alarm_text()}")
     if arguments.plots is not None:
         _plot(arguments.plots, learned, chosen, data)
     if arguments.json:
@@ -219,6 +222,7 @@ def run_operate(arguments: Namespace) -> int:
     from fame.monitor.anomaly.nodes import OperateNode
 
     model = load_model(arguments.model)
+    say(f"{arguments.model}: {model.alarm_text(arguments.threshold)}")
     nodes: list[OperateNode] = []
     over = False
 

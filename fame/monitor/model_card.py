@@ -104,7 +104,6 @@ def _measured(calibration: Calibration) -> dict[str, Any]:
 def _anomaly_card(model: Model) -> Card:
     from fame.monitor.anomaly.paths import PathDetector
 
-    points = model.alarm_points()
     limits = [
         "Points are scored against runs of the training: a changed task, load or speed needs a new model.",
         "Stamps are made up at the usual rate where messages have none.",
@@ -121,7 +120,7 @@ def _anomaly_card(model: Model) -> Card:
         "Data": {"sha256": model.data},
         "Threshold": {
             "score": model.threshold,
-            "alarm": f"from {points} anomalous points of a run of {model.nominal} on{model.seconds_text(points)}",
+            "in points": model.alarm_text(),
         },
         "Limits": limits,
         "Versions": dict(model.versions),

@@ -132,9 +132,16 @@ class Model:
             return PathScorer(self)
         return PointScorer(self)
 
-    def alarm_points(self) -> int:
+    def alarm_points(self, threshold: float | None = None) -> int:
         """The number of anomalous points of a run from which on its score exceeds the threshold."""
-        return math.floor(self.threshold * self.nominal + 1e-9) + 1
+        limit = self.threshold if threshold is None else threshold
+        return math.floor(limit * self.nominal + 1e-9) + 1
+
+    def alarm_text(self, threshold: float | None = None) -> str:
+        """The threshold in points and time."""
+        points = self.alarm_points(threshold)
+        many = "1 anomalous point" if points == 1 else f"{points} anomalous points"
+        return f"alarm from {many} of a run of {self.nominal} on{self.seconds_text(points)}"
 
     @property
     def period(self) -> float:
