@@ -178,6 +178,13 @@ def test_a_limit_is_said_first() -> None:
     assert "the limit of 50 states is reached" in result.summary()
 
 
+def test_a_variable_that_counts_for_ever_becomes_unknown() -> None:
+    result = found({"A": ["run n = 0", ("loop", ["work", "run n = n + 1"]), ("if", "n == 500", ["work"], ["person"])]})
+    assert result.exhaustive
+    assert result.widened == (("A", "n"),)
+    assert not kinds(result), "500 is one of its values"
+
+
 def test_an_accepted_deadlock_does_not_fail() -> None:
     robots: dict[str, Steps] = {"A": ["catch b", "throw a"], "B": ["catch a", "throw b"]}
     result = explore(team(robots, accept={"A": "deadlock: they are started by hand"}))

@@ -118,6 +118,9 @@ def report(result: Exploration, *, everything: bool = False) -> Iterator[str]:
     yield result.summary()
     if result.outside:
         yield f"  from outside, at any time: {', '.join(result.outside)}"
+    if result.widened:
+        names = ", ".join(f"{name} of {robot}" for robot, name in result.widened)
+        yield f"  with too many values to tell apart, so unknown after a while: {names}"
     shown = [one for one in result.findings if everything or one.accepted or one.kind not in ("unneeded", "fault")]
     for finding in shown:
         yield ""
@@ -175,6 +178,7 @@ def as_json(result: Exploration) -> dict[str, Any]:
         "states": result.states,
         "seconds": round(result.seconds, 3),
         "outside": list(result.outside),
+        "widened": [list(one) for one in result.widened],
         "searches": [asdict(search) for search in result.searches],
         "findings": [_finding(one) for one in result.findings],
     }

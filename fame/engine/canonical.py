@@ -68,9 +68,10 @@ def stimuli(engine: Engine) -> Stimuli:
 class Forms:
     """The forms of the engines of one program.
 
-    encode  value of a variable or message -> hashable
-    decode  the opposite; makes a new value if it can be changed
-    kept    whether a variable belongs to the form; all that is data by default
+    encode    value of a message or another part of the state -> hashable
+    decode    the opposite; makes a new value if it can be changed
+    variable  (name, value) of a variable -> hashable; as `encode` by default
+    kept      whether a variable belongs to the form; all that is data by default
     """
 
     def __init__(
@@ -79,7 +80,9 @@ class Forms:
         encode: Callable[[Any], Hashable],
         decode: Callable[[Any], Any],
         kept: Callable[[str], bool] = lambda name: True,
+        variable: Callable[[str, Any], Hashable] | None = None,
     ) -> None:
+        self.variable: Callable[[str, Any], Hashable] = variable or (lambda name, value: encode(value))
         self.program, self.encode, self.decode, self.kept = program, encode, decode, kept
         self.nodes: tuple[Node, ...] = (*program.nodes, *OF_NO_PROGRAM)
         self.numbers: dict[Node, int] = {node: number for number, node in enumerate(self.nodes)}
@@ -185,9 +188,9 @@ class _Walk:
         if place is not None:
             return place
         outer = self._dict(variables.outer) if isinstance(variables, Variables) else -1
-        encode, kept = self.forms.encode, self.forms.kept
+        encode, kept = self.forms.variable, self.forms.kept
         own = sorted(
-            [(name, encode(value)) for name, value in variables.items() if kept(name) and is_data(name, value)],
+            [(name, encode(name, value)) for name, value in variables.items() if kept(name) and is_data(name, value)],
             key=lambda item: item[0],
         )
         place = self.dicts[id(variables)] = len(self.variables)

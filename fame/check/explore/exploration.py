@@ -77,6 +77,7 @@ class Exploration:
     searches    one for each delivery
     local       robot -> number of its local states
     outside     topics on which anything may come from outside of the team
+    widened     variables that have too many values, and so are unknown from some time on: (robot, name)
     seconds     of all searches (wall clock)
     """
 
@@ -87,6 +88,7 @@ class Exploration:
     local: Mapping[str, int]
     outside: tuple[str, ...]
     seconds: float
+    widened: tuple[tuple[str, str], ...] = ()
 
     @property
     def exhaustive(self) -> bool:
@@ -251,6 +253,7 @@ def explore_team(definitions: Definitions, library: Library, cast: Mapping[str, 
         local={local.robot: len(local) for local in dict.fromkeys(team.locals)},
         outside=tuple(sorted({topic for local in team.locals for topic in local.outside})),
         seconds=time.perf_counter() - begun,
+        widened=tuple((local.robot, name) for local in dict.fromkeys(team.locals) for name in sorted(local.widened)),
     )
 
 

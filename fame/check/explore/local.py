@@ -15,7 +15,7 @@ from typing import Any
 from fame.bpmn.model import Definitions, Process
 from fame.check.explore.abstraction import Abstraction
 from fame.check.explore.host import MOST_DECISIONS, ExplorationHost, Flag, Outcome, Running, Send, Timer
-from fame.check.explore.values import Values
+from fame.check.explore.values import UNKNOWN, Values
 from fame.engine import Engine, compile_program
 from fame.engine.canonical import Forms, Keys, stimuli, waiting_elements
 from fame.engine.host import BpmnError, Host
@@ -33,6 +33,8 @@ MOST_INSTANCES = 4
 """Instances of a process at a time beyond which it counts as growing without bound."""
 MOST_AT_ONE_PLACE = 3
 """Tokens and handlers at one element of one scope beyond which they count as growing without bound."""
+MOST_VALUES = 64
+"""Values of one variable, after which further ones are unknown."""
 MOST_MOVES = 20_000
 """Moves of tokens within one step, after which it is a livelock."""
 MOST_WAYS = 300
@@ -92,7 +94,9 @@ class Local:
         self.topics: frozenset[str] = frozenset(catch.topic for catch in catches if catch.topic)
         self.host.own_topics = self.topics
         self.outside: tuple[str, ...] = tuple(sorted(self.topics & model.outside))
-        self.forms = Forms(self.program, values.number, values.value, kept.__contains__)
+        self._seen: dict[str, set[int]] = {}
+        self.widened: set[str] = set()
+        self.forms = Forms(self.program, values.number, values.value, kept.__contains__, self._variable)
         self.elements: dict[str, Any] = {node.id: node for node in reversed(self.program.nodes) if node.id}
         self.visited: set[str] = set()
         self.cut: set[str] = set()
@@ -260,6 +264,17 @@ class Local:
             if form[11]:  # keys keep their order while something is suspended
                 keys = _ranked(form, keys)
             self.views.append(self._view(engine, keys))
+        return number
+
+    def _variable(self, name: str, value: Any) -> int:
+        """The number of a variable's value; one that has too many of them is unknown from then on."""
+        number = self.values.number(value)
+        seen = self._seen.setdefault(name, set())
+        if number not in seen:
+            if len(seen) >= MOST_VALUES:
+                self.widened.add(name)
+                return UNKNOWN
+            seen.add(number)
         return number
 
     def _grows(self, engine: Engine) -> bool:
