@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from fame.errors import MessageError
 from fame.middleware.interface import SIGNAL, QoS
@@ -49,6 +49,26 @@ def compatible(offered: QoS, requested: QoS) -> str | None:
         if demand is not None and (promise is None or promise > demand):
             return f"{name}: offered {_seconds(promise)}, requested {_seconds(demand)}"
     return None
+
+
+class Discovered(Protocol):
+    """What is known of an endpoint of any process: its type in ROS, the hash of it (or nothing), and its policies."""
+
+    @property
+    def type(self) -> str: ...
+    @property
+    def type_hash(self) -> str: ...
+    @property
+    def qos(self) -> QoS: ...
+
+
+def mismatch(writer: Discovered, reader: Discovered) -> str | None:
+    """Why a reader and a writer do not match; None if they do."""
+    if writer.type != reader.type:
+        return f"type: offered {writer.type}, requested {reader.type}"
+    if writer.type_hash and reader.type_hash and writer.type_hash != reader.type_hash:
+        return f"type: they have different definitions of {writer.type}"
+    return compatible(writer.qos, reader.qos)
 
 
 def one_deeper(qos: QoS) -> QoS:

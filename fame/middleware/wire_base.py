@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from fame.clock import SECOND, Scheduler
 from fame.errors import ConfigError, MessageError
@@ -43,7 +43,7 @@ from fame.middleware.interface import (
     deliver_response,
     resolve,
 )
-from fame.middleware.qos import compatible, counts_losses
+from fame.middleware.qos import counts_losses
 
 NAMING_DELAY = SECOND // 5
 """How long after an endpoint the name of its node may come (ns)."""
@@ -454,26 +454,6 @@ class WireClient(ServiceEndpoint):
 def _endpoints(nodes: Iterable[WireNode], topic: str) -> Iterator[Any]:
     for node in nodes:
         yield from (end for end in (*node.publishers, *node.subscriptions) if end.topic == topic)
-
-
-class Discovered(Protocol):
-    """What is known of an endpoint of any process: its type in ROS, the hash of it (or nothing), and its policies."""
-
-    @property
-    def type(self) -> str: ...
-    @property
-    def type_hash(self) -> str: ...
-    @property
-    def qos(self) -> QoS: ...
-
-
-def mismatch(writer: Discovered, reader: Discovered) -> str | None:
-    """Why a reader and a writer do not match; None if they do."""
-    if writer.type != reader.type:
-        return f"type: offered {writer.type}, requested {reader.type}"
-    if writer.type_hash and reader.type_hash and writer.type_hash != reader.type_hash:
-        return f"type: they have different definitions of {writer.type}"
-    return compatible(writer.qos, reader.qos)
 
 
 def domain_id(given: int | None = None) -> int:

@@ -30,8 +30,8 @@ from fame.middleware.dds.waitset import DataWaiter, delete
 from fame.middleware.dds.wire import Entities
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, QoS
-from fame.middleware.qos import compatible
-from fame.middleware.wire_base import NAMING_DELAY, mismatch
+from fame.middleware.qos import compatible, mismatch
+from fame.middleware.wire_base import NAMING_DELAY
 
 
 class Participant:

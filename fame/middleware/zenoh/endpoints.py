@@ -21,7 +21,8 @@ from fame.errors import MessageError
 from fame.middleware import codec
 from fame.middleware.errors import dropped_warning
 from fame.middleware.interface import Message, QoS
-from fame.middleware.wire_base import WireClient, WirePublisher, WireService, WireSubscription, mismatch
+from fame.middleware.qos import mismatch
+from fame.middleware.wire_base import WireClient, WirePublisher, WireService, WireSubscription
 from fame.middleware.zenoh import tokens
 from fame.middleware.zenoh.tokens import Entity, Kind
 

@@ -22,7 +22,8 @@ from fame.clock import SECOND, WallScheduler
 from fame.middleware.data_scheduler import DataScheduler
 from fame.middleware.errors import mismatch_warning
 from fame.middleware.interface import UNKNOWN_NODE, EndpointWarning, Message, QoS, TopicInfo
-from fame.middleware.wire_base import WireMiddleware, WireNode, domain_id, mismatch
+from fame.middleware.qos import mismatch
+from fame.middleware.wire_base import WireMiddleware, WireNode, domain_id
 from fame.middleware.zenoh import tokens
 from fame.middleware.zenoh.endpoints import ZenohClient, ZenohPublisher, ZenohService, ZenohSubscription
 from fame.middleware.zenoh.session import open_session, take_over
