@@ -69,5 +69,6 @@ def test_the_models_are_data_of_the_installed_package(installed: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     command = [sys.executable, "-S", "-P", "-c", code]  # -S: an editable install would offer the source tree, too
     done = subprocess.run(command, cwd=installed.parent, env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.split() == [str(installed / "fame" / "models" / name) for name in ("library", "monitoring")]
+    folders = ("library", "monitoring", "nav2")
+    assert done.stdout.split() == [str(installed / "fame" / "models" / name) for name in folders]
     assert done.stderr.endswith("ModuleNotFoundError: No module named 'models'\n")

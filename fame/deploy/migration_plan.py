@@ -54,7 +54,7 @@ def _variable(value: ConfigValue) -> Any:
 
 
 def plan_of(data: Mapping[str, Any]) -> Plan:
-    """The plan that `read_plan` gave, perhaps from an envelope. What is none of a plan counts as nothing."""
+    """Return the plan that `read_plan` gave, perhaps from an envelope. Parts that are not valid are ignored."""
     from fame.engine.migration import Plan
 
     elements, variables = data.get("elements") or {}, data.get("variables") or {}
