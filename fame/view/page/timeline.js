@@ -457,14 +457,21 @@ export class Timeline {
     this.overviewKey = key;
     const context = sharp(this.overview, width, OVERVIEW), end = Math.max(store.end, 1e9);
     context.clearRect(0, 0, width, OVERVIEW);
-    context.fillStyle = css("--soft");
-    context.fillRect(0, 3, width, OVERVIEW - 6);
     const stale = this.density?.version !== store.version && performance.now() > (this.density?.until ?? 0);
-    if (stale || this.density?.width !== width) this.density = this.densities(end, width);
-    context.fillStyle = css("--muted");
-    this.density.values.forEach((value, x) => {
-      if (value > 0) context.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
-    });
+    if (stale || this.density?.width !== width || this.density.dark !== isDark()) {
+      this.density = this.densities(end, width);
+      this.density.dark = isDark();
+      this.strip ??= document.createElement("canvas");
+      const pen = sharp(this.strip, width, OVERVIEW);
+      pen.clearRect(0, 0, width, OVERVIEW);
+      pen.fillStyle = css("--soft");
+      pen.fillRect(0, 3, width, OVERVIEW - 6);
+      pen.fillStyle = css("--muted");
+      this.density.values.forEach((value, x) => {
+        if (value > 0) pen.fillRect(x, OVERVIEW / 2 - value * 4, 1, value * 8);
+      });
+    }
+    context.drawImage(this.strip, 0, 0, width, OVERVIEW);
     const left = (this.from / end) * width, right = (this.until / end) * width;
     context.strokeStyle = css("--accent");
     context.lineWidth = 1.5;
