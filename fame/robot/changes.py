@@ -244,13 +244,14 @@ class _ScopeVariables:
         changed += [name for name, copy in self._changeable.items() if _differs(dict.get(variables, name), copy)]
         fresh: list[str] = []
         for name in changed:
-            value = dict.get(variables, name)
-            if is_changeable(value):
+            value: Any = dict.get(variables, name)
+            is_number = value.__class__ in _NUMBERS and value - value == 0 and name[:2] != "__"  # most changes are
+            if not is_number and is_changeable(value):
                 self._changeable[name] = snapshot_of(value)
             elif name in self._changeable:
                 del self._changeable[name]
-            if is_data(name, value):
-                text = json_text(value)
+            if is_number or is_data(name, value):
+                text = repr(value) if is_number else json_text(value)
                 if texts.get(name) != text:
                     texts[name] = text
                     fresh.append(f"{name_text(name)}:{text}")
@@ -263,6 +264,9 @@ class _ScopeVariables:
     def everything(self) -> str:
         """All of them, as a member of a JSON object."""
         return '"set":{' + ",".join([f"{name_text(name)}:{text}" for name, text in self._texts.items()]) + "}"
+
+
+_NUMBERS = frozenset((int, float))
 
 
 def _differs(value: Any, copy: Any) -> bool:
