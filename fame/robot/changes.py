@@ -245,7 +245,7 @@ class _ScopeVariables:
         fresh: list[str] = []
         for name in changed:
             value: Any = dict.get(variables, name)
-            is_number = value.__class__ in _NUMBERS and value - value == 0 and name[:2] != "__"  # most changes are
+            is_number = _is_number(value) and name[:2] != "__"  # most changes are
             if not is_number and is_changeable(value):
                 self._changeable[name] = snapshot_of(value)
             elif name in self._changeable:
@@ -264,6 +264,11 @@ class _ScopeVariables:
     def everything(self) -> str:
         """All of them, as a member of a JSON object."""
         return '"set":{' + ",".join([f"{name_text(name)}:{text}" for name, text in self._texts.items()]) + "}"
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a finite number."""
+    return value.__class__ in _NUMBERS and value - value == 0
 
 
 _NUMBERS = frozenset((int, float))
