@@ -268,10 +268,8 @@ class _ScopeVariables:
 
 def _is_number(value: Any) -> bool:
     """Whether it is a finite number."""
-    return value.__class__ in _NUMBERS and value - value == 0
-
-
-_NUMBERS = frozenset((int, float))
+    kind = type(value)
+    return (kind is float or kind is int) and value - value == 0
 
 
 def _differs(value: Any, copy: Any) -> bool:
