@@ -140,11 +140,11 @@ def test_strict_makes_an_undefined_name_in_a_payload_an_error(tmp_path: Path, ca
 
 def test_a_library_folder_holds_called_processes(tmp_path: Path, ends: str) -> None:
     (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "Wait.bpmn").write_text(Path(ends).read_text().replace('id="P"', 'id="Wait"'))
+    (tmp_path / "mine" / "Linger.bpmn").write_text(Path(ends).read_text().replace('id="P"', 'id="Linger"'))
     caller = tmp_path / "caller.bpmn"
     caller.write_text(
         process(
-            '<startEvent id="s"/><callActivity id="c" calledElement="Wait"/>'
+            '<startEvent id="s"/><callActivity id="c" calledElement="Linger"/>'
             '<sequenceFlow id="f" sourceRef="s" targetRef="c"/>'
         )
     )
