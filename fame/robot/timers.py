@@ -83,7 +83,8 @@ class Timers:
         """Set a timer of an engine that was away. Returns how many of its times have passed meanwhile.
 
         `base` and `fired` as of `state`, in the time of this scheduler. With `missed` = ``skip`` these times are left
-        out; else the timer fires once for all of them, at once and in due order. Raises ValueError as `set` does.
+        out, and a duration counts again from now; else the timer fires once for all of them, at once and in due order.
+        Raises ValueError as `set` does.
         """
         date = date_at(self._epoch, base)
         cycle = parse_cycle(text) if kind == "cycle" else None
@@ -93,6 +94,9 @@ class Timers:
         late, last, following = 0, None, next(delays, None)
         while following is not None and base + following <= self._scheduler.now and late < AT_ONE_INSTANT:
             late, last, following = late + 1, following, next(delays, None)
+        if late and missed == "skip" and kind == "duration":
+            self.set(key, kind, text)
+            return late
         if last is not None and missed != "skip":
             delays, following, fired = chain((), [following] if following is not None else [], delays), last, fired - 1
         if following is not None:
