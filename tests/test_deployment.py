@@ -134,8 +134,10 @@ def test_a_sender_tells_what_a_robot_says_with_the_places_of_its_own_files(work,
     assert not sent.failed
     error = field.engines["B"].running.instances[-1].error
     assert "B.bpmn:" in str(error)
-    assert sent.source_map("B").line(str(error)) == said.format(folder=tmp_path)
-    assert sent.source_map("B").line("B.bpmn: late, DB.bpmn:8, B.bpmn:999") == "team.bpmn: late, DB.bpmn:8, B.bpmn:999"
+    report = [report for report in field.said if report.robot == "B" and report.error][-1]
+    assert sent.source_map("B").report(report).error == said.format(folder=tmp_path)
+    assert sent.source_map("B").place("B.bpmn", 999) == ("B.bpmn", 999)
+    assert sent.source_map("B").place("DB.bpmn", 8) == ("DB.bpmn", 8)
 
 
 def test_a_report_is_mapped_to_the_files_of_its_sender_field_by_field(tmp_path):

@@ -265,9 +265,9 @@ def _safe_states(kind: str | None) -> tuple[Sequence[Any], Sequence[Any] | None]
 
 
 def _say(event: Event) -> None:
-    from fame.scenario.process import is_child
+    from fame.scenario.process import encode_event, event_text, is_child
 
-    if event.what == "answer" and is_child():  # whoever started us asked, and says it
-        return
-    place = f"{event.robot}: {event.element}" if event.element else event.robot
-    note(f"{event.time / 1e9:9.1f} s   {place}: {event.detail}")
+    if not is_child():
+        note(event_text(event))
+    elif event.what != "answer":  # the process that asked has the answer as a report
+        note(encode_event(event))

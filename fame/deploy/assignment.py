@@ -7,7 +7,6 @@ element, or any line of a text.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -107,16 +106,6 @@ class SourceMap:
             errors=errors,
             error=str(MissionError(**errors[-1], robot=report.robot)) if report.error and errors else report.error,
         )
-
-    def line(self, text: str) -> str:
-        """A line that an engine printed: of it there is only the text."""
-        mention = re.compile(rf"(?<![\w./-])({re.escape(self._robot)}\.bpmn)(?::(\d+))?")
-
-        def mapped(found: re.Match[str]) -> str:
-            file, line = self.place(found[1], int(found[2] or 0))
-            return f"{file}:{line}" if line else file
-
-        return mention.sub(mapped, text)
 
     def _located(self, error: Mapping[str, Any]) -> dict[str, Any]:
         if not error:

@@ -27,13 +27,12 @@ from fame.deploy import STATUS_QOS, STRING, Deployment, Report
 from fame.deploy.authentication import GONE, ReportReader
 from fame.deploy.signing import new_run_key
 from fame.middleware.interface import LATCHED
-from fame.scenario.process import PARENT, connect, scheduler_for
+from fame.scenario.process import PARENT, connect, decode_event, event_text, scheduler_for
 from fame.scenario.result import (
     Result,
     RobotResult,
     Status,
     TeamStatus,
-    event_of,
     is_over,
     never_started,
     reported_result,
@@ -89,9 +88,7 @@ class Team:
         self._recorder = logs.recorder(self.middleware, self.scheduler) if logs is not None else None
         self.reports: dict[str, Report] = {}
         self.world: Mapping[str, Any] | None = None
-        self._children = Subprocesses(
-            lambda name, line: self.scheduler.soon(lambda: self._on_output(name, self._with_own_files(name, line)))
-        )
+        self._children = Subprocesses(lambda name, line: self.scheduler.soon(lambda: self._on_output(name, line)))
         self._status: Status | None = None  # overrides the status that follows from the reports
         self._problems: list[str] = []
         self._events: list[Event] = []
@@ -152,10 +149,10 @@ class Team:
         return tuple(reported_result(robot, self.reports.get(robot)) for robot in self.scenario.cast)
 
     def _on_output(self, name: str, line: str) -> None:
-        event = event_of(name, line)
+        event = decode_event(line)
         if event is not None:
             self._events.append(event)
-        self._on_line(name, line)
+        self._on_line(name, line if event is None else event_text(event))
 
     def _interrupt(self, *_: object) -> None:
         self._status = "interrupted"
@@ -246,12 +243,6 @@ class Team:
             self._deploy()
         elif self._deployment is not None and self._deployment.done and not self._deployment.failed:
             self._check_over()
-
-    def _with_own_files(self, name: str, line: str) -> str:
-        """Return a printed line with file and line numbers of the original model, not of the deployed part."""
-        if self._deployment is None or name not in self._deployment.robots:
-            return line
-        return self._deployment.source_map(name).line(line)
 
     def _world_is_there(self) -> bool:
         return self.scenario.world is None or self.world is not None
@@ -365,7 +356,8 @@ class Subprocesses:
         assert process.stderr is not None
         with process.stderr as lines:
             for line in lines:
-                self.last[name] = line.strip()
+                event = decode_event(line)
+                self.last[name] = line.strip() if event is None else event_text(event).strip()
                 self._on_line(name, line.rstrip())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Protocol
 from fame.clock import SECOND, WallScheduler
 from fame.errors import ConfigError
 from fame.middleware.interface import EndpointWarning, Middleware
+from fame.robot.events import Event
 
 BACKENDS = ("dds", "ros", "zenoh")
 """What connects processes. `fame run` has ``local`` beside them."""
@@ -18,6 +20,10 @@ _ENDING = 3
 PARENT = "FAME_PARENT"
 """Environment variable with the process id of the FAME process that started this one and displays its output. When the
 parent is gone, this process ends."""
+
+
+_EVENT = "fame_event"
+"""The key of an event in a line of a child."""
 
 
 def is_child() -> bool:
@@ -29,6 +35,28 @@ def orphaned() -> bool:
     """Return whether the FAME process that started this one has ended."""
     parent = os.environ.get(PARENT)
     return parent is not None and parent.isdecimal() and os.getppid() != int(parent)
+
+
+def encode_event(event: Event) -> str:
+    """Return the line that a child prints for an event, so that its parent need not read a sentence."""
+    return json.dumps({_EVENT: [event.time, event.robot, event.element, event.what, str(event.detail)]})
+
+
+def decode_event(line: str) -> Event | None:
+    """Return the event that a child printed with `encode_event`; None for any other line."""
+    if not line.startswith("{"):
+        return None
+    try:
+        time, robot, element, what, detail = json.loads(line)[_EVENT]
+        return Event(int(time), str(robot), 0, 0, str(element), str(what), str(detail))
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return None
+
+
+def event_text(event: Event) -> str:
+    """Return the line that people read: simulated or wall-clock time (s), robot, element, what happened."""
+    place = f"{event.robot}: {event.element}" if event.element else event.robot
+    return f"{event.time / SECOND:9.1f} s   {place}: {event.detail}"
 
 
 class Router(str):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -246,16 +245,6 @@ def _error(robot: str, fields: Mapping[str, Any]) -> MissionError:
 def _wait(robot: str, fields: Mapping[str, Any]) -> WaitingToken:
     since = round(fields.get("since", 0.0) * SECOND)
     return WaitingToken(robot, fields.get("element", ""), fields.get("for", ""), since, fields.get("topics", {}))
-
-
-_REPORT = re.compile(r"\s*(\d+\.\d) s   \w+: (.*)")
-"""A report line of an engine (`fame.cli.engine`)."""
-
-
-def event_of(robot: str, line: str) -> Event | None:
-    """Return the event that a printed line reports, or None."""
-    found = _REPORT.match(line)
-    return Event(round(float(found[1]) * SECOND), robot, 0, 0, "", "report", found[2]) if found is not None else None
 
 
 def mistyped_topics(graph: Iterable[TopicInfo]) -> Iterator[tuple[str, str]]:
