@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fame.deploy import EngineNode
     from fame.log.engine_log import EngineLog
     from fame.middleware.interface import Middleware
+    from fame.middleware.simulated_time import ClockFollower
     from fame.robot import Event
     from fame.robot.journal import StateDirectory
 
@@ -139,15 +140,7 @@ def _serve(arguments: Namespace) -> None:
             raise FameError(_OPEN)
         if _is_there(arguments.name, trusted, scheduler, middleware):
             raise FameError(f"there is an engine {arguments.name!r} already; a robot has one")
-        time = None
-        if arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time:
-            from fame.middleware.simulated_time import ClockFollower
-
-            time, node = ClockFollower(scheduler), middleware.node("_fame_time", arguments.name)
-            if arguments.lockstep:
-                time.subscribe_in_lockstep(node, lockstep(middleware, lambda name: name == "fame_engine"))
-            else:
-                time.subscribe(node)
+        time = _simulated_time(arguments, scheduler, middleware)
         gc.freeze()
         gc.enable()
         if arguments.log is not None:
@@ -185,6 +178,20 @@ def _serve(arguments: Namespace) -> None:
     finally:
         for log in logs:
             log.close()
+
+
+def _simulated_time(arguments: Namespace, scheduler: WallScheduler, middleware: Middleware) -> ClockFollower | None:
+    """What follows the time of /clock, or None on the wall clock."""
+    if not (arguments.use_sim_time or arguments.lockstep or middleware.use_sim_time):
+        return None
+    from fame.middleware.simulated_time import ClockFollower
+
+    time, node = ClockFollower(scheduler), middleware.node("_fame_time", arguments.name)
+    if arguments.lockstep:
+        time.subscribe_in_lockstep(node, lockstep(middleware, lambda name: name == "fame_engine"))
+    else:
+        time.subscribe(node)
+    return time
 
 
 def _log(folder: Path, robot: str, scheduler: WallScheduler) -> EngineLog:

@@ -7,7 +7,7 @@ import re
 import shlex
 import shutil
 import sys
-from argparse import ArgumentTypeError, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -61,6 +61,17 @@ def add(commands: Commands) -> None:
         "--complete", action="append", default=[], type=_completion, metavar="ROBOT@S:ELEMENT[:NAME=VALUE,...]",
         help="at simulated second S somebody completes a user, manual or receive task, with results",
     )  # fmt: skip
+    _add_variations(parser)
+    _add_processes(parser)
+    _add_outputs(parser)
+    add_page(parser)
+    add_library(parser)
+    add_json(parser)
+    parser.add_argument("--quiet", action="store_true", help="print nothing if all goes well")
+
+
+def _add_variations(parser: ArgumentParser) -> None:
+    """Declare what differs from the files: values, and the network between robots."""
     parser.add_argument(
         "--set", action="append", default=[], type=_setting, metavar="[ROBOT.]NAME=VALUE",
         help="value of a variable of the mission, instead of that of the model (fame check --explain); repeatable",
@@ -79,6 +90,10 @@ def add(commands: Commands) -> None:
         "--partition", action="append", default=[], type=_partition, metavar="ROBOT,ROBOT@S-S",
         help="cut two robots off from each other between two simulated seconds; local only; repeatable",
     )  # fmt: skip
+
+
+def _add_processes(parser: ArgumentParser) -> None:
+    """Declare where and how fast the mission runs, and how strictly it is read."""
     parser.add_argument(
         "--middleware", choices=("local", "dds", "zenoh", "ros"), default="local",
         help="local: all in one process; else the world and each engine in processes of their own, at --speed; "
@@ -108,6 +123,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--strict", action="store_true", help="an undefined name in a payload, and an output never set, are errors"
     )
+
+
+def _add_outputs(parser: ArgumentParser) -> None:
+    """Declare what a run writes and shows."""
     parser.add_argument(
         "--log", action="append", default=[], type=Path, metavar="FILE",
         help="write the events to a new .jsonl, .csv or .xes file, or a recording (.mcap) with variables, "
@@ -123,10 +142,6 @@ def add(commands: Commands) -> None:
         "--view", action="store_true",
         help="show the run in the browser, at --speed (1), and control it there; the page is served until Ctrl-C",
     )  # fmt: skip
-    add_page(parser)
-    add_library(parser)
-    add_json(parser)
-    parser.add_argument("--quiet", action="store_true", help="print nothing if all goes well")
 
 
 def _robots(text: str) -> tuple[str, int]:

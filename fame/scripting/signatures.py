@@ -134,4 +134,4 @@ _CHECKS: dict[str, Callable[[Any], Any]] = {
     "value": _checked("a value", lambda value: value is not None),
     "list": _listed,
 }
-"""Type -> what gives the value as one of it. There is none for ``any``, which null is, too."""
+"""Type -> conversion of a value to it. ``any`` has no conversion: null is of that type, too."""

@@ -48,7 +48,7 @@ class Catalogue:
         self.extend(files)
 
     def extend(self, files: Sequence[Definitions]) -> None:
-        """Add files; the numbers of what there is stay."""
+        """Add files; the numbers of earlier files do not change."""
         first = len(self.files)
         self.files += tuple(files)
         for file, definitions in enumerate(files, first):

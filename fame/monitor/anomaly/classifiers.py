@@ -126,7 +126,7 @@ class AnomalyDetector:
         self.unsupervised, self.supervised, self.process = list(unsupervised), list(supervised), process
 
     def train_unsupervised(self, data: Recording) -> None:
-        """Fit each to the benign points. Raises ConfigError if there are none."""
+        """Fit each to the benign points. Raises ConfigError without benign points."""
         for _, estimator in self.unsupervised:
             fit(estimator, self.process, data, supervised=False)
 

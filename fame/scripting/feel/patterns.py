@@ -10,7 +10,7 @@ step                what it does
 ==================  =====================================================================
 ("letter", r)       goes on by one letter that the expression `r` matches
 ("at", r)           goes on if `r` (an anchor) matches here
-("split", a, b)     tries the step at distance a, and if that comes to nothing the one at b
+("split", a, b)     tries the step at distance a, and the one at b if that does not match
 ("jump", a)         goes on at distance a
 ("mark", n)         remembers the place: a group begins (n even) or ends
 ("end",)            is a match

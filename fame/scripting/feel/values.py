@@ -43,7 +43,7 @@ class Temporal(str):
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """`kind` is ``date``, ``time`` or ``date and time``; `zone` as it is written behind it, empty if there is none."""
+    """`kind` is ``date``, ``time`` or ``date and time``; `zone` as written after it, empty without a zone."""
 
     kind: str
     at: datetime
@@ -118,7 +118,7 @@ def told(value: Moment | Duration) -> Temporal:
 
 
 def kind_of(value: Any) -> str:
-    """What a value is, in the words of FEEL; empty if it is none of this."""
+    """Return the name of a value's type in FEEL; empty for any other value."""
     if value.__class__ is not Temporal:
         return ""
     found = parsed(value)
@@ -306,7 +306,7 @@ def order(compare: Callable[[Any, Any], bool], left: Any, right: Any) -> bool | 
 
 
 def field_of(value: Any, name: str) -> Any:
-    """``value.name``: of a list the list of its elements' fields; null where there is none."""
+    """``value.name``: of a list the list of its elements' fields; null for a missing field."""
     if value.__class__ is not dict and is_list(value):
         return [field_of(item, name) for item in value]
     if value.__class__ is Temporal:

@@ -158,7 +158,7 @@ def _modes(script: bool) -> Iterator[Mode]:
 
 
 def _complaint(script: Script) -> str:
-    """The syntax error, empty if there is none. The second test rejects a text that closes the function."""
+    """Return the syntax error, or an empty text. The second test rejects a text that closes the function."""
     context = new_context()
     try:
         context.eval(script.code)
