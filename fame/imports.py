@@ -17,6 +17,7 @@ _EXTRAS = {
     "matplotlib": ("pictures need matplotlib", "sim"),
     "pandas": ("tables of events need pandas", "pandas"),
     "pytest": ("tests of missions need pytest", "test"),
+    "pyarrow": ("Parquet files need pyarrow", "parquet"),
     "pymunk": ("the 2D world needs pymunk", "sim"),
     "scipy": ("paths and runs of arms need scipy", "ml"),
     "starlette": ("the page needs starlette and uvicorn", "view"),

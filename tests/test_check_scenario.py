@@ -56,10 +56,10 @@ def test_what_is_wrong_with_it_is_an_error(
 
 
 def test_behaviours_are_looked_for_in_its_folders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    called = (ROOT / "models" / "library" / "Turn.bpmn").read_text().replace('id="Turn"', 'id="Spin"')
-    calling = row('<callActivity id="c" calledElement="Spin"/>')
+    called = (ROOT / "models" / "library" / "Turn.bpmn").read_text().replace('id="Turn"', 'id="Pivot"')
+    calling = row('<callActivity id="c" calledElement="Pivot"/>')
     assert found(tmp_path, capsys, GOOD, calling)[0] == 1
-    (tmp_path / "lib" / "Spin.bpmn").write_text(called)
+    (tmp_path / "lib" / "Pivot.bpmn").write_text(called)
     assert found(tmp_path, capsys, GOOD, calling)[0] == 0
 
 

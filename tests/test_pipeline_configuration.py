@@ -218,7 +218,8 @@ def test_what_the_page_shows_is_true(tmp_path: Path) -> None:
     assert power.execute(given)["power"].values.tolist() == [9.0, 24.0]
     training = next(block for block in blocks if block.startswith("yaml\nTraining")).removeprefix("yaml\n")
     section = {**yaml.safe_load(training)["Training"], "Files": []}
-    assert training_of(ConfigValue(section, "Training"), tmp_path).held_back == 0.25
+    asked = training_of(ConfigValue(section, "Training"), tmp_path)
+    assert (asked.folds, asked.false_alarms) == (5, "0.01 per run")
     names = {name for line in page.splitlines() if line.startswith("| `") for name in re.findall(r"`(\w+)`", line)}
     assert names >= PROCESSORS.keys()
 

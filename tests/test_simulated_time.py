@@ -325,4 +325,4 @@ def test_without_a_world_there_is_nothing_to_pause(capsys: pytest.CaptureFixture
 
 def test_speed_is_for_many_processes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "examples/ground_vehicles.yaml", "--speed", "3"]) == 2
-    assert "--real-time" in capsys.readouterr().err
+    assert "--view, or --middleware" in capsys.readouterr().err

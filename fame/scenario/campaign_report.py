@@ -178,6 +178,7 @@ def write_reports(rows: Sequence[Row], folder: Path, scenario: str, *, parquet: 
     table = folder / ("runs.parquet" if parquet else "runs.csv")
     if parquet:
         require("pandas")
+        require("pyarrow")
         import pandas
 
         texts = [
