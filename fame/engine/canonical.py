@@ -74,6 +74,11 @@ class Forms:
     kept      whether a variable belongs to the form; all that is data by default
     """
 
+    program: Program
+    encode: Callable[[Any], Hashable]
+    decode: Callable[[Any], Any]
+    kept: Callable[[str], bool]
+
     def __init__(
         self,
         program: Program,

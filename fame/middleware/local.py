@@ -48,6 +48,9 @@ from fame.text import NAMES, is_ros_name
 class LocalMiddleware:
     """The nodes of one process. `warnings` has what a person should know; `on_warning` is called with each at once."""
 
+    scheduler: Scheduler
+    network: Network | None
+
     confined: bool
     use_sim_time: bool
 

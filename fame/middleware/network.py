@@ -98,6 +98,9 @@ class NetworkConfig:
 class Network:
     """The network while a scenario runs. `lost` counts messages by (from, to, topic)."""
 
+    config: NetworkConfig
+    scheduler: Scheduler
+
     def __init__(self, config: NetworkConfig, seed: int, scheduler: Scheduler) -> None:
         self.config, self.scheduler = config, scheduler
         self.lost: Counter[tuple[str, str, str]] = Counter()

@@ -103,7 +103,7 @@ class Drift(Processor):
             text = "was trained by an earlier version, which stored no calibration: fame train makes it anew"
             raise ConfigError(text, file=str(model), element="model")
         self.model = "" if isinstance(model, TrainedModel) else str(model)
-        self.monitor = DriftMonitor.of(trained.columns, trained.calibration)
+        self.monitor: DriftMonitor = DriftMonitor.of(trained.columns, trained.calibration)
         if self.state:
             self.monitor.restore(Path(self.state))
         self._largest: Floats | None = None

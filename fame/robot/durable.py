@@ -79,6 +79,9 @@ class Recorder:
     on_trouble  called with the reason when the journal cannot be written, and with an empty text when it can again
     """
 
+    node: RobotNode
+    journal: Journal
+
     def __init__(
         self, node: RobotNode, journal: Journal, *, on_trouble: Callable[[str], object] = lambda text: None
     ) -> None:

@@ -22,6 +22,10 @@ _FINDING = SECOND // 2
 class Sending:
     """The deployment of a model to discovered engines. `options` are those of `Deployment`."""
 
+    definitions: Definitions
+    scheduler: WallScheduler
+    middleware: Middleware
+
     def __init__(
         self, definitions: Definitions, scheduler: WallScheduler, middleware: Middleware, **options: Any
     ) -> None:

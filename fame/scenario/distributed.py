@@ -64,6 +64,9 @@ class Team:
     anything is started.
     """
 
+    scenario: Plan
+    backend: str
+
     def __init__(
         self,
         scenario: Plan,

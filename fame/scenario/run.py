@@ -27,6 +27,7 @@ from fame.scripting import heartbeat
 
 if TYPE_CHECKING:
     from fame.scenario.plan import Plan
+    from sim2d.record import Recorder
     from sim2d.world import World
 
 _SLICE = 1.0  # simulated s between two progress reports at most
@@ -48,6 +49,11 @@ class Run:
     `pace` decides when it goes on; without one it runs as fast as its scheduler does.
     """
 
+    scenario: Plan
+    progress: Callable[[Progress], object] | None
+    on_interrupt: Callable[[], object] | None
+    middleware: LocalMiddleware
+
     def __init__(
         self,
         scenario: Plan,
@@ -66,19 +72,21 @@ class Run:
         refuse_literals(scenario.definitions, scenario.processes(), scenario.library, strict=strict)
         self.scheduler: Scheduler = WallScheduler() if real_time else Scheduler()
         network = scenario.network
-        self.network = Network(network, scenario.seed, self.scheduler) if network is not None else None
-        self.middleware = LocalMiddleware(self.scheduler, network=self.network)
+        self.network: Network | None = Network(network, scenario.seed, self.scheduler) if network is not None else None
+        self.middleware: LocalMiddleware = LocalMiddleware(self.scheduler, network=self.network)
         self.interrupted = self._stuck = False
         self.reports: list[Event] = []
         cast = {robot: pool.process for robot, pool in scenario.cast.items()}
-        self.captions = Captions(scenario.closures(), cast) if record or progress else None
+        self.captions: Captions | None = Captions(scenario.closures(), cast) if record or progress else None
         captions = self.captions.add if self.captions is not None else None
         self._logs = observer
-        self.observer = combine_observers([each for each in (captions, observer) if each is not None])
+        self.observer: Observer | None = combine_observers([each for each in (captions, observer) if each is not None])
         self.dead: set[str] = set()
+        self.world: World | None
+        self.recorder: Recorder | None
         self.world, self.recorder = self._build_world(record)
         try:
-            self.nodes = self._build_nodes(strict)
+            self.nodes: list[RobotNode] = self._build_nodes(strict)
             self._check_faults()
         except BaseException:
             if self.world is not None:
@@ -124,7 +132,7 @@ class Run:
                 text = f"unknown fault {fault.kind!r} of {fault.robot}; known are: {', '.join(kinds)}"
                 raise ConfigError(text, file=self.scenario.file)
 
-    def _build_world(self, record: bool) -> tuple[World | None, Any]:
+    def _build_world(self, record: bool) -> tuple[World | None, Recorder | None]:
         if self.scenario.world is None:
             return None, None
         from sim2d.record import Recorder
@@ -167,7 +175,7 @@ class Run:
         status = "interrupted" if self.interrupted else status_of(robots, unstarted)
         ending = "" if at_rest(robots) else "the mission is stuck: no token can move" if self._stuck else "not over"
         world = self.world.summary() if self.world is not None else None
-        if self.recorder is not None:
+        if self.recorder is not None and self.world is not None:
             self.recorder.finish(self.world)
         names = {node.node.full_name: node.name for node in self.nodes}
         for end, text in mistyped_topics(self.middleware.graph()):

@@ -49,6 +49,9 @@ class WorldNode:
     It starts `paused` if asked to. With `steps` it waits after each step for the engines of the `team` (lockstep).
     """
 
+    time: Scheduler
+    paused: bool
+
     def __init__(
         self,
         config: WorldConfig,
@@ -165,7 +168,7 @@ class LockstepRounds:
     def __init__(
         self, team: Sequence[str], scheduler: Scheduler, middleware: Middleware, node: Node, over: Callable[[], object]
     ) -> None:
-        self.team = dict.fromkeys(team)
+        self.team: dict[str, None] = dict.fromkeys(team)
         self._scheduler, self._middleware, self._over = scheduler, middleware, over
         self._seen: set[str] = set()
         self._waiting: set[str] = set()

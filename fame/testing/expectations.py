@@ -117,6 +117,8 @@ class Expectation:
 class Passage:
     """An element that was passed or entered: more that is expected of when."""
 
+    steps: list[Step]
+
     def __init__(self, expectation: Expectation, shown: str, steps: list[Step]) -> None:
         self._expectation, self._shown, self.steps = expectation, shown, steps
 

@@ -169,6 +169,8 @@ class FakeService:
     With `fail` it takes requests and never answers. `requests` has what was requested.
     """
 
+    name: str
+
     def __init__(
         self,
         mission: MissionUnderTest,
@@ -179,7 +181,8 @@ class FakeService:
         after: float = 0.0,
         fail: bool = False,
     ) -> None:
-        self.name, self.requests = name, list[Message]()
+        self.name = name
+        self.requests: list[Message] = []
         self._mission, self._type, self._response, self._after, self._fail = mission, type, response, after, fail
         if not callable(response) and response is not None:
             messages.create(messages.service(type)[1], response)  # refused now, not when it is called
@@ -207,6 +210,8 @@ class FakeAction:
     `goals` has the goals that came, `cancelled` how many were cancelled.
     """
 
+    name: str
+
     def __init__(
         self,
         mission: MissionUnderTest,
@@ -220,7 +225,9 @@ class FakeAction:
     ) -> None:
         if fail not in (False, True, "aborted", "rejected"):
             raise ConfigError(f"fake_action({name!r}): fail: expected aborted or rejected, got {fail!r}")
-        self.name, self.goals, self.cancelled = name, list[Message](), 0
+        self.name = name
+        self.goals: list[Message] = []
+        self.cancelled: int = 0
         self._mission, self._type, self._after = mission, messages.action(type), after
         self._feedback, self._result, self._fail = feedback, result, fail
         self._results: dict[bytes, DeferredResponse] = {}

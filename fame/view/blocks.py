@@ -144,6 +144,11 @@ COLUMNS = ("t", "r", "i", "s", "e", "w")
 class Block:
     """One block: the state at its start, and what happened then."""
 
+    number: int
+    start: int
+    end: int
+    key: Mapping[str, Any]
+
     def __init__(self, number: int, start: int, key: Mapping[str, Any]) -> None:
         self.number, self.start, self.end, self.key = number, start, start, key
         self.columns: dict[str, list[int]] = {name: [] for name in COLUMNS}
@@ -189,6 +194,8 @@ class Mark(NamedTuple):
 
 class Packer:
     """Cuts what it is given, in order of time, into blocks."""
+
+    state: State
 
     def __init__(self, catalogue: Catalogue, robots: Iterable[str] = ()) -> None:
         self.catalogue = catalogue

@@ -41,6 +41,10 @@ class RunControl:
     breakpoints  numbers of elements: the run pauses when a token comes to one
     """
 
+    over: bool
+    paused: bool
+    stopped: str
+
     def __init__(self, *, speed: float = 1.0, pause_at: int | None = None) -> None:
         self.speed, self.paused = speed, False
         self.breakpoints: set[int] = set()

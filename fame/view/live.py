@@ -61,6 +61,9 @@ class _Sink(RecordingFile):
 class LiveRun:
     """The source of a page that shows a run. `observer` and `control` are for `Scenario.run`."""
 
+    catalogue: Catalogue
+    observer: Recorder
+
     def __init__(self, scenario: Scenario, control: RunControl, *, title: str = "") -> None:
         self.control_of_run = control
         self._title = title or Path(scenario.file).stem

@@ -27,6 +27,8 @@ class Replay:
     `branch` starts a run again to a time (ns) and gives the address of its page; it raises FameError.
     """
 
+    catalogue: Catalogue
+
     def __init__(self, path: str | Path, *, branch: Callable[[int], str] | None = None) -> None:
         self._branch = branch
         try:
@@ -35,7 +37,7 @@ class Replay:
             text = f"has messages of another form than those of FAME ({type(error).__name__}: {error})"
             raise ConfigError(text, file=str(path)) from None
         self._path = Path(path)
-        self.notices = list(self._recording.warnings)
+        self.notices: list[str] = list(self._recording.warnings)
         self.catalogue = Catalogue(self._models())
         self._offset = self._recording.start if self._recording.start > _LONGEST else 0
         self._packer = Packer(self.catalogue, self._robots())

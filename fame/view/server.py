@@ -64,6 +64,12 @@ class Source(Protocol):
 class Server:
     """The page of a `source` at a free port of `host`, or `port`. Raises ConfigError for a port that is not free."""
 
+    source: Source
+    host: str
+    port: int
+    token: str
+    socket: socket.socket
+
     def __init__(self, source: Source, *, host: str = LOOPBACK, port: int = 0) -> None:
         require("starlette")
         require("uvicorn")

@@ -122,6 +122,13 @@ class Exploration:
 class Team:
     """The robots of a collaboration, ready to be explored; local transitions are shared by all searches."""
 
+    definitions: Definitions
+    library: Library
+    cast: dict[str, Pool]
+    pools: list[Pool]
+    request: Request
+    values: Values
+
     def __init__(self, definitions: Definitions, library: Library, cast: Mapping[str, Pool], request: Request) -> None:
         self.definitions, self.library, self.cast, self.request = definitions, library, dict(cast), request
         self.pools = list({pool.name: pool for pool in cast.values()}.values())
@@ -130,7 +137,7 @@ class Team:
         self.values = Values()
         self.robots: tuple[str, ...] = tuple(cast)
         self.places = dict(_places(definitions, self.pools, library))
-        self.alike = {pool.name: not self._knows_itself(pool) for pool in self.pools}
+        self.alike: dict[str, bool] = {pool.name: not self._knows_itself(pool) for pool in self.pools}
         fields = _field_names(types)
         made: dict[str, Local] = {}
         self.locals: list[Local] = []

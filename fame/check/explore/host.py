@@ -69,6 +69,16 @@ class Outcome:
 class ExplorationHost:
     """The host of all engines of one robot's program."""
 
+    robot: str
+    types: Mapping[str, TopicUse]
+    values: Values
+    steps: Mapping[str, Step]
+    matters: Set[str]
+    fields: frozenset[str]
+    robots: tuple[str, ...]
+    ordered: bool
+    place: str
+
     engine: Engine
 
     def __init__(

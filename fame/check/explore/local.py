@@ -79,6 +79,12 @@ State = tuple[Any, tuple[tuple[int, int, float, float | None], ...]]
 class Local:
     """The states of one robot, or of several that nothing tells apart, by number from 0."""
 
+    robot: str
+    process: Process
+    values: Values
+    host: ExplorationHost
+    forms: Forms
+
     def __init__(self, robot: str, definitions: Definitions, process: Process, model: Abstraction, values: Values, *,
                  kept: frozenset[str], fields: frozenset[str], robots: tuple[str, ...],
                  ordered: bool) -> None:  # fmt: skip

@@ -49,14 +49,20 @@ class Move:
     failed      whether an error was not caught in it
     """
 
+    mark: int
+    sending: int
+    state: int
+    stimulus: Stimulus
+    way: Way
+
     __slots__ = ("difference", "failed", "flags", "mark", "sending", "state", "stimulus", "way")
 
     def __init__(self, robot: int, old: int, way: Way, sending: int, stimulus: Stimulus, mark: int = 0) -> None:
         self.mark = mark
-        self.difference = (way.state - old) << (robot * BITS)
+        self.difference: int = (way.state - old) << (robot * BITS)
         self.sending, self.state, self.stimulus, self.way = sending, way.state, stimulus, way
         self.flags = way.flags or None
-        self.failed = any(kind == "error" for kind, _ in way.flags)
+        self.failed: bool = any(kind == "error" for kind, _ in way.flags)
 
 
 Told = tuple[tuple[int, Move], ...]
@@ -99,12 +105,15 @@ class Seen:
 class Product:
     """A team and its network. `explore` finds the states, `flags` what happened on the way for the first time."""
 
+    options: Options
+    network: Network
+
     def __init__(self, robots: Sequence[str], locals: Sequence[Local], options: Options) -> None:
         self.robots, self.locals, self.options = tuple(robots), tuple(locals), options
-        self.count = len(self.robots)
-        self.fault_shift = self.count * BITS
-        self.mark_shift = self.fault_shift + FAULT_BITS
-        self.top = self.mark_shift + len(options.required)
+        self.count: int = len(self.robots)
+        self.fault_shift: int = self.count * BITS
+        self.mark_shift: int = self.fault_shift + FAULT_BITS
+        self.top: int = self.mark_shift + len(options.required)
         self.marked: int = (1 << len(options.required)) - 1
         self.marks: dict[int, int] = {
             robot: 1 << (self.mark_shift + place) for place, pool in enumerate(options.required) for robot in pool
