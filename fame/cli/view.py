@@ -174,8 +174,8 @@ def _serving(source: Source, arguments: Namespace) -> Iterator[None]:
 
 def wait_for_interrupt() -> None:
     """Wait until Ctrl-C."""
-    print("The run is over. The page is served until Ctrl-C.", file=sys.stderr, flush=True)
     with suppress(KeyboardInterrupt):
+        print("The run is over. The page is served until Ctrl-C.", file=sys.stderr, flush=True)
         threading.Event().wait()
 
 
